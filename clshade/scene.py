@@ -218,7 +218,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
-    """A point light without attenuation. position: 3-vector, world space. intensity: 3-vector, linear RGB, any finite value."""
+    """A point light without attenuation. position: world space. intensity: linear RGB, any finite values."""
 
     position: Array
     intensity: Array = field(default_factory=lambda: np.ones(3))
@@ -390,7 +390,7 @@ class Scene:
     @property
     def face_count(self) -> int:
         """Number of triangles, instances counted."""
-        return sum(len(mesh.faces) * len(mesh.instances) for mesh in self.meshes)  # type: ignore[arg-type]
+        return sum(len(mesh.faces) * len(np.asarray(mesh.instances)) for mesh in self.meshes)
 
 
 @dataclass(frozen=True)
@@ -400,7 +400,7 @@ class Settings:
     shader: gouraud, phong or nolight (the colour itself).
     visibility: `painter`: the triangle with the smallest mean vertex depth wins, ties: the later face; `depth`: per
         pixel, ties: the later face.
-    lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (Gouraud: vertex).
+    lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (or vertex).
     interpolation: of attributes over a triangle, `affine` in the image or `perspective`. Depth is always perspective.
     texture_at: `vertex` looks the texture up at the corners, `pixel` at every pixel.
     ambient: `plain` ka*Ia, or `tinted` ka*Ia*color.

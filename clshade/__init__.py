@@ -1,0 +1,57 @@
+"""clshade: headless triangle rendering by OpenCL compute kernels, with measured error.
+
+Public names are imported on first use, so that `import clshade` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Camera": "scene",
+    "PointLight": "scene",
+    "Material": "scene",
+    "Texture": "scene",
+    "Mesh": "scene",
+    "Scene": "scene",
+    "Settings": "scene",
+    "load": "loading",
+    "builtin": "scenes",
+    "render": "renderer",
+    "Renderer": "renderer",
+    "Frame": "frame",
+    "errors": "",
+}
+
+__all__ = [*_HOMES, "__version__"]
+
+if TYPE_CHECKING:
+    from . import errors as errors
+    from .frame import Frame as Frame
+    from .loading import load as load
+    from .renderer import Renderer as Renderer
+    from .renderer import render as render
+    from .scene import Camera as Camera
+    from .scene import Material as Material
+    from .scene import Mesh as Mesh
+    from .scene import PointLight as PointLight
+    from .scene import Scene as Scene
+    from .scene import Settings as Settings
+    from .scene import Texture as Texture
+    from .scenes import builtin as builtin
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'clshade' has no attribute {name!r}")
+    home = _HOMES[name]
+    value = getattr(importlib.import_module(f".{home}", __name__), name) if home else importlib.import_module(f".{name}", __name__)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,126 @@
+"""Near-plane and guard-band clipping on the host, in float64, of the faces that need it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .layout import GUARD_PIXELS, SUBPIXEL_BITS
+from .scene import Array, Camera
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Triangles that clipping left.
+
+    source: (C,) row of the face each comes from. points: (C, 3, 3) corners, camera space.
+    weights: (C, 3, 3) each corner as a mean of the face's three corners.
+    """
+
+    source: Array
+    points: Array
+    weights: Array
+
+
+def image_positions(points: Array, camera: Camera) -> Array:
+    """Continuous image coordinates (..., 2) of camera-space points (..., 3) before the eye."""
+    height, width = camera.plane
+    columns, rows = camera.resolution
+    z = points[..., 2]
+    u = ((camera.focal * points[..., 0]) / (z * width) + 0.5) * columns
+    v = ((camera.focal * points[..., 1]) / (z * height) + 0.5) * rows
+    return np.stack([u, v], axis=-1)
+
+
+def snap(positions: Array) -> Array:
+    """Image coordinates within the guard band in 1/256 px, int64, ties to even."""
+    held = np.clip(positions, -GUARD_PIXELS, GUARD_PIXELS)
+    return np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
+
+
+def _canonical_first(a: Array, b: Array) -> Array:
+    """Whether point a comes before b by x, then y, then z: both faces at an edge cut it from the same end."""
+    result = a[:, 2] <= b[:, 2]
+    for axis in (1, 0):
+        result = np.where(a[:, axis] == b[:, axis], result, a[:, axis] < b[:, axis])
+    return result
+
+
+def _crossings(a: Array, b: Array, da: Array, db: Array) -> Array:
+    """Where the edges from rows of a to rows of b (position and weights side by side) meet the plane."""
+    first = _canonical_first(a, b)[:, None]
+    low, high = np.where(first, a, b), np.where(first, b, a)
+    d_low = np.where(first[:, 0], da, db)
+    d_high = np.where(first[:, 0], db, da)
+    return low + (d_low / (d_low - d_high))[:, None] * (high - low)
+
+
+def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Keeps the part of each polygon where the distance (n, m) of its corners is not negative.
+
+    polygons: (n, m, 6), the first counts[i] rows of each in use. Returns polygons, counts, and where new corners are.
+    """
+    n, m, _ = polygons.shape
+    slot = np.arange(m)
+    used = slot < counts[:, None]
+    following = np.where(slot + 1 < counts[:, None], slot + 1, 0)
+    inside = used & (distance >= 0.0)
+    crosses = used & (inside != np.take_along_axis(inside, following, axis=1))
+    emitted = inside.astype(np.int64) + crosses
+    end = np.cumsum(emitted, axis=1)
+    place = end - emitted
+    result = np.zeros((n, m + 1, 6))
+    made = np.zeros((n, m + 1), bool)
+    i, j = np.nonzero(inside)
+    result[i, place[i, j]] = polygons[i, j]
+    i, j = np.nonzero(crosses)
+    k = following[i, j]
+    at = place[i, j] + inside[i, j]
+    result[i, at] = _crossings(polygons[i, j], polygons[i, k], distance[i, j], distance[i, k])
+    made[i, at] = True
+    return result, end[:, -1], made
+
+
+def clip(points: Array, camera: Camera, near: float) -> Pieces:
+    """Clips triangles, (n, 3, 3) camera space, to z >= near and, where they leave it, to the guard band.
+
+    Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in canonical order, so
+    that faces which share an edge share the new corner. Each polygon left is cut into a fan from its first corner.
+    """
+    n = len(points)
+    weights = np.broadcast_to(np.eye(3), (n, 3, 3))
+    polygons, counts, made = _cut(
+        np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near
+    )
+    polygons[..., 2] = np.where(made, near, polygons[..., 2])
+    height, width = camera.plane
+    columns, rows = camera.resolution
+    for axis, scale, size in (
+        (0, camera.focal * columns / width, columns),
+        (1, camera.focal * rows / height, rows),
+    ):
+        for side in (1.0, -1.0):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                beyond = np.abs(image_positions(polygons[..., :3], camera)) > GUARD_PIXELS
+            used = np.arange(polygons.shape[1]) < counts[:, None]
+            far = (beyond.any(axis=2) & used).any(axis=1)
+            if not far.any():
+                break
+            # side +1: position >= -GUARD, side -1: position <= GUARD
+            limit = GUARD_PIXELS + side * size / 2.0
+            distance = limit * polygons[..., 2] + side * scale * polygons[..., axis]
+            polygons, counts, _ = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
+    return _fans(polygons, counts)
+
+
+def _fans(polygons: Array, counts: Array) -> Pieces:
+    sources, corners = [], []
+    for last in range(2, polygons.shape[1]):
+        rows = np.flatnonzero(counts > last)
+        sources.append(rows)
+        corners.append(polygons[rows][:, [0, last - 1, last]])
+    source = np.concatenate(sources)
+    order = np.argsort(source, kind="stable")
+    joined = np.concatenate(corners)[order]
+    return Pieces(source[order], joined[..., :3], joined[..., 3:])

@@ -1,0 +1,288 @@
+"""Finds an OpenCL device without asking, makes sure that it works, and opens it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from . import runtimes
+from .errors import DeviceError
+from .probing import (
+    GET_INTEL,
+    RIGHT,
+    RUNTIMES,
+    WRONG,
+    DeviceInfo,
+    Probe,
+    can_probe,
+    complaint,
+    install_advice,
+    is_runtime,
+    one_line,
+    recall,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """An open device.
+
+    device, context, queue: pyopencl's objects; the queue is in order.
+    version: the device's OpenCL version text. driver: its driver's version.
+    lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU.
+    memory, max_allocation, local_memory: bytes, in all, in one buffer, per work-group.
+    """
+
+    device: Any
+    context: Any
+    queue: Any
+    index: str
+    platform: str
+    name: str
+    version: str
+    driver: str
+    is_cpu: bool
+    has_fp64: bool
+    lanes: int
+    compute_units: int
+    memory: int
+    max_allocation: int
+    local_memory: int
+    profiling: bool
+
+
+# Finding
+
+
+def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
+    """Every device found, with pyopencl's object, in the order of the ICD loader."""
+    runtimes.prepare(name)
+    try:
+        import pyopencl as cl
+    except ImportError as error:
+        advice = f"install {install_advice()}"
+        raise DeviceError(f"pyopencl cannot be imported ({one_line(str(error))}): {advice}") from None
+    runtimes.starting()
+    found: list[tuple[DeviceInfo, Any]] = []
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error:  # the ICD loader has none
+        return found
+    for p, runtime in enumerate(platforms):
+        try:
+            devices = runtime.get_devices()
+        except cl.Error:
+            continue
+        for d, device in enumerate(devices):
+            info = DeviceInfo(
+                index=f"{p}:{d}",
+                platform=runtime.name.strip(),
+                name=device.name.strip(),
+                platform_version=runtime.version.strip(),
+                driver=device.driver_version.strip(),
+                is_cpu=bool(device.type & cl.device_type.CPU),
+                has_fp64="cl_khr_fp64" in device.extensions.split(),
+                compute_units=device.max_compute_units,
+                memory=device.global_mem_size,
+            )
+            found.append((info, device))
+    return found
+
+
+def _rank(info: DeviceInfo) -> int:
+    """The order of preference: PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last."""
+    if any(word in info.platform.lower() for word in ("fpga", "oclgrind")):
+        return 4
+    if is_runtime(info, "pocl"):
+        return 0 if info.is_cpu else 1
+    return 2 if is_runtime(info, "intel") and info.is_cpu else 3
+
+
+def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
+    """The devices that `name` can mean, best first.
+
+    name: "P:D"; or, in any case, part of a platform's name or a word of RUNTIMES; or else part of a device's name.
+        Every runtime's device on an Intel CPU is called Intel: words of RUNTIMES are not looked for in CPUs' names.
+        "" means any.
+    """
+    word = name.strip().lower()
+    if re.fullmatch(r"\d+\s*:\s*\d+", word):
+        p, d = (int(part) for part in word.split(":"))
+        return [info for info in found if info.index == f"{p}:{d}"]
+    if word in RUNTIMES:
+        chosen = [info for info in found if is_runtime(info, word)]
+        chosen = chosen or [info for info in found if not info.is_cpu and word in info.name.lower()]
+    else:
+        chosen = [info for info in found if word in info.platform.lower()]
+        chosen = chosen or [info for info in found if word in info.name.lower()]
+    return sorted(chosen, key=_rank)
+
+
+def probe_child(index: str, name: str) -> None:
+    """What the probing process does: builds and runs a kernel on the device and prints whether its result was right."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
+    except (ImportError, ValueError, OSError):
+        pass
+    import numpy as np
+    import pyopencl as cl
+
+    p, d = (int(part) for part in index.split(":"))
+    device = cl.get_platforms()[p].get_devices()[d]
+    if device.name.strip() != name:
+        raise RuntimeError(f"found {device.name!r} in its place")
+    context = cl.Context([device])
+    queue = cl.CommandQueue(context)
+    program = cl.Program(
+        context,
+        """
+        __kernel void probe(__global const float *x, __global float *y) {
+            size_t i = get_global_id(0);
+            float sum = 0.0f;
+            for (uint k = 0; k <= i; k++) sum = fma(x[k], 2.0f, sum);
+            y[i] = sum;
+        }
+        """,
+    ).build()
+    x = np.arange(64, dtype=np.float32)
+    flags = cl.mem_flags
+    source = cl.Buffer(context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=x)
+    result = np.zeros_like(x)
+    target = cl.Buffer(context, flags.WRITE_ONLY, result.nbytes)
+    cl.Kernel(program, "probe")(queue, x.shape, (16,), source, target)
+    cl.enqueue_copy(queue, result, target)
+    print(RIGHT if (result == 2.0 * np.cumsum(x)).all() else WRONG, flush=True)
+
+
+# Opening
+
+
+def open_device(
+    name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
+) -> Device:
+    """Opens a device that works; of several that the name can mean, the first that does.
+
+    name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
+        (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
+    profiling: whether the queue's events carry times.
+    meanwhile: called with the device while it is tried out, which is done the first time on a machine and takes a
+        second or two. It may build programs but not enqueue anything. It is called again with another device if the
+        first turns out broken, and not at all if nothing has to be tried out.
+
+    Raises DeviceError, with one line that says what to install or change, if there is none. What `meanwhile` raises is
+    passed on, unless the device is broken.
+    """
+    name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
+    handles = dict(_enumerate(name))
+    if not handles:
+        hint = f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if runtimes.is_users("OCL_ICD_VENDORS") else ""
+        raise DeviceError(f"no OpenCL device found{hint}: install {install_advice()}")
+    chosen = candidates(list(handles), name)
+    if not chosen:
+        hint = f"; for Intel's CPU runtime {GET_INTEL}" if name.lower() == "intel" else ""
+        raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, handles))}{hint}")
+    problems = {}
+    verdicts = {info: recall(info) for info in chosen}
+    for info in sorted(chosen, key=lambda info: verdicts[info] is False):
+        try:
+            if verdicts[info] or not can_probe():
+                return _connect(info, handles[info], profiling)
+            return _try_out(info, handles[info], profiling, meanwhile)
+        except _Broken as error:
+            problems[info] = str(error)
+    others = f" ({len(problems) - 1} more broken: see `python -m clshade devices`)" if len(problems) > 1 else ""
+    raise DeviceError(problems[chosen[0]] + others)
+
+
+class _Broken(DeviceError):
+    """The device does not work; another one may."""
+
+
+def _try_out(info: DeviceInfo, handle: Any, profiling: bool, meanwhile: Callable[[Device], Any] | None) -> Device:
+    """Opens the device while it is tried out."""
+    probe = Probe(info)
+    device, failure = None, None
+    try:
+        device = _connect(info, handle, profiling)
+        if meanwhile is not None:
+            meanwhile(device)
+    except Exception as error:
+        failure = error
+    except BaseException:
+        probe.abandon()
+        raise
+    problem = probe.finish()
+    if problem:
+        raise _Broken(problem)
+    if device is None or failure is not None:
+        raise failure or AssertionError
+    return device
+
+
+def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
+    import pyopencl as cl
+
+    try:
+        context = cl.Context([handle])
+        # pyopencl's cache of built programs: in this process's own folder, no lock of another one to wait for.
+        context.cache_dir = str(runtimes.prepare().programs)  # type: ignore[attr-defined]
+        options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
+        queue = cl.CommandQueue(context, handle, **options)
+    except cl.Error as error:
+        raise _Broken(complaint(info, f"cannot be opened ({one_line(str(error))})")) from None
+    return Device(
+        device=handle,
+        context=context,
+        queue=queue,
+        index=info.index,
+        platform=info.platform,
+        name=info.name,
+        version=handle.version.strip(),
+        driver=info.driver,
+        is_cpu=info.is_cpu,
+        has_fp64=info.has_fp64,
+        lanes=16 if info.is_cpu else 1,
+        compute_units=info.compute_units,
+        memory=info.memory,
+        max_allocation=handle.max_mem_alloc_size,
+        local_memory=handle.local_mem_size,
+        profiling=profiling,
+    )
+
+
+def list_devices() -> list[DeviceInfo]:
+    """Every device found, tried out afresh (at the same time): `works` and `problem` are filled in. Empty without any.
+
+    Raises DeviceError if pyopencl cannot be imported.
+    """
+    found = [info for info, _ in _enumerate("")]
+    if not can_probe():
+        return found
+    probes = [Probe(info) for info in found]
+    problems = [probe.finish() for probe in probes]
+    return [replace(info, works=not problem, problem=problem) for info, problem in zip(found, problems, strict=True)]
+
+
+def format_devices(infos: Sequence[DeviceInfo]) -> str:
+    """A text for people: what was found, what works, what to install when nothing does."""
+    lines = [] if infos else ["No OpenCL device was found."]
+    usable = [info for info in infos if info.works]
+    default = next((info for info in candidates(usable, "")), None)
+    for info in infos:
+        kind = "CPU" if info.is_cpu else "GPU"
+        units = f"{info.compute_units} compute unit{'s' if info.compute_units != 1 else ''}"
+        fp64 = "float64" if info.has_fp64 else "no float64"
+        lines.append(f"{info.index}  {info.platform}: {info.name}")
+        lines.append(f"     {kind}, {units}, {info.memory / 2**30:.1f} GiB, {fp64}, driver {info.driver}")
+        state = "works" + (", the default" if info is default else "")
+        lines.append(f"     {state if info.works else 'does not work: ' + info.problem.removeprefix(f'{info} ')}")
+    if not usable:
+        lines.append(f"To get one: {install_advice()}.")
+    else:
+        lines.append("Choose one with --device or CLSHADE_DEVICE: its indices, or any part of its platform's name.")
+    return "\n".join(lines)

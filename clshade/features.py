@@ -1,0 +1,130 @@
+"""Leave out what a scene does not need: scene + settings -> feature mask -> -D options of the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .scene import Material, Mesh, Scene, Settings
+
+# Choices of the settings and of the input's form; each has its own meaning whether 0 or 1.
+CHOICES = (
+    "PHONG",
+    "LIT",
+    "DEPTH_TEST",
+    "PERSPECTIVE",
+    "CENTROID",
+    "TINTED",
+    "CULL",
+    "BACKGROUND",
+    "CORNER_COLORS",
+    "NORMAL_INDICES",
+    "UV_INDICES",
+    "DOUBLE_POSITIONS",
+)
+# Work that a scene may not need: 1 never changes a bit of the image, 0 saves the work.
+OPTIONAL = ("AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS", "TEXTURED", "MATERIALS", "OWNERS")
+
+
+@dataclass(frozen=True)
+class Features:
+    """The macros of one program, name -> 0 or 1, and why each optional one that is 0 was left out."""
+
+    values: tuple[tuple[str, int], ...]
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    def __getitem__(self, name: str) -> int:
+        return dict(self.values)[name]
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        return tuple(name for name, value in self.values if value)
+
+    def options(self) -> list[str]:
+        """-D options of the OpenCL build, each feature as 0 or 1."""
+        return [f"-D{name}={value}" for name, value in self.values]
+
+
+def texture_applies(mesh: Mesh) -> bool:
+    """Whether the mesh has both a texture and coordinates to look it up with."""
+    return mesh.material.texture is not None and mesh.uvs is not None
+
+
+def material_key(mesh: Mesh) -> tuple[int, bool]:
+    """Meshes with the same key share a row of the material table."""
+    return id(mesh.material), texture_applies(mesh)
+
+
+def materials_of(scene: Scene) -> dict[tuple[int, bool], Material]:
+    """The rows of the material table, by key, in the order of the meshes that are drawn; at least one."""
+    table: dict[tuple[int, bool], Material] = {}
+    for mesh in scene.meshes:
+        if len(mesh.faces):
+            key = material_key(mesh)
+            table.setdefault(key, mesh.material if key[1] else replace(mesh.material, texture=None))
+    return table or {(0, False): Material()}
+
+
+def replaces_colors(mesh: Mesh) -> bool:
+    """Whether texels take the place of the mesh's vertex colors."""
+    return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
+
+
+def _colored(mesh: Mesh) -> bool:
+    return mesh.colors is not None and not replaces_colors(mesh) and bool((mesh.colors != 1.0).any())
+
+
+def _any_nonzero(values: Iterable[np.ndarray]) -> int:
+    return int(any(value.any() for value in values))
+
+
+def derive(scene: Scene, settings: Settings, *, double_positions: bool, everything: bool = False) -> Features:
+    """The features this scene needs under these settings.
+
+    double_positions: whether vertex positions are kept as float64.
+    everything: turn every optional feature on, to measure what leaving out saves; the image stays the same, bit for bit.
+    """
+    lit = settings.shader != "nolight"
+    materials = list(materials_of(scene).values())
+    meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
+    shining = lit and any(light.intensity.any() for light in scene.lights)
+    textured = any(texture_applies(mesh) for mesh in meshes)
+    at_corners = textured and settings.texture_at == "vertex"
+    specular = shining and _any_nonzero(m.ks for m in materials)
+    choices = {
+        "PHONG": settings.shader == "phong",
+        "LIT": lit,
+        "DEPTH_TEST": settings.visibility == "depth",
+        "PERSPECTIVE": settings.interpolation == "perspective",
+        "CENTROID": settings.lighting_at == "centroid",
+        "TINTED": settings.ambient == "tinted",
+        "CULL": settings.cull,
+        "BACKGROUND": scene.background is not None and bool(scene.background.any()),
+        "CORNER_COLORS": at_corners,
+        "NORMAL_INDICES": shining and any(uses_normal_indices(scene, mesh) for mesh in meshes),
+        "UV_INDICES": textured and any(mesh.uv_faces is not None for mesh in meshes),
+        "DOUBLE_POSITIONS": double_positions,
+    }
+    needed = {
+        "AMBIENT": (lit and _any_nonzero(m.ka * scene.ambient for m in materials), "no ambient light"),
+        "DIFFUSE": (shining and _any_nonzero(m.kd for m in materials), "kd is 0 or no light shines"),
+        "SPECULAR": (specular, "ks is 0 or no light shines"),
+        "POWER": (specular and any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
+        "VERTEX_COLORS": (not at_corners and any(map(_colored, meshes)), "no vertex colors other than white"),
+        "TEXTURED": (textured and not at_corners, "no texture looked up per pixel"),
+        "MATERIALS": (len(materials) > 1, "a single material"),
+        "OWNERS": (bool(settings.layers), "no layer asked for"),
+    }
+    values = {name: int(choices[name]) for name in CHOICES}
+    values.update({name: int(everything or needed[name][0]) for name in OPTIONAL})
+    if everything and at_corners:
+        values["VERTEX_COLORS"] = 0
+    left_out = tuple((name, needed[name][1]) for name in OPTIONAL if not values[name])
+    return Features(tuple(values.items()), left_out)
+
+
+def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:
+    """Whether the mesh's own normals, indexed apart from its vertices, are used; course scenes always compute them."""
+    return mesh.normals is not None and mesh.normal_faces is not None and scene.preset != "course"

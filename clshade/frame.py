@@ -1,0 +1,135 @@
+"""A rendered frame: image, layers, what it took, and how to keep it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .scene import Array, Scene, Settings, refuse
+
+
+class Frame:
+    """An image with its layers. Arrays are (M, N, ...), row 0 at the top; the frame owns them.
+
+    scene, settings: what was drawn and how.
+    """
+
+    def __init__(
+        self,
+        rgba: Array,
+        layers: Mapping[str, Array],
+        scene: Scene,
+        settings: Settings,
+        stats: Callable[[], dict[str, Any]],
+    ) -> None:
+        self._rgba, self._layers = rgba, dict(layers)
+        self.scene, self.settings = scene, settings
+        self._make_stats: Callable[[], dict[str, Any]] | None = stats
+        self._stats: dict[str, Any] = {}
+
+    @property
+    def rgba(self) -> Array:
+        """(M, N, 4) float32: linear RGB and coverage."""
+        return self._rgba
+
+    @property
+    def rgb(self) -> Array:
+        """(M, N, 3) float32, linear, never clamped; composited over the background where there is one."""
+        return self._rgba[..., :3]
+
+    @property
+    def alpha(self) -> Array:
+        """(M, N) float32 coverage, 0 to 1."""
+        return self._rgba[..., 3]
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of the layers that were asked for."""
+        return tuple(self._layers)
+
+    @property
+    def stats(self) -> dict[str, Any]:
+        """Stage times in ms, counts, features used and left out, device."""
+        if self._make_stats is not None:
+            self._stats, self._make_stats = self._make_stats(), None
+        return self._stats
+
+    def __getitem__(self, name: str) -> Array:
+        """Layer `Z` (M, N) float32, camera z in scene units, infinity for the background; or `id` (M, N) uint32, the
+        face's index plus 1, 0 for the background."""
+        if name not in self._layers:
+            found = f"{name!r}, and rendered were: {', '.join(self._layers) or 'none'}"
+            raise InputError(f"Frame: layer: expected one that was asked for with layers=, found {found}")
+        return self._layers[name]
+
+    def channels(self) -> dict[str, Array]:
+        """The EXR's channels, name -> (M, N)."""
+        named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
+        return {**named, **self._layers}
+
+    def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
+        """The EXR's header besides its channels; `deterministic` leaves times out."""
+        from . import exr
+
+        metadata = exr.camera_metadata(self.scene.camera)
+        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
+        metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
+        if not deterministic:
+            metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
+        return metadata
+
+    def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
+        """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""
+        from .tonemap import tonemap as apply
+
+        return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        tonemap: str | None = None,
+        exposure: float = 0.0,
+        half: bool = False,
+        compression: str = "zip",
+        deterministic: bool = False,
+    ) -> list[str]:
+        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), each whole or not at all.
+
+        tonemap, exposure: of the PNG, see `clshade.tonemap`; None: `none` for course scenes, else `srgb`.
+        half, compression: of the EXR, see `clshade.exr.write`. deterministic: leave times out of its header.
+        Returns warnings, one line each. Raises OutputError when a file can't be written.
+        """
+        from . import exr, png
+
+        path = Path(path)
+        stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
+        if not stem.name:
+            raise refuse("Frame.save", "path", "a file name", str(path))
+        warnings = exr.write(
+            stem.with_name(stem.name + ".exr"),
+            self.channels(),
+            compression=compression,
+            half=half,
+            metadata=self.metadata(deterministic=deterministic),
+            window="drawn",
+        )
+        png.write(stem.with_name(stem.name + ".png"), self.to_png8(tonemap, exposure))
+        return list(warnings or [])
+
+
+def default_tonemap(scene: Scene) -> str:
+    """`none` for course scenes, `srgb` otherwise."""
+    return "none" if scene.preset == "course" else "srgb"
+
+
+def same_bits(a: Frame, b: Frame) -> bool:
+    """Whether two frames agree in every bit of image and layers."""
+    return a.layers == b.layers and all(
+        np.array_equal(x.view(np.uint32), y.view(np.uint32))
+        for x, y in [(a.rgba, b.rgba), *((a[name], b[name]) for name in a.layers)]
+    )

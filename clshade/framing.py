@@ -1,0 +1,57 @@
+"""A camera and lights for meshes that come without: chosen from the bounding box, y up, the same for every format."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from . import geometry
+from .scene import Array, Camera, Mesh, PointLight, Scene
+
+FOV = 35.0  # degrees, vertical
+MARGIN = 1.05  # of the bounding sphere
+RESOLUTION = (800, 600)
+AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 unless they say otherwise
+BACKGROUND = 0.05
+_TOWARDS_EYE = (0.55, 0.42, 1.0)  # from the object: from the right, a little above
+
+# Position in the camera's axes (right, up, towards the camera), in bounding radii from the center, and linear RGB.
+_LIGHTS = (
+    ((-2.4, 2.6, 3.0), (0.85, 0.82, 0.77)),  # key
+    ((3.6, 0.4, 2.2), (0.24, 0.27, 0.33)),  # fill
+    ((1.6, 3.0, -3.2), (0.55, 0.55, 0.58)),  # rim
+)
+
+
+def framed(meshes: tuple[Mesh, ...], name: str, resolution: tuple[int, int] | None = None) -> Scene:
+    """A `standard` scene of the meshes in a three-quarter view, their bounding sphere inside the image.
+
+    resolution: (N, M), default RESOLUTION. Three lights, key, fill and rim, stand fixed to the camera's first position.
+    Raises InputError where the positions leave the range of float64.
+    """
+    center, radius = _sphere(meshes)
+    towards = np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)
+    camera = Camera.from_fov(center + towards * radius, center, (0.0, 1.0, 0.0), FOV, resolution or RESOLUTION)
+    height, width = camera.plane
+    half_angle = math.atan(min(height, width) / 2.0)
+    with np.errstate(over="ignore"):
+        camera = replace(camera, eye=center + towards * (MARGIN * radius / math.sin(half_angle)))
+    right, up, forward = geometry.look_at(towards, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    axes = np.stack([right, up, -forward])
+    lights = tuple(
+        PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS
+    )
+    return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
+
+
+def _sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
+    """Center and radius of the sphere round the bounding box; a radius of 0 becomes one that can be looked at."""
+    unframed = Scene(meshes, Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0)))
+    low, high = geometry.bounding_box(unframed)
+    center, radius = low / 2 + high / 2, geometry.bounding_radius(unframed)
+    if radius == 0.0:
+        largest = float(np.abs(center).max())
+        radius = 1e-3 * largest if largest else 1.0
+    return center, radius

@@ -1,0 +1,124 @@
+"""Image files as textures: decoded by Pillow under limits, 16 bits kept, alpha dropped."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from typing import Any
+
+import numpy as np
+
+from .atomic import Path, shown
+from .errors import InputError
+from .reading import complaint, read_file
+from .scene import Array, Texture
+
+MAX_BYTES = 1 << 29  # of an image file
+MAX_SIDE = 32768  # pixels; scene.Texture takes no more
+MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
+FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
+
+# How Pillow's PNG decoder, which keeps 8 bits a channel of a 16-bit color image, is told to give the low bytes: its raw
+# mode, the raw mode of the same size that shows the other byte, and the channel or channels that then hold the colors.
+_LOW_BYTES = {
+    "RGB;16B": ("RGB;16L", slice(0, 3)),
+    "RGBA;16B": ("RGBA;16L", slice(0, 3)),
+    "LA;16B": ("RGBA", slice(1, 2)),
+}
+_GREY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
+_TO_RGB = ("P", "PA", "RGBX", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
+
+
+def srgb_to_linear(values: Array) -> Array:
+    """Decode sRGB in [0, 1] to linear light with the exact curve of IEC 61966-2-1; any shape, float64."""
+    values = np.asarray(values, np.float64)
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def read_image(path: Path, *, srgb: bool) -> Array:
+    """An image file as (h, w, 3) float32, row 0 at the top.
+
+    srgb: whether the values are decoded from sRGB to linear; otherwise they are value/255, or value/65535 for 16 bits.
+    Grey images get three equal channels, palettes are resolved, of animations the first picture is taken. Alpha is
+    dropped, with a warning when it is not opaque everywhere. Formats: see FORMATS.
+
+    Raises InputError naming the file when it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
+    """
+    owner = shown(path)
+    data = read_file(path, MAX_BYTES)
+    try:
+        pixels, opaque = _decode(data, owner)
+    except (InputError, ImportError):
+        raise
+    except Exception as error:  # a decoder fed with a broken file raises anything at all
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason[:160]) from None
+    if not opaque:
+        warnings.warn(f"{owner}: image: its alpha channel is left out", stacklevel=2)
+    most = np.iinfo(pixels.dtype).max
+    levels = np.arange(most + 1) / most
+    table = (srgb_to_linear(levels) if srgb else levels).astype(np.float32)
+    return np.broadcast_to(table[pixels], (*pixels.shape[:2], 3))
+
+
+def _decode(data: bytes, owner: str) -> tuple[Array, bool]:
+    """(h, w, 3 or 1) uint8 or uint16 pixels without alpha, and whether the image is opaque."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            image: Any = Image.open(io.BytesIO(data), formats=FORMATS)
+            width, height = image.size
+            found = f"{width} x {height}"
+        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+            width = height = MAX_SIDE + 1
+            found = str(error)
+        if max(width, height) > MAX_SIDE or width * height > MAX_PIXELS:
+            raise complaint(owner, "image", f"at most {MAX_SIDE} pixels a side and {MAX_PIXELS} in all", found)
+        raw = image.tile[0][3] if image.format == "PNG" and image.tile else ""
+        raw = raw if isinstance(raw, str) else raw[0]
+        image.load()
+    opaque = "transparency" not in image.info
+    if image.mode in ("RGBA", "LA", "PA", "RGBa", "La"):
+        opaque = image.getchannel(image.mode[-1].upper()).getextrema()[0] == 255
+    if raw in _LOW_BYTES:
+        return _sixteen_bits(np.asarray(image), data, raw), opaque
+    return _eight_or_grey(image, raw, owner), opaque
+
+
+def _sixteen_bits(high: Array, data: bytes, raw: str) -> Array:
+    """The 16-bit colors of a PNG from its high bytes (h, w, C), as Pillow gives them, and its low bytes."""
+    from PIL import Image
+
+    low_mode, channels = _LOW_BYTES[raw]
+    image: Any = Image.open(io.BytesIO(data), formats=("PNG",))
+    image.tile = [(*image.tile[0][:3], low_mode)]
+    low = np.asarray(image)[:, :, channels]
+    return high[:, :, : low.shape[2]].astype(np.uint16) << 8 | low
+
+
+def _eight_or_grey(image: Any, raw: str, owner: str) -> Array:
+    mode = image.mode
+    if mode in _GREY_16 or (mode == "I" and raw.startswith("I;16")):
+        return np.asarray(image).astype(np.uint16)[:, :, None]
+    if mode in ("1", "La"):
+        image = image.convert("L" if mode == "1" else "LA")
+    elif mode in _TO_RGB:
+        image = image.convert("RGBA" if mode == "RGBa" else "RGB")
+    elif mode not in ("L", "LA", "RGB", "RGBA"):
+        raise complaint(owner, "image", "8 bits a channel, or 16 bits and grey or PNG", f"pixels of type {mode}")
+    pixels = np.asarray(image)
+    if pixels.ndim == 2:
+        return pixels[:, :, None]
+    return pixels[:, :, :1] if pixels.shape[2] == 2 else pixels[:, :, :3]
+
+
+def as_texture(source: Any, *, srgb: bool, lookup: str = "standard") -> Texture:
+    """A Texture from an image file's path, an array (see scene.Texture: taken as linear) or a Texture (as it is)."""
+    if isinstance(source, Texture):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return Texture(read_image(source, srgb=srgb), lookup=lookup, name=os.path.basename(os.fspath(source)))
+    return Texture(source, lookup=lookup)

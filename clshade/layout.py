@@ -1,0 +1,134 @@
+"""Structs and constants shared by host and kernels, written once; `header()` emits them as OpenCL C.
+
+Members are 4-byte scalars, fixed arrays of them, or 8-byte scalars in front, so that NumPy's packed layout and C's agree;
+`tests/test_layout.py` probes sizes and offsets on every device.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
+GUARD_PIXELS = 32767  # |u|, |v| of a vertex that need no clipping: edge steps stay below 2^24
+SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # stands for "beyond the guard band" in snapped positions
+TILE_SIZE = 16  # pixels a side
+KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
+
+CONSTANTS = {
+    "SUBPIXEL_BITS": SUBPIXEL_BITS,
+    "GUARD_PIXELS": GUARD_PIXELS,
+    "SNAP_LIMIT": SNAP_LIMIT,
+    "TILE_SIZE": TILE_SIZE,
+    "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    "WRAP_REPEAT": 0,
+    "WRAP_CLAMP": 1,
+    "WRAP_MIRROR": 2,
+    "LOOKUP_STANDARD": 0,
+    "LOOKUP_COURSE": 1,
+}
+
+# name -> list of (C type, member, count, what it is)
+_STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
+    "View": [
+        ("double", "eye", 3, "world space"),
+        ("double", "axes", 9, "rows: camera x, y, z in world space"),
+        ("double", "focal", 1, "scene units"),
+        ("double", "plane_width", 1, "W, scene units"),
+        ("double", "plane_height", 1, "H, scene units"),
+        ("double", "columns", 1, "N"),
+        ("double", "rows", 1, "M"),
+        ("double", "near", 1, "scene units"),
+        ("double", "scale", 1, "power of two that brings eye-relative positions to about 1"),
+    ],
+    "Triangle": [
+        ("int", "x", 3, "snapped corners, 1/256 px"),
+        ("int", "y", 3, "snapped corners, 1/256 px, up"),
+        ("float", "w", 3, "1/depth of the corners, scaled"),
+        ("float", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
+        ("int", "orientation", 1, "+1 counter-clockwise, -1 clockwise"),
+        ("int", "face", 1, "index in the scene's face order"),
+        ("int", "piece", 1, "index of the clipped piece, -1 for a whole face"),
+        ("short", "box", 4, "first column, first row, last column, last row whose centers the box holds"),
+        ("int", "pad", 1, ""),
+    ],
+    "Piece": [
+        ("double", "key_depth", 1, "the depth it is sorted by, scene units"),
+        ("float", "w", 3, "1/depth of the piece's corners, scaled"),
+        ("float", "w_low", 3, "what float32 leaves of w"),
+        ("int", "x", 3, "snapped corners, 1/256 px"),
+        ("int", "y", 3, "snapped corners, 1/256 px, up"),
+        ("int", "face", 1, "index in the scene's face order"),
+        ("float", "weights", 9, "row j: the piece's corner j as a mean of the face's corners"),
+        ("float", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
+        ("float", "uv_low", 6, "what float32 leaves of uv"),
+    ],
+    "Light": [
+        ("float", "position", 3, "relative to the eye, world axes, scaled"),
+        ("float", "pad", 1, ""),
+        ("float", "intensity", 3, "linear RGB"),
+        ("float", "pad2", 1, ""),
+    ],
+    "Material": [
+        ("float", "ambient", 3, "ka * Ia, linear RGB"),
+        ("float", "n", 1, "specular exponent"),
+        ("float", "kd", 3, "per channel"),
+        ("int", "texture", 1, "index of the texture, -1 for none"),
+        ("float", "ks", 3, "per channel"),
+        ("int", "pad", 1, ""),
+    ],
+    "Texture": [
+        ("int", "offset", 1, "of the first texel in the texel buffer"),
+        ("int", "width", 1, "texels"),
+        ("int", "height", 1, "texels"),
+        ("int", "wrap", 1, "WRAP_*"),
+        ("int", "lookup", 1, "LOOKUP_*"),
+        ("int", "pad", 3, ""),
+    ],
+    "Image": [
+        ("int", "columns", 1, "N"),
+        ("int", "rows", 1, "M"),
+        ("int", "tiles_x", 1, "tiles a row"),
+        ("int", "tiles", 1, "tiles in all"),
+        ("int", "lights", 1, "count"),
+        ("float", "background", 3, "linear RGB"),
+        ("float", "unscale", 1, "turns a scaled depth into scene units"),
+        ("int", "pad", 3, ""),
+    ],
+    "Counters": [
+        ("int", "visible", 1, "triangles whose keys were written"),
+        ("int", "to_clip", 1, "faces listed for the host to clip"),
+        ("int", "behind", 1, "faces wholly before the near plane"),
+        ("int", "off_screen", 1, "triangles whose box misses the image"),
+        ("int", "between_samples", 1, "triangles whose box holds no pixel center"),
+        ("int", "zero_area", 1, "triangles whose snapped corners lie on a line"),
+        ("int", "back_facing", 1, "triangles culled as seen from behind"),
+        ("int", "next_tile", 1, "the tile to be handed out next"),
+        ("int", "saturated", 1, "pixels with a channel beyond float32"),
+        ("int", "pad", 7, ""),
+    ],
+}
+
+_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "short": "<i2"}
+
+
+def _dtype(members: list[tuple[str, str, int, str]]) -> np.dtype:
+    return np.dtype([(name, _NUMPY[kind], (count,) if count > 1 else ()) for kind, name, count, _ in members])
+
+
+DTYPES: dict[str, np.dtype] = {name: _dtype(members) for name, members in _STRUCTS.items()}
+VIEW, TRIANGLE, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (DTYPES[name] for name in _STRUCTS)
+
+
+def header(with_double: bool = True) -> str:
+    """OpenCL C of all constants and structs; structs with doubles only when the device has them."""
+    lines = [f"#define {name} {value}" for name, value in CONSTANTS.items()]
+    for struct, members in _STRUCTS.items():
+        if not with_double and any(kind == "double" for kind, *_ in members):
+            continue
+        lines.append("typedef struct {")
+        for kind, name, count, what in members:
+            size = f"[{count}]" if count > 1 else ""
+            comment = f"  // {what}" if what else ""
+            lines.append(f"    {kind} {name}{size};{comment}")
+        lines.append(f"}} {struct};")
+    return "\n".join(lines) + "\n"

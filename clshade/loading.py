@@ -1,0 +1,106 @@
+"""Scenes from files: `load`, by the file name's extension."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .atomic import Path, shown
+from .course_files import read_course, save_course
+from .errors import InputError
+from .mesh_files import read_obj
+from .reading import complaint, quoted, size_of
+from .scene import MAX_RESOLUTION, Scene, integer, refuse
+
+__all__ = ["EXTENSIONS", "load", "save_course"]
+
+EXTENSIONS = (".npy", ".obj")
+
+
+def load(
+    path: Path,
+    *,
+    texture: Any = None,
+    focal: float | None = None,
+    resolution: tuple[int, int] | None = None,
+    lights: Sequence[int] | None = None,
+) -> Scene:
+    """The scene in a file: a course scene (.npy, preset `course`) or a mesh (.obj, preset `standard`).
+
+    texture: an image in place of the file's: a path, an (h, w, 3) array (used as linear values; integers are divided
+        by their type's maximum; row 0 is v = 0) or a Texture. An image file is value/255 for a course scene, where it
+        replaces the vertex colors, and is decoded from sRGB for a mesh.
+    focal: for course files, distance of the image plane from the eye, scene units, in place of the file's.
+    resolution: (N, M), columns and rows, pixels; the image plane keeps its height and the pixels become square.
+        Default: the file's, or 800 x 600 for a mesh.
+    lights: indices, from 0, of the lights to keep, in that order; default all. Meshes get three: key, fill, rim.
+
+    A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`. What the file refers to
+    (materials, images) is opened only inside the file's own folder; what of that is missing, or is left out, is told
+    by a UserWarning of one line. Code in a file is never run.
+
+    Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
+    file that is missing, unknown, malformed or too large, and for an argument out of range.
+    """
+    try:
+        owner = shown(path)
+        folder, name = os.path.split(os.fspath(path))
+        if isinstance(name, bytes):
+            raise TypeError
+    except TypeError:
+        raise refuse("load", "path", "a path (text)", path) from None
+    extension = os.path.splitext(name)[1].lower()
+    if extension not in EXTENSIONS:
+        size_of(path)  # a missing file or a folder is said to be that
+        raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))
+    if resolution is not None:
+        resolution = _resolution(resolution)
+    try:
+        if extension == ".npy":
+            scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
+        elif focal is not None:
+            raise refuse("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
+        else:
+            scene = read_obj(path, texture=texture, resolution=resolution)
+    except InputError as error:
+        raise _named(error, owner) from None
+    except MemoryError:
+        raise complaint(owner, "file", "a scene that fits into memory", "too large a one") from None
+    return scene if lights is None else replace(scene, lights=_kept(scene, lights))
+
+
+def _resolution(resolution: Any) -> tuple[int, int]:
+    try:
+        columns, rows = resolution
+    except (TypeError, ValueError):
+        raise refuse("load", "resolution", "two whole numbers (N, M)", resolution) from None
+    return (
+        integer("load", "resolution N", columns, 1, MAX_RESOLUTION),
+        integer("load", "resolution M", rows, 1, MAX_RESOLUTION),
+    )
+
+
+def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
+    """The lights with these indices. Raises InputError for one that does not exist, or comes twice."""
+    count = len(scene.lights)
+    expected = f"different indices of the {count} lights, from 0" if count else "none: the scene has no lights"
+    try:
+        kept = list(wanted)
+        good = all(isinstance(index, (int, np.integer)) and 0 <= index < count for index in kept)
+    except TypeError:
+        good = False
+    if not good or len(set(kept)) != len(kept):
+        raise refuse("load", "lights", expected, wanted)
+    return tuple(scene.lights[index] for index in kept)
+
+
+def _named(error: InputError, owner: str) -> InputError:
+    """The error, of one line, with the file before it where only a class of scene.py is named."""
+    text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
+    if text.split(":")[0].split(" ")[0] in ("Camera", "PointLight", "Texture", "Material", "Mesh", "Scene"):
+        text = f"{owner}: {text}"
+    return InputError(text)

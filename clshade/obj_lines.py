@@ -1,0 +1,132 @@
+"""Wavefront OBJ text cut into chunks, lines and tokens, and tokens turned into numbers, by whole arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from .reading import complaint
+from .scene import Array
+
+CHUNK = 1 << 22  # bytes of text taken at once
+MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and needs 32 times as much memory for its tokens
+
+V, VT, VN, F = (ord(text[0]) + (ord(text[1]) << 8 if text[1:] else 0) for text in ("v", "vt", "vn", "f"))
+KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
+_NUMERIC = tuple(keyword.encode() for keyword in KEYWORDS.values())
+
+
+def _table(characters: bytes) -> Array:
+    table = np.zeros(256, bool)
+    table[list(characters)] = True
+    return table
+
+
+BLANK = _table(b" \t\r\n\v\f")
+_PRINTED = BLANK | _table(bytes(range(33, 127)))
+
+
+class Lines(NamedTuple):
+    """The lines of a chunk that are not blank.
+
+    text: (n,) uint8, the chunk between two line ends. starts, ends: (T,) of each token in it. first: (L,) the token
+    that opens each line. count: (L,) tokens after it. kind: (L,) V, VT, VN, F or 0 for any other keyword.
+    """
+
+    text: Array
+    starts: Array
+    ends: Array
+    first: Array
+    count: Array
+    kind: Array
+
+    def token(self, index: int) -> bytes:
+        return self.text[self.starts[index] : self.ends[index]].tobytes()
+
+
+def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
+    """(offset, text) pieces of whole lines of the file; a line that goes on after a backslash is not torn.
+
+    Raises InputError for a line, with what continues it, of more than MAX_LINE bytes.
+    """
+    start = 0
+    while start < len(data):
+        end = _line_end(data, min(start + CHUNK, len(data)))
+        if end - start > MAX_LINE + CHUNK:
+            raise complaint(owner, "line", f"lines of at most {MAX_LINE} bytes", "a longer one")
+        yield start, data[start:end]
+        start = end
+
+
+def _line_end(data: bytes, end: int) -> int:
+    """The first position from `end` on, or len(data), that is just after a line."""
+    while True:
+        end = data.find(b"\n", end - 1) + 1
+        if end == 0:
+            return len(data)
+        if not data[max(end - 3, 0) : end - 1].rstrip(b"\r").endswith(b"\\"):
+            return end
+        end += 1
+
+
+def cleaned(chunk: bytes) -> bytes:
+    """The chunk with comments and continued line ends blanked; every other byte stays where it is."""
+    if b"#" not in chunk and b"\\" not in chunk:
+        return chunk
+    text = bytearray(chunk)
+    place = text.find(b"#")
+    while place >= 0:
+        start, end = text.rfind(b"\n", 0, place) + 1, text.find(b"\n", place)
+        end = end if end >= 0 else len(text)
+        keyword = bytes(text[start:place]).split(None, 1)[:1]
+        if not keyword or keyword[0] in _NUMERIC:  # names may have a #
+            text[place:end] = b" " * (end - place)
+        place = text.find(b"#", end)
+    return bytes(text).replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+
+
+def tokenized(chunk: bytes) -> Lines:
+    """The lines of a cleaned chunk."""
+    text = np.frombuffer(b"\n" + chunk + b"\n", np.uint8)
+    blank = BLANK[text]
+    edges = np.flatnonzero(blank[1:] != blank[:-1]) + 1
+    starts, ends = edges[0::2], edges[1::2]
+    first = np.searchsorted(starts, np.flatnonzero(text == ord("\n")))
+    first = first[first < len(starts)]
+    first = first[np.flatnonzero(np.diff(first, prepend=-1))]
+    count = np.diff(first, append=len(starts)) - 1
+    length = ends[first] - starts[first]
+    letters = text[starts[first]].astype(np.int32)
+    letters += np.where(length == 2, text[starts[first] + 1].astype(np.int32) << 8, 0)
+    kind = np.where((length <= 2) & np.isin(letters, list(KEYWORDS)), letters, 0)
+    return Lines(text, starts, ends, first, count, kind)
+
+
+def arguments(lines: Lines, chosen: Array) -> Array:
+    """The bytes after the keyword in the lines with the indices `chosen`, each with the blank that ends it."""
+    first = lines.first[chosen]
+    steps = np.zeros(len(lines.text) + 1, np.int8)
+    steps[lines.ends[first]] = 1
+    steps[lines.ends[first + lines.count[chosen]] + 1] = -1
+    return lines.text[np.cumsum(steps[:-1], dtype=np.int8).view(bool)]
+
+
+def numbers(text: Array, dtype: type, count: int) -> Array | None:
+    """(count,) numbers from blank-separated text (uint8); None when it holds anything else or another number of them.
+
+    `nan` and `inf` are numbers of type float. No `_`, no hexadecimal, no decimal point in a number of type int.
+    """
+    if count == 0:
+        return np.zeros(0, dtype)
+    if not _PRINTED[text].all():
+        return None
+    line = np.where(BLANK[text], np.uint8(ord(" ")), text).tobytes().decode("ascii")
+    if dtype is int and ("." in line or "e" in line or "E" in line):
+        return None
+    try:
+        values = np.loadtxt([line], dtype=dtype, comments=None, ndmin=1, encoding=None)
+    except ValueError:
+        return None
+    return values if len(values) == count else None

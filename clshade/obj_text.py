@@ -1,0 +1,273 @@
+"""The text of Wavefront OBJ files to arrays, a few megabytes at a time, with every line checked.
+
+Own code, because trimesh 5.2 does not read OBJ right: it resolves relative indices against the whole file instead of
+the lines so far (another mesh, silently), moves the faces of a material together and the materials into another
+order, gives wrong texture coordinates at seams with `maintain_order` and torn normals without, and accepts index 0,
+indices out of range and NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import InputError
+from .obj_lines import BLANK, KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, numbers, tokenized
+from .reading import complaint, quoted
+from .scene import MAX_FACES, Array
+
+_COUNTS = {
+    V: ((3, 4, 6), "3 numbers, 4 with w or 6 with a color"),
+    VT: ((1, 2, 3), "1 to 3 numbers"),
+    VN: ((3,), "3 numbers"),
+}
+_SLASH = ord("/")
+_MAX_INDEX = (1 << 31) - 2
+
+
+class Run(NamedTuple):
+    """What holds from face `first` on: the names of the last `o`, `g` and `usemtl`; None where there was none."""
+
+    first: int
+    object: str | None
+    group: str | None
+    material: str | None
+
+
+@dataclass
+class ObjText:
+    """The content of an OBJ file.
+
+    verts: (V, 3) float64. colors: (V, 3) float64, ones where a vertex has none, may be NaN or infinite; or None.
+    uvs: (T, 2) float64, v = 0 at the bottom, may be NaN or infinite. normals: (K, 3) float64, finite.
+    indices: (F, 3, 3) int32 from 0: face, corner, and which of verts, uvs and normals. In the latter two all corners of
+        a face without hold -1.
+    runs: in order of their first face. libraries: of each mtllib, (line number, text after the keyword).
+    """
+
+    verts: Array
+    colors: Array | None
+    uvs: Array
+    normals: Array
+    indices: Array
+    runs: list[Run]
+    libraries: list[tuple[int, str]]
+
+
+@dataclass
+class _Reader:
+    """Everything read so far. offset: of the current chunk in the file. places: (F,) of each face's line."""
+
+    data: bytes
+    owner: str
+    offset: int = 0
+    counts: dict[int, int] = field(default_factory=lambda: {V: 0, VT: 0, VN: 0})
+    face_count: int = 0
+    values: dict[int, list[Array]] = field(default_factory=lambda: {V: [], VT: [], VN: []})
+    colors: list[tuple[Array, Array]] = field(default_factory=list)
+    faces: list[Array] = field(default_factory=list)
+    places: list[Array] = field(default_factory=list)
+    runs: list[Run] = field(default_factory=lambda: [Run(0, None, None, None)])
+    libraries: list[tuple[int, str]] = field(default_factory=list)
+
+    def line(self, place: int) -> int:
+        """The number of the line that holds byte `place` of the file."""
+        return self.data.count(b"\n", 0, place) + 1
+
+    def complaint(self, lines: Lines, token: int, keyword: str, expected: str, found: str) -> InputError:
+        """About a token of the current chunk."""
+        number = self.line(self.offset + int(lines.starts[token]) - 1)
+        return complaint(self.owner, f"line {number}: {keyword}", expected, found)
+
+
+def parse_obj(data: bytes, owner: str) -> ObjText:
+    """The content of an OBJ file's bytes. owner: the file's name, for messages.
+
+    Read: v (also with w, which is left out, or a color), vt, vn, f (any number of corners, fanned; relative indices),
+    o, g, usemtl, mtllib, comments, continued lines, a byte order mark, line ends of any kind. Other statements are
+    skipped. Vertices, uvs and normals that no face uses stay.
+
+    Raises InputError with the line number for: a line that is no OBJ statement, wrong counts, text where a number is
+    due, v or vn that is NaN or infinite, indices 0 or out of range, a face with less than three corners or with vt or
+    vn at some corners only; and for a file without faces or with more than MAX_FACES triangles.
+    """
+    if data.startswith(b"\xef\xbb\xbf"):
+        data = b"   " + data[3:]
+    if b"\n" not in data:
+        data = data.replace(b"\r", b"\n")
+    reader = _Reader(data, owner)
+    for reader.offset, chunk in chunks(data, owner):
+        lines = tokenized(cleaned(chunk))
+        _read_names(reader, lines, _read_faces(reader, lines))
+        _read_numbers(reader, lines)
+    if not reader.face_count:
+        raise complaint(owner, "f", "at least one face", "none")
+    return _joined(reader)
+
+
+def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
+    """Lines that are not of numbers. first_triangle: (face lines + 1,) index of each face line's first triangle."""
+    is_face = lines.kind == F
+    upcoming = first_triangle[np.cumsum(is_face) - is_face]
+    for index in np.flatnonzero(lines.kind == 0):
+        token = int(lines.first[index])
+        keyword = lines.token(token)
+        if not (len(keyword) <= 32 and keyword.replace(b"_", b"").isalnum()):
+            raise reader.complaint(lines, token, "keyword", "an OBJ statement (v, vt, vn, f ...)", quoted(keyword))
+        if keyword not in (b"o", b"g", b"usemtl", b"mtllib"):
+            continue
+        last = int(lines.ends[token + int(lines.count[index])])
+        name = lines.text[lines.ends[token] : last].tobytes().decode("utf-8", "replace").strip()
+        if keyword == b"mtllib":
+            reader.libraries.append((reader.line(reader.offset + int(lines.starts[token]) - 1), name))
+            continue
+        run = reader.runs[-1]._replace(first=int(upcoming[index]))
+        if keyword == b"o":
+            run = run._replace(object=name or None, group=None)
+        else:
+            run = run._replace(**{"group" if keyword == b"g" else "material": name or None})
+        if reader.runs[-1].first == run.first:
+            reader.runs.pop()
+        reader.runs.append(run)
+
+
+def _read_numbers(reader: _Reader, lines: Lines) -> None:
+    """The v, vt and vn lines of a chunk."""
+    for kind, (allowed, expected) in _COUNTS.items():
+        wrong = np.flatnonzero((lines.kind == kind) & ~np.isin(lines.count, allowed))
+        if len(wrong):
+            found = str(lines.count[wrong[0]])
+            raise reader.complaint(lines, int(lines.first[wrong[0]]), KEYWORDS[kind], expected, found)
+    chosen = np.flatnonzero(np.isin(lines.kind, (V, VT, VN)))
+    count, kinds = lines.count[chosen], lines.kind[chosen]
+    values = numbers(arguments(lines, chosen), float, int(count.sum()))
+    if values is None:
+        raise _bad_token(reader, lines, chosen, float, "numbers")
+    start = np.cumsum(count) - count
+    for kind, width in ((V, 3), (VT, 2), (VN, 3)):
+        mine = np.flatnonzero(kinds == kind)
+        rows = values[start[mine, None] + np.minimum(np.arange(width), count[mine, None] - 1)]
+        if kind == VT:
+            rows[count[mine] == 1, 1] = 0.0
+        elif not np.isfinite(rows).all():
+            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+            token = int(lines.first[chosen[mine[bad]]])
+            raise reader.complaint(lines, token, KEYWORDS[kind], "finite numbers", str(rows[bad].tolist()))
+        if kind == V:
+            colored = mine[count[mine] == 6]
+            which = reader.counts[V] + np.flatnonzero(count[mine] == 6)
+            reader.colors.append((which, values[start[colored, None] + np.arange(3, 6)]))
+        reader.values[kind].append(rows)
+        reader.counts[kind] += len(rows)
+
+
+def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expected: str) -> InputError:
+    """The complaint about the first token in the chosen lines that is not a number, or not a corner of a face."""
+    for index in chosen:
+        first, count = int(lines.first[index]), int(lines.count[index])
+        for token in range(first + 1, first + 1 + count):
+            text = lines.token(token)
+            fields = [part for part in text.split(b"/") if part] if dtype is int else [text]
+            good = all(numbers(np.frombuffer(part, np.uint8), dtype, 1) is not None for part in fields)
+            if not good or text.count(b"/") > 2:
+                return reader.complaint(lines, token, KEYWORDS[int(lines.kind[index])], expected, quoted(text))
+    raise complaint(reader.owner, "text", expected, "something else")
+
+
+def _read_faces(reader: _Reader, lines: Lines) -> Array:
+    """The f lines of a chunk. Returns (face lines + 1,) the index in the file of each one's first triangle."""
+    chosen = np.flatnonzero(lines.kind == F)
+    count = lines.count[chosen]
+    if len(chosen) and count.min() < 3:
+        bad = int(np.argmax(count < 3))
+        raise reader.complaint(lines, int(lines.first[chosen[bad]]), "f", "at least 3 corners", str(count[bad]))
+    first_triangle = reader.face_count + np.concatenate([[0], np.cumsum(count - 2)])
+    if first_triangle[-1] > MAX_FACES:
+        raise complaint(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
+    if len(chosen):
+        corners = _resolved(reader, lines, chosen, _corners(reader, lines, chosen))
+        triangles = count - 2
+        line = np.repeat(np.arange(len(chosen)), triangles)
+        step = np.arange(len(line)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
+        start = (np.cumsum(count) - count)[line]
+        reader.faces.append(corners[np.stack([start, start + step + 1, start + step + 2], axis=1)])
+        reader.places.append(reader.offset + lines.starts[lines.first[chosen]][line] - 1)
+    reader.face_count = int(first_triangle[-1])
+    return first_triangle
+
+
+def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
+    """(C, 3) int64: the numbers v/vt/vn as written in each corner of the chosen f lines, 0 where there is none."""
+    text = arguments(lines, chosen)
+    blank, slash = BLANK[text], text == _SLASH
+    slashes = np.cumsum(slash, dtype=np.int32)
+    # Each line's part begins with a blank, so position 0 never starts a corner or a number.
+    corner = np.flatnonzero(blank[:-1] & ~blank[1:]) + 1
+    apart = blank | slash
+    part = np.flatnonzero(apart[:-1] & ~apart[1:]) + 1
+    owner = np.searchsorted(corner, part, side="right") - 1
+    before = slashes[corner] - slash[corner]
+    column = slashes[part] - before[owner]
+    expected = "corners of whole numbers v, v/vt, v//vn or v/vt/vn"
+    values = numbers(np.where(slash, np.uint8(ord(" ")), text), int, len(part))
+    if values is None or np.diff(before, append=slashes[-1]).max() > 2:
+        raise _bad_token(reader, lines, chosen, int, expected)
+    table = np.zeros((len(corner), 3), np.int64)
+    table[owner, column] = values
+    bad = owner[values == 0] if (values == 0).any() else np.flatnonzero(table[:, 0] == 0)
+    if len(bad):
+        token = _corner_token(lines, chosen, int(bad[0]))
+        raise reader.complaint(lines, token, "f", "indices from 1, or below 0", quoted(lines.token(token)))
+    return table
+
+
+def _corner_token(lines: Lines, chosen: Array, corner: int) -> int:
+    """The token of a corner, counted over the chosen f lines."""
+    before = np.cumsum(lines.count[chosen])
+    line = int(np.searchsorted(before, corner, side="right"))
+    index = chosen[line]
+    return int(lines.first[index] + 1 + corner - (before[line] - lines.count[index]))
+
+
+def _resolved(reader: _Reader, lines: Lines, chosen: Array, table: Array) -> Array:
+    """(C, 3) int32 indices from 0, or -1, of the corners with the numbers `table` (see _corners)."""
+    count = lines.count[chosen]
+    start = np.cumsum(count) - count
+    result = np.empty(table.shape, np.int32)
+    for column, kind in enumerate((V, VT, VN)):
+        given = table[:, column]
+        so_far = reader.counts[kind] + np.repeat(np.cumsum(lines.kind == kind)[chosen], count)
+        index = np.where(given > 0, given - 1, so_far + given)
+        bad = np.flatnonzero((given != 0) & ((index < 0) | (index > _MAX_INDEX)))
+        if len(bad):
+            token = _corner_token(lines, chosen, int(bad[0]))
+            expected = f"{KEYWORDS[kind]} indices up to the {so_far[bad[0]]} so far"
+            raise reader.complaint(lines, token, "f", expected, quoted(lines.token(token)))
+        have = np.add.reduceat(given != 0, start, dtype=np.int64)
+        partly = np.flatnonzero((have != 0) & (have != count))
+        if len(partly):
+            token = int(lines.first[chosen[partly[0]]])
+            expected = f"{KEYWORDS[kind]} at all corners or none"
+            raise reader.complaint(lines, token, "f", expected, f"{have[partly[0]]} of {count[partly[0]]}")
+        result[:, column] = np.where(given == 0, -1, index)
+    return result
+
+
+def _joined(reader: _Reader) -> ObjText:
+    verts, uvs, normals = (np.concatenate(reader.values[kind]) for kind in (V, VT, VN))
+    indices = np.concatenate(reader.faces)
+    for column, (kind, values) in enumerate(((V, verts), (VT, uvs), (VN, normals))):
+        if indices[:, :, column].max() >= len(values):
+            face, corner = np.argwhere(indices[:, :, column] >= len(values))[0]
+            line = reader.line(int(np.concatenate(reader.places)[face]))
+            expected = f"{KEYWORDS[kind]} indices up to {len(values)}"
+            raise complaint(reader.owner, f"line {line}: f", expected, str(indices[face, corner, column] + 1))
+    colors = None
+    if any(len(which) for which, _ in reader.colors):
+        colors = np.ones((len(verts), 3))
+        for which, given in reader.colors:
+            colors[which] = given
+    runs = [run for run in reader.runs if run.first < len(indices)]
+    return ObjText(verts, colors, uvs, normals, indices, runs, reader.libraries)

@@ -1,0 +1,9 @@
+"""The float64 reference: what an image should be, stage by stage, written for obviousness and not for speed.
+
+It shares nothing with the renderer but the scene model. `render(scene, settings)` gives a whole `OracleFrame`; the
+modules' public functions each take one stage's inputs.
+"""
+
+from .frame import OracleFrame, depth_at, render, sample
+
+__all__ = ["OracleFrame", "depth_at", "render", "sample"]

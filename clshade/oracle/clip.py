@@ -1,0 +1,125 @@
+"""Clipping in camera space: near plane and guard band. Triangles that need neither pass through untouched.
+
+A crossing is computed from the edge's end points in a canonical order (the smaller (x, y, z) first), so that the
+triangles on both sides of an edge get the same point. What a clip point inherits is kept as its weights with respect
+to the three original corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .transform import project, snap
+from .vectors import Array
+
+GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Triangles ready for the image, in the order of their faces.
+
+    face: (K,) the face each is a piece of. xy: (K, 3, 2) snapped corners, int64. z: (K, 3) corner depths, all > 0.
+    weights: (K, 3, 3): row i holds corner i's weights with respect to the face's original corners; they sum to 1.
+    """
+
+    face: Array
+    xy: Array
+    z: Array
+    weights: Array
+
+
+def clip_polygon(points: Array, weights: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Sutherland-Hodgman against one plane.
+
+    points: (n, 3), weights: (n, 3), distance: (n,) signed, >= 0 is inside. Returns the points and weights of the part
+    inside, and which of them are crossings, (m,) bool.
+    """
+    kept: list[tuple[Array, Array, bool]] = []
+    count = len(points)
+    for i in range(count):
+        j = (i + 1) % count
+        if distance[i] >= 0.0:
+            kept.append((points[i], weights[i], False))
+        if (distance[i] >= 0.0) != (distance[j] >= 0.0):
+            a, b = (i, j) if points[i].tolist() <= points[j].tolist() else (j, i)
+            t = distance[a] / (distance[a] - distance[b])
+            kept.append((points[a] + t * (points[b] - points[a]), weights[a] + t * (weights[b] - weights[a]), True))
+    if not kept:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, bool)
+    return np.array([p for p, _, _ in kept]), np.array([w for _, w, _ in kept]), np.array([c for _, _, c in kept])
+
+
+def clip_near(points: Array, weights: Array, near: float) -> tuple[Array, Array]:
+    """The part with z >= near; crossings lie at z = near exactly."""
+    points, weights, crossing = clip_polygon(points, weights, points[:, 2] - near)
+    points[crossing, 2] = near
+    return points, weights
+
+
+def clip_guard(
+    points: Array, weights: Array, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
+) -> tuple[Array, Array]:
+    """The part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, in that order; needs z > 0."""
+    for axis, (extent, pixels) in enumerate(zip(plane[::-1], resolution, strict=True)):
+        slope = (focal * pixels) / extent  # u = slope*x/z + pixels/2
+        for side in (1.0, -1.0):
+            # u >= -GUARD is slope*x + (GUARD + pixels/2)*z >= 0, and u <= GUARD the mirror image.
+            distance = side * (slope * points[:, axis]) + (GUARD + side * (pixels / 2.0)) * points[:, 2]
+            points, weights, _ = clip_polygon(points, weights, distance)
+            if len(points) == 0:
+                return points, weights
+    return points, weights
+
+
+def beyond_guard(uv: Array) -> Array:
+    """Which triangles (or polygons) have a vertex out of the guard band; uv: (..., n, 2)."""
+    return ~(np.abs(uv) <= GUARD).all(axis=(-1, -2))
+
+
+def clip_face(
+    corners: Array, near: float, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
+) -> list[tuple[Array, Array]]:
+    """One triangle, camera space (3, 3), as a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
+    points, weights = corners, np.eye(3)
+    if (points[:, 2] < near).any():
+        points, weights = clip_near(points, weights, near)
+    if len(points) == 0:
+        return []
+    uv = project(points, focal, plane, resolution)
+    if (uv < 0.0).all(axis=0).any() or (uv > np.array(resolution)).all(axis=0).any():
+        return []  # wholly to one side of the image
+    if beyond_guard(uv):
+        points, weights = clip_guard(points, weights, focal, plane, resolution)
+    fan = [[0, i, i + 1] for i in range(1, len(points) - 1)]
+    return [(points[f], weights[f]) for f in fan if np.isfinite(points[f]).all()]
+
+
+def pieces(
+    corners: Array, near: float, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
+) -> Pieces:
+    """All triangles (F, 3, 3) of camera-space corners, clipped, projected and snapped."""
+    in_front = corners[:, :, 2] >= near
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv = project(corners, focal, plane, resolution)
+        whole = in_front.all(axis=1)
+        simple = whole & ~beyond_guard(uv)
+        face = np.flatnonzero(simple)
+        points, weights = [corners[face]], [np.broadcast_to(np.eye(3), (len(face), 3, 3))]
+        faces = [face]
+        for k in np.flatnonzero(in_front.any(axis=1) & ~simple):
+            for piece_points, piece_weights in clip_face(corners[k], near, focal, plane, resolution):
+                points.append(piece_points[None])
+                weights.append(piece_weights[None])
+                faces.append(np.array([k]))
+    all_faces, all_points = np.concatenate(faces), np.concatenate(points)
+    order = np.argsort(all_faces, kind="stable")
+    all_points = all_points[order]
+    return Pieces(
+        face=all_faces[order],
+        xy=snap(project(all_points, focal, plane, resolution)),
+        z=all_points[:, :, 2],
+        weights=np.concatenate(weights)[order],
+    )

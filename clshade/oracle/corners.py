@@ -1,0 +1,117 @@
+"""The scene as flat tables with one row per face, in the scene's face order: mesh, then instance, then face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene import Mesh, Scene, Settings
+from .normals import placed_normals, vertex_normals
+from .texture import bilerp, slope
+from .transform import world_vertices
+from .vectors import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """What the corners of each face carry. F faces.
+
+    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. colors: (F, 3, 3) vertex colors, white where
+    the mesh has none. uvs: (F, 3, 2), 0 where the mesh has none. mesh: (F,) index into scene.meshes.
+    """
+
+    world: Array
+    normals: Array
+    colors: Array
+    uvs: Array
+    mesh: Array
+
+
+def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Array]:
+    verts = world_vertices(mesh.verts, matrix)
+    if mesh.normals is None or compute_normals:
+        normals = vertex_normals(verts, mesh.faces)[mesh.faces]
+    else:
+        used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
+        normals = placed_normals(mesh.normals, matrix)[used]
+    return verts[mesh.faces], normals
+
+
+def gather(scene: Scene) -> Corners:
+    """All faces of a scene, instances placed. Scenes of the preset `course` have their normals computed always."""
+    world, normals, colors, uvs, owner = [], [], [], [], []
+    for index, mesh in enumerate(scene.meshes):
+        count = len(mesh.faces)
+        mesh_colors = np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64)
+        if mesh.uvs is None:
+            mesh_uvs = np.zeros((count, 3, 2))
+        else:
+            mesh_uvs = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces].astype(np.float64)
+        for matrix in np.asarray(mesh.instances):
+            placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
+            world.append(placed)
+            normals.append(placed_normal)
+            colors.append(mesh_colors)
+            uvs.append(mesh_uvs)
+            owner.append(np.full(count, index))
+    empty = np.zeros((0, 3, 3))
+    return Corners(
+        np.concatenate([empty, *world]),
+        np.concatenate([empty, *normals]),
+        np.concatenate([empty, *colors]),
+        np.concatenate([np.zeros((0, 3, 2)), *uvs]),
+        np.concatenate([np.zeros(0, np.int64), *owner]),
+    )
+
+
+def textured(mesh: Mesh) -> bool:
+    """Is there a texture to look up? Without texture coordinates there is not."""
+    return mesh.material.texture is not None and mesh.uvs is not None
+
+
+def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Array) -> tuple[Array, Array]:
+    """Colors at the corners of faces `face` (U,), and how steep the lookup is there: both (U, 3, 3).
+
+    With texture_at=vertex the texel replaces (course lookup) or multiplies the vertex color; with texture_at=pixel a
+    course texture leaves white, to be multiplied by the texel later.
+    """
+    colors = corners.colors[face].copy()
+    steep = np.zeros_like(colors)
+    for index in np.unique(corners.mesh[face]):
+        mesh = scene.meshes[index]
+        if not textured(mesh):
+            continue
+        texture = mesh.material.texture
+        mine = corners.mesh[face] == index
+        if texture.lookup == "course":
+            colors[mine] = 1.0
+        if settings.texture_at == "vertex":
+            uv = corners.uvs[face[mine]]
+            reach = np.where(np.isfinite(uv), np.abs(uv), 0.0)
+            steep[mine] = np.abs(colors[mine]) * slope(uv, reach, texture.image, texture.lookup, texture.wrap)
+            colors[mine] = colors[mine] * bilerp(uv, texture.image, texture.lookup, texture.wrap)
+    return colors, steep
+
+
+def texels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> tuple[Array, Array]:
+    """Texels of pixels on faces `face` (K,) with corner weights (K, 3), and how steep they are: both (K, 3).
+
+    1 and 0 where nothing is looked up per pixel.
+    """
+    texel, steep = np.ones((len(face), 3)), np.zeros((len(face), 3))
+    if settings.texture_at == "vertex":
+        return texel, steep
+    for index in np.unique(corners.mesh[face]):
+        mesh = scene.meshes[index]
+        if not textured(mesh):
+            continue
+        texture = mesh.material.texture
+        mine = np.flatnonzero(corners.mesh[face] == index)
+        corner_uvs = corners.uvs[face[mine]]
+        with np.errstate(invalid="ignore", over="ignore"):
+            uv = (weights[mine][:, :, None] * corner_uvs).sum(axis=1)
+        reach = np.where(np.isfinite(corner_uvs), np.abs(corner_uvs), 0.0).max(axis=1)
+        texel[mine] = bilerp(uv, texture.image, texture.lookup, texture.wrap)
+        steep[mine] = slope(uv, reach, texture.image, texture.lookup, texture.wrap)
+    return texel, steep

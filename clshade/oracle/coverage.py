@@ -1,0 +1,147 @@
+"""Which pixels a triangle covers, in exact integer arithmetic, and which triangle comes first.
+
+Corners are snapped image coordinates xy (..., 3, 2), int64, in 1/256 pixel with y up. Column c, row r (from the
+bottom) has its center at (256*c + 128, 256*r + 128).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from .transform import SUBPIXELS, painter_depth
+from .vectors import Array
+
+HALF = SUBPIXELS // 2
+
+
+class Setup(NamedTuple):
+    """What is known of triangles before any pixel is looked at.
+
+    area: (...) twice the signed area, in 1/256^2 square pixels, positive when counter-clockwise.
+    box: (..., 4) columns and rows whose centers the bounding box holds, within the image: first column, first row,
+        last column, last row, both ends included; a last below its first means none.
+    culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or seen from behind.
+    """
+
+    area: Array
+    box: Array
+    culled: Array
+
+
+def signed_area(xy: Array) -> Array:
+    """Twice the area, int64, positive for corners that go counter-clockwise with y up."""
+    a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
+
+
+def setup(xy: Array, columns: int, rows: int, cull: bool = False) -> Setup:
+    """Area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
+    xy = np.asarray(xy, dtype=np.int64)
+    area = signed_area(xy)
+    first = -((HALF - xy.min(axis=-2)) // SUBPIXELS)  # the ceiling of (x - HALF) / SUBPIXELS
+    last = (xy.max(axis=-2) - HALF) // SUBPIXELS
+    first = np.maximum(first, 0)
+    last = np.minimum(last, [columns - 1, rows - 1])
+    culled = (area == 0) | (last < first).any(axis=-1)
+    if cull:
+        culled = culled | (area < 0)
+    return Setup(area, np.concatenate([first, last], axis=-1), culled)
+
+
+def edge_functions(xy: Array, column: Array, row: Array) -> Array:
+    """Edge functions at pixel centers, (..., 3) int64: positive inside, whatever the winding.
+
+    The leading axes of xy (..., 3, 2), column (...) and row (...) broadcast. Function i belongs to the edge opposite
+    corner i; it is twice the area of the triangle that the pixel center makes with that edge, so the three sum to
+    the absolute value of `signed_area`. All are 0 for a triangle without area.
+    """
+    xy = np.asarray(xy, dtype=np.int64)
+    px = np.asarray(column, dtype=np.int64) * SUBPIXELS + HALF
+    py = np.asarray(row, dtype=np.int64) * SUBPIXELS + HALF
+    winding = np.sign(signed_area(xy))
+    result = []
+    for i in range(3):
+        start, end = xy[..., (i + 1) % 3, :], xy[..., (i + 2) % 3, :]
+        dx, dy = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
+        result.append((dx * (py - start[..., 1]) - dy * (px - start[..., 0])) * winding)
+    return np.stack(np.broadcast_arrays(*result), axis=-1)
+
+
+def top_left(xy: Array) -> Array:
+    """(..., 3) bool: does edge i (opposite corner i) own the points on it?
+
+    Taken counter-clockwise with y up, a left edge goes down and a top edge goes exactly left.
+    """
+    xy = np.asarray(xy, dtype=np.int64)
+    winding = np.sign(signed_area(xy))
+    result = []
+    for i in range(3):
+        direction = xy[..., (i + 2) % 3, :] - xy[..., (i + 1) % 3, :]
+        dx, dy = direction[..., 0] * winding, direction[..., 1] * winding
+        result.append((dy < 0) | ((dy == 0) & (dx < 0)))
+    return np.stack(result, axis=-1)
+
+
+def covered(xy: Array, edges: Array) -> Array:
+    """(...) bool: which pixels with edge functions (..., 3) the triangles (..., 3, 2) draw."""
+    inside = (edges > 0) | ((edges == 0) & top_left(xy))
+    return inside[..., 0] & inside[..., 1] & inside[..., 2]
+
+
+def triangle_mask(xy: Array, columns: int, rows: int) -> Array:
+    """Pixels that one triangle (3, 2) draws: (rows, columns) bool, row 0 at the BOTTOM, either winding."""
+    edges = edge_functions(xy, np.arange(columns)[None, :], np.arange(rows)[:, None])
+    return covered(xy, edges)
+
+
+def painter_order(z: Array, alive: Array) -> Array:
+    """Indices of the triangles with `alive` (F,) set, front to back, from their corner depths z (F, 3).
+
+    The smallest mean depth comes first; of equal ones the later triangle (-0.0 equals 0.0). NaN comes last.
+    """
+    index = np.flatnonzero(alive)
+    return index[np.lexsort((-index, painter_depth(z[index])))]
+
+
+def tile_lists(order: Array, boxes: Array, tile: int | tuple[int, int], columns: int, rows: int) -> list[Array]:
+    """Per tile the triangles whose bounding box meets it, in the given order.
+
+    order: indices of triangles. boxes: (F, 4) as of `setup`, not empty for those in `order`. tile: size in pixels, or
+    (width, height). Tiles are counted from the bottom-left corner, row by row; returns one array of indices each.
+    """
+    width, height = (tile, tile) if isinstance(tile, int) else tile
+    first_column, first_row, last_column, last_row = boxes[order].T
+    lists = []
+    for bottom in range(0, rows, height):
+        in_row = (first_row < bottom + height) & (last_row >= bottom)
+        for left in range(0, columns, width):
+            lists.append(order[in_row & (first_column < left + width) & (last_column >= left)])
+    return lists
+
+
+def samples(xy: Array, boxes: Array, limit: int = 1 << 18) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Every pixel that each triangle draws, in batches of bounded size.
+
+    xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle, column, row, each (S,), and edge functions (S, 3).
+    """
+    if len(xy) == 0:
+        return
+    left, bottom, right, top = boxes.T
+    width = np.maximum(right - left + 1, 0)
+    band = max(1, limit // max(1, int(width.max())))  # rows at a time: one triangle has at most `limit` pixels there
+    for start in range(int(bottom.min()), int(top.max()) + 1, band):
+        low, high = np.maximum(bottom, start), np.minimum(top, start + band - 1)
+        count = width * np.maximum(high - low + 1, 0)
+        present = np.flatnonzero(count)
+        batch_number = (np.cumsum(count[present]) - 1) // limit
+        for batch in np.split(present, np.flatnonzero(np.diff(batch_number)) + 1):
+            triangle = np.repeat(batch, count[batch])
+            offset = np.arange(len(triangle)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])
+            column = left[triangle] + offset % width[triangle]
+            row = low[triangle] + offset // width[triangle]
+            edges = edge_functions(xy[triangle], column, row)
+            drawn = covered(xy[triangle], edges)
+            yield triangle[drawn], column[drawn], row[drawn], edges[drawn]

@@ -1,0 +1,166 @@
+"""A whole frame: who owns each pixel, then the colors of the owned ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..scene import Scene, Settings
+from . import coverage, shade, transform
+from .clip import Pieces, pieces
+from .corners import Corners, gather
+from .pixels import Shaded, shade_pixels
+from .vectors import Array
+
+BATCH = 1 << 15  # pixels shaded at a time
+
+
+@dataclass(frozen=True, eq=False)
+class OracleFrame:
+    """The image and what its error is measured by. Leading axes (M, N), row 0 at the TOP; float64 unless stated.
+
+    rgb: (M, N, 3) linear, over the background. alpha: (M, N) 1 where covered, else 0.
+    id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
+    budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
+        its own absolute value.
+    kappa: (M, N) amplification of rounding errors by the light's geometry. texture_kappa: by texture lookup, else 0.
+    gate: (M, N) bool, True where a highlight may be decided either way.
+    exponent: (M, N) the material's n; 1 without light.
+    For gouraud the measures are those of the worst corner of the triangle.
+    """
+
+    rgb: Array
+    alpha: Array
+    id: Array
+    Z: Array
+    budget: Array
+    kappa: Array
+    texture_kappa: Array
+    gate: Array
+    exponent: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Geometry of a scene in the image: corners of all faces, their depths z (F, 3), and the pieces to draw."""
+
+    corners: Corners
+    z: Array
+    pieces: Pieces
+    setup: coverage.Setup
+
+
+def prepare(scene: Scene, settings: Settings) -> Prepared:
+    """Everything up to the pixels: placing, camera, clipping, projection, snapping, set-up."""
+    camera = scene.camera
+    columns, rows = camera.resolution
+    corners = gather(scene)
+    axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
+    points = transform.to_camera(corners.world, camera.eye, axes)
+    near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
+    cut = pieces(points, near, camera.focal, camera.plane, camera.resolution)
+    return Prepared(corners, points[:, :, 2], cut, coverage.setup(cut.xy, columns, rows, settings.cull))
+
+
+def owners(prepared: Prepared, visibility: str, resolution: tuple[int, int]) -> Array:
+    """The piece seen at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
+
+    `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
+    """
+    columns, rows = resolution
+    cut, alive = prepared.pieces, ~prepared.setup.culled
+    if visibility == "painter":
+        order = coverage.painter_order(prepared.z[cut.face], alive)
+        rank = np.full(columns * rows, len(order))
+        for k, column, row, _ in coverage.samples(cut.xy[order], prepared.setup.box[order]):
+            np.minimum.at(rank, row * columns + column, k)
+        return np.append(order, -1)[rank].reshape(rows, columns)
+    order = np.flatnonzero(alive)
+    owner, nearest = np.full(columns * rows, -1), np.full(columns * rows, np.inf)
+    for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
+        pixel, z = row * columns + column, shade.depth(edges, cut.z[order[k]])
+        before = nearest[pixel]
+        np.minimum.at(nearest, pixel, z)
+        owner[pixel[nearest[pixel] < before]] = -1
+        equal = z == nearest[pixel]
+        np.maximum.at(owner, pixel[equal], order[k[equal]])
+    return owner.reshape(rows, columns)
+
+
+def render(scene: Scene, settings: Settings) -> OracleFrame:
+    """The frame of a scene's own camera, all layers."""
+    columns, rows = scene.camera.resolution
+    grid_rows, grid_columns = np.divmod(np.arange(rows * columns), columns)
+    flat = sample(scene, settings, grid_rows, grid_columns)
+    return OracleFrame(*(_grid(getattr(flat, f.name), rows, columns) for f in fields(OracleFrame)))
+
+
+def _grid(values: Array, rows: int, columns: int) -> Array:
+    return values.reshape(rows, columns, *values.shape[1:])
+
+
+def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> OracleFrame:
+    """The same as `render` at some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,)."""
+    prepared = prepare(scene, settings)
+    rows, columns = np.asarray(rows), np.asarray(columns)
+    upward = scene.camera.resolution[1] - 1 - rows
+    owner = owners(prepared, settings.visibility, scene.camera.resolution)[upward, columns]
+    frame = _background(scene, len(owner))
+    drawn = np.flatnonzero(owner >= 0)
+    for start in range(0, len(drawn), BATCH):
+        batch = drawn[start : start + BATCH]
+        shaded, z = _shade_batch(scene, settings, prepared, owner[batch], columns[batch], upward[batch])
+        frame.alpha[batch] = 1.0
+        frame.id[batch] = prepared.pieces.face[owner[batch]] + 1
+        frame.Z[batch] = z
+        for f in fields(Shaded):
+            getattr(frame, f.name)[batch] = getattr(shaded, f.name)
+    return frame
+
+
+def _background(scene: Scene, count: int) -> OracleFrame:
+    color = np.zeros(3) if scene.background is None else scene.background
+    return OracleFrame(
+        rgb=np.tile(color, (count, 1)),
+        alpha=np.zeros(count),
+        id=np.zeros(count, np.uint32),
+        Z=np.full(count, np.inf),
+        budget=np.tile(np.abs(color), (count, 1)),
+        kappa=np.ones(count),
+        texture_kappa=np.zeros(count),
+        gate=np.zeros(count, bool),
+        exponent=np.ones(count),
+    )
+
+
+def _shade_batch(
+    scene: Scene, settings: Settings, prepared: Prepared, piece: Array, column: Array, row: Array
+) -> tuple[Shaded, Array]:
+    """Shade pixels (column, row from the bottom) on their pieces, (K,) each; also their depths (K,)."""
+    cut = prepared.pieces
+    edges = coverage.edge_functions(cut.xy[piece], column, row)
+    on_piece = shade.barycentrics(edges, cut.z[piece], settings.interpolation)
+    weights = (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights)
+    return shaded, shade.depth(edges, cut.z[piece])
+
+
+def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: Array) -> Array:
+    """Depth of faces at pixels, (K,): +inf where the face does not cover the pixel (or face is -1).
+
+    face: indices in the scene's face order. row: from the TOP. All broadcast to (K,).
+    """
+    face, row, column = (np.atleast_1d(np.asarray(a, dtype=np.int64)) for a in (face, row, column))
+    face, row, column = np.broadcast_arrays(face, row, column)
+    prepared = prepare(scene, settings)
+    cut = prepared.pieces
+    first, last = np.searchsorted(cut.face, face, "left"), np.searchsorted(cut.face, face, "right")
+    result = np.full(len(face), np.inf)
+    for step in range(int((last - first).max(initial=0))):
+        query = np.flatnonzero(first + step < last)
+        piece = first[query] + step
+        edges = coverage.edge_functions(cut.xy[piece], column[query], scene.camera.resolution[1] - 1 - row[query])
+        hit = coverage.covered(cut.xy[piece], edges) & ~prepared.setup.culled[piece]
+        result[query[hit]] = np.minimum(result[query[hit]], shade.depth(edges[hit], cut.z[piece[hit]]))
+    return result

@@ -1,0 +1,169 @@
+"""Colors of pixels whose owner is known, with what the error measures need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene import Scene, Settings
+from . import shade
+from .corners import Corners, corner_colors, texels
+from .vectors import Array, length
+
+ORIGIN = np.zeros(3)  # the eye: everything here is relative to it
+
+
+@dataclass(frozen=True, eq=False)
+class Shaded:
+    """Per pixel: rgb and budget (K, 3); kappa, texture_kappa, gate and exponent (K,). See frame.OracleFrame."""
+
+    rgb: Array
+    budget: Array
+    kappa: Array
+    texture_kappa: Array
+    gate: Array
+    exponent: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Lights:
+    """Lights of non-zero intensity, relative to the eye: positions and intensities (L, 3)."""
+
+    positions: Array
+    intensities: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Material of each of some faces: ka_Ia, kd, ks (U, 3), n (U,)."""
+
+    ka_Ia: Array
+    kd: Array
+    ks: Array
+    n: Array
+
+    def __getitem__(self, index: object) -> Surface:
+        return Surface(*(getattr(self, name)[index] for name in ("ka_Ia", "kd", "ks", "n")))
+
+
+def scene_lights(scene: Scene) -> Lights:
+    lit = [light for light in scene.lights if light.intensity.any()]
+    positions = np.array([light.position - scene.camera.eye for light in lit]).reshape(-1, 3)
+    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3))
+
+
+def surfaces(scene: Scene, mesh: Array) -> Surface:
+    """Materials of faces that belong to meshes `mesh` (U,)."""
+    materials = [m.material for m in scene.meshes]
+    ka_Ia = np.array([m.ka * scene.ambient for m in materials])
+    kd, ks, n = (np.array([getattr(m, name) for m in materials]) for name in ("kd", "ks", "n"))
+    return Surface(ka_Ia, kd, ks, n)[mesh]
+
+
+def blend(weights: Array, values: Array) -> Array:
+    """Corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
+    return (weights[:, :, None] * values).sum(axis=1)
+
+
+def texture_conditioning(steep: Array, factor: Array, budget: Array, n: Array) -> Array:
+    """(K,): the part of kappa that belongs to texture lookup, 0 without one.
+
+    An error of 2^-24 in the texture coordinates changes the color by steep*2^-24 and the pixel by `factor` times that,
+    (K, 3) both. Divided by what the bound of a color holds already, so the two are compared like with like.
+    """
+    change = steep * np.abs(factor)
+    unit = budget * np.sqrt(np.maximum(n, 1.0))[:, None]
+    return np.divide(change, unit, out=np.zeros_like(change), where=unit > 0.0).max(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
+
+    points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
+    texel, steep: (K, 3) per pixel. tinted: does the color multiply the ambient light?
+    """
+
+    points: Array
+    normals: Array
+    colors: Array
+    extent: Array
+    surface: Surface
+    lights: Lights
+    tinted: bool
+    where: Array
+    weights: Array
+    texel: Array
+    steep: Array
+
+
+def shade_pixels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> Shaded:
+    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners."""
+    used, where = np.unique(face, return_inverse=True)
+    colors, corner_steep = corner_colors(scene, settings, corners, used)
+    texel, texel_steep = texels(scene, settings, corners, face, weights)
+    steep = np.abs(texel) * corner_steep.max(axis=1)[where] + np.abs(colors).max(axis=1)[where] * texel_steep
+    points = corners.world[used] - scene.camera.eye
+    extent = np.abs(points).max(axis=(1, 2))
+    if settings.lighting_at == "centroid":
+        points = np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape)
+    batch = Batch(
+        points=points,
+        normals=corners.normals[used],
+        colors=colors,
+        extent=extent,
+        surface=surfaces(scene, corners.mesh[used]),
+        lights=scene_lights(scene),
+        tinted=settings.ambient == "tinted",
+        where=where,
+        weights=weights,
+        texel=texel,
+        steep=steep,
+    )
+    return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong}[settings.shader](batch)
+
+
+def _nolight(batch: Batch) -> Shaded:
+    """The color itself."""
+    rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel
+    budget, ones = np.maximum(np.abs(rgb), 1.0), np.ones(len(rgb))
+    texture_kappa = texture_conditioning(batch.steep, np.ones_like(rgb), budget, ones)
+    return Shaded(rgb, budget, ones, texture_kappa, np.zeros(len(rgb), bool), ones)
+
+
+def _gouraud(batch: Batch) -> Shaded:
+    """Light at the corners, then interpolate. The texel multiplies all but the plain ambient light."""
+    points, normals, where, lights = batch.points, batch.normals, batch.where, batch.lights
+    ka_Ia, kd, ks, n = (s[:, None] for s in (batch.surface.ka_Ia, batch.surface.kd, batch.surface.ks, batch.surface.n))
+    lit = shade.reflected(points, normals, ORIGIN, kd, ks, n, lights.positions, lights.intensities)
+    factor = lit + ka_Ia if batch.tinted else lit
+    rgb = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel
+    pixel = batch.surface[where]
+    if not batch.tinted:
+        rgb = rgb + pixel.ka_Ia
+    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), ORIGIN, lights.positions).max(axis=1)
+    gate = shade.at_gate(points, normals, ORIGIN, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
+    worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
+    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities)
+    texture_kappa = texture_conditioning(batch.steep, np.abs(factor).max(axis=1)[where], budget, pixel.n)
+    return Shaded(rgb, budget, kappa[where], texture_kappa, gate[where], pixel.n)
+
+
+def _phong(batch: Batch) -> Shaded:
+    """Interpolate point, normal and color, then light each pixel."""
+    where, lights, surface = batch.where, batch.lights, batch.surface[batch.where]
+    point, normal = blend(batch.weights, batch.points[where]), blend(batch.weights, batch.normals[where])
+    color = blend(batch.weights, batch.colors[where]) * batch.texel
+    lit = shade.reflected(
+        point, normal, ORIGIN, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities
+    )
+    factor = lit + surface.ka_Ia if batch.tinted else lit
+    rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
+    # Where all three corner normals are 0 nothing cancels: 0 is exact.
+    normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
+    kappa = shade.conditioning(point, batch.extent[where], normal_length, ORIGIN, lights.positions)
+    gate = shade.at_gate(point, normal, ORIGIN, lights.positions) & (surface.ks != 0.0).any(axis=1)
+    budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities)
+    texture_kappa = texture_conditioning(batch.steep, factor, budget, surface.n)
+    return Shaded(rgb, budget, kappa, texture_kappa, gate, surface.n)

@@ -1,0 +1,71 @@
+"""From world space to the image: camera frame, projection, snapping, depth. All float64, no fused operations.
+
+Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; snapped ones are whole 1/256 pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .vectors import Array, cross, dot, length, power_of_two, unit
+
+SUBPIXELS = 256  # snapped steps per pixel
+NEAR_FRACTION = 1e-4  # of the scene's bounding radius
+
+
+def camera_frame(eye: Array, lookat: Array, up: Array) -> Array:
+    """The camera's axes as rows x (right), y (up), z (forward) of a (3, 3) array, from three (3,) world vectors."""
+    z = unit(np.asarray(lookat, np.float64) - np.asarray(eye, np.float64))
+    up = np.asarray(up, np.float64)
+    up = up / power_of_two(up)
+    y = unit(up - dot(up, z) * z)
+    return np.stack([cross(z, y), y, z])
+
+
+def world_vertices(verts: Array, matrix: Array) -> Array:
+    """Positions (V, 3) under a placement (4, 4); an identity leaves them as they are."""
+    verts = np.asarray(verts, dtype=np.float64)
+    if np.array_equal(matrix, np.eye(4)):
+        return verts
+    return verts @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def to_camera(points: Array, eye: Array, axes: Array) -> Array:
+    """World points (..., 3) in the camera's coordinates: x to the right, y up, z = depth."""
+    d = np.asarray(points, dtype=np.float64) - eye
+    return np.stack([dot(d, axis) for axis in axes], axis=-1)
+
+
+def project(points: Array, focal: float, plane: tuple[float, float], resolution: tuple[int, int]) -> Array:
+    """Camera-space points (..., 3), z > 0, to continuous image coordinates (..., 2), in pixels.
+
+    plane: (H, W) of the image plane. resolution: (N, M), columns and rows.
+    """
+    (height, width), (columns, rows) = plane, resolution
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    u = ((focal * x) / (z * width) + 0.5) * columns
+    v = ((focal * y) / (z * height) + 0.5) * rows
+    return np.stack([u, v], axis=-1)
+
+
+def snap(uv: Array) -> Array:
+    """Image coordinates in whole 1/256 pixels, int64: the nearest, halves to even."""
+    return np.rint(uv * SUBPIXELS).astype(np.int64)
+
+
+def painter_depth(z: Array) -> Array:
+    """Mean depth of triangles with corner depths z (..., 3)."""
+    return ((z[..., 0] + z[..., 1]) + z[..., 2]) / 3.0
+
+
+def near_distance(points: Array, eye: Array, lookat: Array, near: float | None = None) -> float:
+    """Distance of the near plane: `near`, or a fraction of the bounding radius of the points (K, 3) that faces use.
+
+    A scene of one point, or none, has radius 0: the distance from eye to lookat takes its place.
+    """
+    if near is not None:
+        return near
+    radius = 0.0
+    if len(points):
+        radius = float(0.5 * length(points.max(axis=0) - points.min(axis=0)))
+    return NEAR_FRACTION * (radius or float(length(np.asarray(lookat) - np.asarray(eye))))

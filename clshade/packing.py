@@ -1,0 +1,257 @@
+"""A scene's meshes as the flat arrays that the kernels read: world positions, indices, normals, colors, texels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import layout
+from .features import Features, derive, material_key, materials_of, replaces_colors, texture_applies
+from .geometry import vertex_normals
+from .scene import Array, Material, Mesh, Scene, Settings, Texture
+
+_WRAPS = {
+    "repeat": layout.CONSTANTS["WRAP_REPEAT"],
+    "clamp": layout.CONSTANTS["WRAP_CLAMP"],
+    "mirror": layout.CONSTANTS["WRAP_MIRROR"],
+}
+_LOOKUPS = {"standard": layout.CONSTANTS["LOOKUP_STANDARD"], "course": layout.CONSTANTS["LOOKUP_COURSE"]}
+
+
+@dataclass(frozen=True)
+class Packed:
+    """What stays on the device between frames. Arrays that the features leave out are None.
+
+    positions: (V, 3) world space, float32 or float64. faces: (F, 3) int32. normals: (K, 4) float32, unit or 0.
+    normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) float32. uvs: (T, 4) float32, u and v and what float32 leaves
+    of them. face_materials: (F,) int32. materials, textures: tables of layout's structs. texels: (X, 4) float32.
+    corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
+    low, high: (3,) float64, bounding box of the vertices in use.
+    """
+
+    features: Features
+    positions: Array
+    faces: Array
+    low: Array
+    high: Array
+    normals: Array | None
+    normal_faces: Array | None
+    colors: Array | None
+    uvs: Array | None
+    uv_faces: Array | None
+    face_materials: Array | None
+    materials: Array
+    textures: Array | None
+    texels: Array | None
+    corner_uvs: Array | None
+    corner_textures: Array | None
+
+
+def _fits_float32(values: Array) -> bool:
+    if values.dtype == np.float32:
+        return True
+    with np.errstate(over="ignore"):
+        return bool((values.astype(np.float32) == values).all())
+
+
+def _placements(mesh: Mesh) -> list[Array | None]:
+    """One matrix per instance; None for an identity, whose vertices are used as they are."""
+    return [None if (matrix == np.eye(4)).all() else matrix for matrix in np.asarray(mesh.instances)]
+
+
+def _placed(points: Array, matrix: Array | None) -> Array:
+    if matrix is None:
+        return points
+    return points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _unit(vectors: Array) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = vectors / np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
+        unit = scaled / np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
+    return np.where(np.isfinite(unit), unit, 0.0)
+
+
+def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
+    normals = np.asarray(mesh.normals, np.float64)
+    if matrix is not None:
+        m = matrix[:3, :3]
+        # The cofactor matrix turns normals as the matrix turns planes, also where it has no inverse.
+        cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
+        normals = normals @ cofactor.T
+    return _unit(normals)
+
+
+def _four(vectors: Array) -> Array:
+    wide = np.zeros((len(vectors), 4), np.float32)
+    wide[:, : vectors.shape[1]] = vectors
+    return wide
+
+
+def _split(values: Array) -> Array:
+    """(K, 2) float64 -> (K, 4) float32: rounded, and what that leaves. Values that are not finite become 0."""
+    values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
+    # Whole numbers beyond 2^24 have no texel of their own left; keep the arithmetic finite.
+    values = np.clip(values, -(2.0**40), 2.0**40)
+    rounded = values.astype(np.float32)
+    return np.concatenate([rounded, (values - rounded).astype(np.float32)], axis=1)
+
+
+def _join(parts: list[Array], dtype: type | None = None) -> Array:
+    joined = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return np.ascontiguousarray(joined, dtype=dtype or joined.dtype)
+
+
+def _shifted(parts: list[tuple[Array, int]]) -> Array:
+    """Index arrays of the parts, each moved by the number of rows before it."""
+    moved, offset = [], 0
+    for index, count in parts:
+        moved.append(index + np.int32(offset) if offset else index)
+        offset += count
+    return _join(moved, np.int32)
+
+
+def material_table(materials: list[Material], textures: list[Texture], ambient: Array) -> Array:
+    """layout.MATERIAL rows. Coefficients beyond float32 saturate."""
+    table = np.zeros(len(materials), layout.MATERIAL)
+    for row, material in zip(table, materials, strict=True):
+        for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
+            row[name] = to_float32(value)
+        row["n"] = material.n
+        row["texture"] = next((i for i, t in enumerate(textures) if t is material.texture), -1)
+    return table
+
+
+def to_float32(values: Array) -> Array:
+    """Rounded to float32; beyond its range the largest finite value, below its normal range 0."""
+    info = np.finfo(np.float32)
+    values = np.clip(np.asarray(values, np.float64), float(info.min), float(info.max))
+    return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(np.float32)
+
+
+def texture_tables(textures: list[Texture]) -> tuple[Array, Array]:
+    """layout.TEXTURE rows and the texels of all textures behind each other, (X, 4) float32."""
+    table = np.zeros(len(textures), layout.TEXTURE)
+    offset, parts = 0, []
+    for row, texture in zip(table, textures, strict=True):
+        height, width, _ = texture.image.shape
+        row["offset"], row["width"], row["height"] = offset, width, height
+        row["wrap"], row["lookup"] = _WRAPS[texture.wrap], _LOOKUPS[texture.lookup]
+        parts.append(_four(texture.image.reshape(-1, 3)))
+        offset += width * height
+    return table, _join(parts)
+
+
+def _without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
+    """Vertices, faces and the vertices kept, or None when all are: vertices of no face are not uploaded."""
+    used = np.zeros(len(mesh.verts), bool)
+    used[mesh.faces] = True
+    if used.all():
+        return mesh.verts, mesh.faces, None
+    kept = np.flatnonzero(used)
+    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return mesh.verts[kept], renumbered[mesh.faces], kept
+
+
+def _kept(rows: Array, kept: Array | None) -> Array:
+    return rows if kept is None else rows[kept]
+
+
+class _Gatherer:
+    """Collects the arrays of the placed meshes, one after the other."""
+
+    def __init__(self, scene: Scene, settings: Settings) -> None:
+        self.scene, self.settings = scene, settings
+        self.parts: dict[str, list] = {}
+        self.materials = materials_of(scene)
+        meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
+        table = {id(m.material.texture): m.material.texture for m in meshes if texture_applies(m)}
+        self.textures: list[Texture] = [texture for texture in table.values() if texture is not None]
+        self.placed = [(mesh, matrix, *_without_unused(mesh)) for mesh in meshes for matrix in _placements(mesh)]
+
+    def positions(self) -> tuple[Array, Array]:
+        if not self.placed:
+            return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
+        points = [_placed(verts, matrix) for _, matrix, verts, _, _ in self.placed]
+        faces = [(faces, len(verts)) for _, _, verts, faces, _ in self.placed]
+        if all(map(_fits_float32, points)):
+            return _join(points, np.float32), _shifted(faces)
+        return _join(points, np.float64), _shifted(faces)
+
+    def normals(self, indexed: bool) -> tuple[Array, Array | None]:
+        parts, index = [], []
+        for mesh, matrix, verts, faces, kept in self.placed:
+            if mesh.normals is None or self.scene.preset == "course":
+                own, own_faces = vertex_normals(_placed(verts, matrix), faces), faces
+            elif mesh.normal_faces is not None:
+                own, own_faces = _own_normals(mesh, matrix), mesh.normal_faces
+            else:
+                own, own_faces = _kept(_own_normals(mesh, matrix), kept), faces
+            parts.append(_four(own))
+            index.append((own_faces, len(own)))
+        return _join(parts), _shifted(index) if indexed else None
+
+    def colors(self) -> Array:
+        parts = []
+        for mesh, _, verts, _, kept in self.placed:
+            white = mesh.colors is None or replaces_colors(mesh)
+            parts.append(_four(np.ones((len(verts), 3)) if white else to_float32(_kept(mesh.colors, kept))))
+        return _join(parts)
+
+    def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
+        parts, index = [], []
+        for mesh, _, verts, faces, kept in self.placed:
+            if mesh.uvs is None:
+                own, own_faces = np.zeros((len(verts), 2)), faces
+            elif mesh.uv_faces is not None:
+                own, own_faces = mesh.uvs, mesh.uv_faces
+            else:
+                own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
+            parts.append(_split(own))
+            index.append((own_faces, len(own)))
+        return _join(parts), _shifted(index) if indexed else None
+
+    def per_face(self, value: list[int]) -> Array:
+        """One value per mesh, repeated for each of its faces."""
+        repeats = [len(faces) for _, _, _, faces, _ in self.placed]
+        return np.repeat(np.array(value, np.int32), repeats)
+
+    def face_materials(self) -> Array:
+        numbers = {key: i for i, key in enumerate(self.materials)}
+        return self.per_face([numbers[material_key(mesh)] for mesh, *_ in self.placed])
+
+    def material_table(self) -> Array:
+        return material_table(list(self.materials.values()), self.textures, self.scene.ambient)
+
+    def face_textures(self) -> Array:
+        numbers = {id(texture): i for i, texture in enumerate(self.textures)}
+        return self.per_face([numbers[id(m.material.texture)] if texture_applies(m) else -1 for m, *_ in self.placed])
+
+
+def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packed:
+    """The arrays a render of `scene` under `settings` needs, and the features they imply."""
+    gatherer = _Gatherer(scene, settings)
+    positions, faces = gatherer.positions()
+    features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
+    low, high = (
+        (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
+    )
+    found: dict[str, Array | None] = dict.fromkeys(Packed.__dataclass_fields__)
+    if len(faces):
+        if features["DIFFUSE"] or features["SPECULAR"]:
+            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+        if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
+            found["colors"] = gatherer.colors()
+        if features["TEXTURED"] or features["CORNER_COLORS"]:
+            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
+            if gatherer.textures:
+                found["textures"], found["texels"] = texture_tables(gatherer.textures)
+        if features["CORNER_COLORS"]:
+            index = found["uv_faces"] if found["uv_faces"] is not None else faces
+            found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])  # type: ignore[index]
+            found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
+        if features["MATERIALS"]:
+            found["face_materials"] = gatherer.face_materials()
+    found.update(positions=positions, faces=faces, materials=gatherer.material_table())
+    return Packed(**{**found, "features": features, "low": low.astype(np.float64), "high": high.astype(np.float64)})

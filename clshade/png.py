@@ -1,0 +1,56 @@
+"""PNG files of 8-bit display images, through Pillow (imported on first use)."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from . import atomic
+from .atomic import Path, shown
+from .errors import InputError
+from .reading import complaint, read_file
+
+_LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
+_MAX_BYTES = 1 << 31  # of a file that is read
+_MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
+
+
+def write(path: Path, rgb8: np.ndarray) -> None:
+    """Write an image as PNG, whole or not at all; the same image gives the same bytes.
+
+    rgb8: uint8 (M, N, 3), row 0 at the top, as `tonemap` returns it; need not be contiguous.
+    Raises InputError for another shape or type, OutputError when it cannot be written.
+    """
+    rgb8 = np.asarray(rgb8)
+    if rgb8.ndim != 3 or rgb8.shape[2] != 3 or 0 in rgb8.shape or rgb8.dtype != np.uint8:
+        raise InputError(f"png: rgb8: expected uint8 of shape (M, N, 3), found {rgb8.dtype} of shape {rgb8.shape}")
+    from PIL import Image
+
+    with atomic.replacing(path) as file:
+        Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
+
+
+def read(path: Path) -> np.ndarray:
+    """Read a PNG as uint8 (M, N, 3), row 0 at the top.
+
+    Gray and palette images are expanded, alpha is dropped, 16 bits become the nearest 8 where gray.
+    Raises InputError, one line naming the file, when it is missing, no PNG, truncated, damaged or too large.
+    """
+    from PIL import PngImagePlugin
+
+    owner = shown(path)
+    data = read_file(path, _MAX_BYTES)
+    try:
+        # Not Image.open: it refuses more than 1.8e8 pixels, which this project may well have written.
+        with PngImagePlugin.PngImageFile(io.BytesIO(data)) as image:
+            if image.width * image.height > _MAX_PIXELS:
+                raise complaint(owner, "file", f"at most {_MAX_PIXELS} pixels", f"{image.width} x {image.height}")
+            if image.mode.startswith("I"):
+                gray = (np.asarray(image).astype(np.uint32) + 128) // 257
+                return np.repeat(gray.astype(np.uint8)[:, :, None], 3, axis=2)
+            return np.array(image if image.mode == "RGB" else image.convert("RGB"))
+    except InputError:
+        raise
+    except Exception as error:  # a decoder fed with a broken file raises anything at all
+        raise complaint(owner, "file", "a PNG image", " ".join(str(error).split()) or "damaged data") from None

@@ -1,0 +1,235 @@
+"""Trying a device out in a process of its own, and remembering that it works.
+
+Some devices abort the whole process at their first kernel: PyPI's PoCL does on a machine without a linker. The verdict
+is kept on disk until the driver, or what it needs from the system, changes. Nothing here imports pyopencl.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import re
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import runtimes
+
+PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
+VERDICT_VERSION = 1  # to be raised when the probe changes
+BROKEN_SECONDS = 24 * 3600.0  # for how long a device that was broken comes after the others
+RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
+
+# Words for runtimes, and what their platforms' names contain.
+RUNTIMES = {
+    "pocl": ("portable computing language", "pocl"),
+    "intel": ("intel",),
+    "nvidia": ("nvidia",),
+    "amd": ("amd", "advanced micro devices"),
+    "rusticl": ("rusticl",),
+}
+GET_INTEL = '`pip install "clshade[intel]"`'
+GET_CONDA = "PoCL from conda-forge (`conda install -c conda-forge pyopencl pocl`)"
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """A device that was found.
+
+    index: "P:D", the platform's and the device's number.
+    platform_version: the runtime's own version text.
+    memory: bytes.
+    works: it ran a kernel and the result was right.
+    problem: why it does not work, one line with what to do; "" if it works.
+    """
+
+    index: str
+    platform: str
+    name: str
+    platform_version: str = ""
+    driver: str = ""
+    is_cpu: bool = True
+    has_fp64: bool = True
+    compute_units: int = 1
+    memory: int = 0
+    works: bool = False
+    problem: str = "not tried"
+
+    def __str__(self) -> str:
+        return f"{self.index} {self.platform} ({self.name})"
+
+
+def is_runtime(info: DeviceInfo, word: str) -> bool:
+    """Whether the device's platform is the one that a word of RUNTIMES means."""
+    return any(part in info.platform.lower() for part in RUNTIMES[word])
+
+
+def one_line(text: str, length: int = 160) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= length else text[: length - 3] + "..."
+
+
+# What to do about it
+
+
+def install_advice() -> str:
+    """What to install on this system to get an OpenCL device; one line."""
+    import platform
+
+    gpu = "for a GPU, its vendor's driver"
+    machine = platform.machine()
+    if sys.platform.startswith("linux"):
+        if machine.lower() in ("x86_64", "amd64"):
+            return f'`pip install "pyopencl[pocl]"` (needs gcc), {GET_INTEL}, or Debian\'s pocl-opencl-icd; {gpu}'
+        return f"Debian's pocl-opencl-icd, or {GET_CONDA}: PyPI has no PoCL for {machine}; {gpu}"
+    return f"{GET_CONDA}: PyPI has none for {platform.system() or sys.platform}; {gpu}"
+
+
+def complaint(info: DeviceInfo, fault: str) -> str:
+    """One line: the device, what is wrong with it (a predicate), and what to do."""
+    remedy = "update its driver or choose another device"
+    if is_runtime(info, "pocl") and info.is_cpu and "first kernel" in fault:
+        remedy = (
+            "PyPI's PoCL needs a linker and the C library's development files: install them (`apt install gcc`), "
+            f"or {GET_INTEL}, or {GET_CONDA}"
+        )
+    elif is_runtime(info, "intel") and info.is_cpu:
+        remedy = "reinstall it (`pip install -U intel-opencl-rt intel-cmplr-lib-rt`) or choose another device"
+    return f"{info} {fault}: {remedy}"
+
+
+# The probing process
+
+
+def probe_command(info: DeviceInfo) -> list[str]:
+    """The command line that runs `device.probe_child`, with the module search path of this process."""
+    path = [*sys.path, str(Path(__file__).resolve().parent.parent)]
+    code = (
+        f"import sys; sys.path[:] = {path!r}\n"
+        "from clshade.device import probe_child\n"
+        "try: probe_child(*sys.argv[1:])\n"
+        "except Exception as error: sys.exit(f'{type(error).__name__}: {error}')"
+    )
+    return [sys.executable, "-c", code, info.index, info.name]
+
+
+def can_probe() -> bool:
+    """Whether a Python can be started: in an application with Python inside, sys.executable is something else."""
+    return bool(sys.executable) and not getattr(sys, "frozen", False)
+
+
+class Probe:
+    """A probing process, started at once. It has a PoCL cache of its own: with kernels from an earlier run in it, a
+    missing linker would go unnoticed. End it with `finish` or `abandon`."""
+
+    def __init__(self, info: DeviceInfo) -> None:
+        import subprocess
+        import tempfile
+
+        self.info = info
+        root = runtimes.cache_root()
+        for left in root.glob("probe-*"):  # of processes that were killed
+            if left.stat().st_mtime < time.time() - 3600:
+                shutil.rmtree(left, ignore_errors=True)
+        self.folder = tempfile.mkdtemp(prefix="probe-", dir=root)
+        self.started = time.monotonic()
+        try:
+            self.process = subprocess.Popen(
+                probe_command(info),
+                env={**os.environ, "POCL_CACHE_DIR": self.folder, "PYOPENCL_NO_CACHE": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                encoding="utf-8",
+                errors="replace",
+            )
+        except BaseException:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise
+
+    def abandon(self) -> None:
+        """Ends the process."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def finish(self) -> str:
+        """Waits for the verdict and remembers it: "" if the device works, else what is wrong and what to do."""
+        from subprocess import TimeoutExpired
+
+        try:
+            left = self.started + PROBE_SECONDS - time.monotonic()
+            out, err = self.process.communicate(timeout=max(left, 0.0))
+            fault = _fault(self.process.returncode, out, err)
+        except TimeoutExpired:
+            fault = f"had not finished a small kernel after {PROBE_SECONDS:g} s"
+        finally:
+            self.abandon()
+        problem = complaint(self.info, fault) if fault else ""
+        remember(self.info, problem)
+        return problem
+
+
+def _fault(code: int, out: str, err: str) -> str:
+    """What a finished probe showed, as a predicate; "" if the device works."""
+    if code == 0:
+        return "" if RIGHT in out.split() else "computes wrongly"
+    said = ""
+    lines = [line.strip() for line in err.splitlines() if line.strip()]
+    for telling in (r"doesn't exist|cannot find|no such file", r"error", r""):
+        hits = [line for line in lines if re.search(telling, line, re.IGNORECASE)]
+        if hits:
+            said = one_line(re.sub(r"^(fatal )?error: ", "", hits[0]))
+            break
+    if code > 0:
+        return f"fails at its first kernel ({said or f'exit code {code}'})"
+    import signal
+
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = f"signal {-code}"
+    return f"crashes at its first kernel ({name}{': ' + said if said else ''})"
+
+
+# Verdicts: a file for each device and state of the system
+
+
+def _verdict_file(info: DeviceInfo) -> Path:
+    spec = importlib.util.find_spec("pyopencl")
+    package = os.path.dirname(spec.origin) if spec is not None and spec.origin else ""
+    identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.driver, package]
+    text = json.dumps([*identity, runtimes.fingerprint(package)])
+    return runtimes.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
+
+
+def remember(info: DeviceInfo, problem: str) -> None:
+    """Keeps a verdict on disk; if that fails, the device is tried out again next time."""
+    import tempfile
+
+    file = _verdict_file(info)
+    try:
+        file.parent.mkdir(exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False) as out:
+            json.dump({"device": str(info), "problem": problem}, out)
+        os.replace(out.name, file)
+    except OSError:
+        pass
+
+
+def recall(info: DeviceInfo) -> bool | None:
+    """The remembered verdict, whether the device works; None if there is none. A device that did not work is always
+    tried out again before it is refused; the verdict only says which one to try first."""
+    try:
+        file = _verdict_file(info)
+        works = json.loads(file.read_text())["problem"] == ""
+        if not works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
+            return None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return works

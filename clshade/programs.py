@@ -1,0 +1,97 @@
+"""OpenCL programs: sources flattened to one text, built once per feature mask and device, kept."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from .device import Device
+from .errors import DeviceError
+from .features import Features
+from .layout import header
+
+# Exact division and square root where the device has them optional; contraction is off by a pragma in every source.
+_EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
+
+
+def kernel_folder() -> Path:
+    """The folder of the kernel sources: inside an installed package, or the top-level one of a checkout."""
+    package = Path(__file__).resolve().parent
+    for folder in (package / "kernels", package.parent / "kernels"):
+        if (folder / "features.clh").is_file():
+            return folder
+    raise DeviceError(f"{package}: the kernel sources are missing; install clshade again")
+
+
+@cache
+def flatten(names: tuple[str, ...]) -> str:
+    """The named kernel files with each include put in once, at its first place; #line keeps messages true."""
+    folder, seen, parts = kernel_folder(), set(), []
+
+    def take(name: str) -> None:
+        if name in seen:
+            return
+        seen.add(name)
+        parts.append(f'#line 1 "{name}"')
+        for number, line in enumerate((folder / name).read_text().splitlines(), 2):
+            match = _INCLUDE.match(line)
+            if match:
+                take(match[1])
+                parts.append(f'#line {number} "{name}"')
+            else:
+                parts.append(line)
+
+    for name in names:
+        take(name)
+    return "\n".join(parts) + "\n"
+
+
+@dataclass
+class Program:
+    """A built program. kernels: by name, made once. seconds: what the build took. cached: an earlier one was reused."""
+
+    features: Features
+    lanes: int
+    seconds: float
+    kernels: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.kernels[name]
+
+
+_built: dict[tuple, Program] = {}
+
+
+def source_of(files: tuple[str, ...], device: Device) -> str:
+    return "#pragma OPENCL FP_CONTRACT OFF\n" + header(device.has_fp64) + flatten(files)
+
+
+def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
+    """The program of `files` for this device and feature mask; built at most once in a process.
+
+    lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device.
+    Raises DeviceError with the compiler's first error.
+    """
+    import pyopencl as cl
+
+    lanes = lanes or device.lanes
+    run = 256 if device.is_cpu else 1
+    options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={run}", "-cl-std=CL1.2"]
+    if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
+        options.append(_EXACT)
+    key = (device.context.int_ptr, features.values, files, lanes)
+    if key not in _built:
+        start = time.perf_counter()
+        try:
+            program = cl.Program(device.context, source_of(files, device)).build(options)
+        except cl.RuntimeError as error:
+            lines = [line for line in str(error).splitlines() if "error" in line.lower()]
+            raise DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}") from error
+        kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels)
+    return _built[key]

@@ -1,0 +1,389 @@
+"""Renderer: a scene that stays on the device, drawn any number of times."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from . import clipping, layout, packing
+from .device import Device, open_device
+from .errors import DeviceError, InputError
+from .features import replaces_colors
+from .frame import Frame
+from .geometry import look_at
+from .memory import Pool
+from .programs import build
+from .scene import Array, Camera, Scene, Settings, refuse
+from .sorting import front_to_back
+from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers, VertexBuffers
+
+_MOST_CHUNKS = 64
+_COUNTS_BUDGET = 1 << 22  # chunks * tiles of the binning's counters: 16 MiB
+
+
+def settle(
+    scene: Scene, preset: str | None = None, settings: Settings | None = None, **fields: Any
+) -> tuple[Scene, Settings]:
+    """The scene and settings that a call's arguments mean: `resolution` changes the scene's camera, the other fields the
+    given settings or those of the preset (default: the scene's own)."""
+    if not isinstance(scene, Scene):
+        raise refuse("render", "scene", "a Scene", scene)
+    if "resolution" in fields:
+        resolution = fields.pop("resolution")
+        if resolution is not None:
+            scene = replace(scene, camera=scene.camera.with_resolution(resolution))
+    if settings is None:
+        return scene, Settings.from_preset(preset or scene.preset, **fields)
+    if preset is not None:
+        raise InputError("render: settings: expected either settings or a preset, found both")
+    if not isinstance(settings, Settings):
+        raise refuse("render", "settings", "a Settings", settings)
+    try:
+        return scene, replace(settings, **fields)
+    except TypeError:
+        unknown = sorted(set(fields) - set(Settings.__dataclass_fields__))
+        raise refuse("Settings", unknown[0], "one of " + ", ".join(Settings.__dataclass_fields__), "no field") from None
+
+
+class Renderer:
+    """Draws one scene many times: uploaded once, cameras may differ from frame to frame.
+
+    scene: what is drawn. preset, settings, and any field of Settings or `resolution=(N, M)` as keywords: see `render`.
+    device: an open Device, a name for `device.open_device`, or None for the default.
+    specialize: False draws with every optional feature on (the same bits, slower): what leaving out saves.
+    lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device. The bits do not depend on it.
+
+    Use as a context manager, or call `close`. Raises InputError for refused arguments, DeviceError without a device.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        preset: str | None = None,
+        device: Device | str | None = None,
+        settings: Settings | None = None,
+        specialize: bool = True,
+        lanes: int | None = None,
+        **fields: Any,
+    ) -> None:
+        start = time.perf_counter()
+        self.scene, self.settings = settle(scene, preset, settings, **fields)
+        packed = packing.pack(self.scene, self.settings, everything=not specialize)
+        self.features = packed.features
+        packed_at = time.perf_counter()
+        self.device = device if isinstance(device, Device) else open_device(device, profiling=True)
+        if not self.device.has_fp64:
+            raise DeviceError(f"{self.device.name}: has no float64, which the projection needs")
+        opened_at = time.perf_counter()
+        shader = "phong.cl" if self.features["PHONG"] else "gouraud.cl"
+        program = build(self.device, self.features, (*BASE_FILES, shader), lanes=lanes)
+        built_at = time.perf_counter()
+        self.stages = Stages(self.device, program)
+        self._pool = Pool(self.device)
+        self._upload(packed)
+        self._times = {
+            "pack": (packed_at - start) * 1e3,
+            "open": (opened_at - packed_at) * 1e3,
+            "build": (built_at - opened_at) * 1e3,
+            "upload": (time.perf_counter() - built_at) * 1e3,
+        }
+
+    # Upload
+
+    def _upload(self, packed: packing.Packed) -> None:
+        device = self.device
+        self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
+        self._low, self._high = packed.low, packed.high
+        self._radius = float(np.linalg.norm((packed.high - packed.low) / 2.0))
+        self._positions = Buffer(device, packed.positions)
+        self._faces = Buffer(device, packed.faces)
+        self._uvs_host = packed.uvs, packed.uv_faces if packed.uv_faces is not None else packed.faces
+        colors = packed.colors
+        if packed.corner_uvs is not None:
+            colors = self._corner_colors(packed)
+
+        def optional(array: Array | None) -> Buffer | None:
+            return None if array is None else Buffer(device, array)
+
+        self._attributes = [optional(packed.normals), optional(packed.normal_faces), optional(colors)]
+        self._attributes += [optional(packed.uvs), optional(packed.uv_faces), optional(packed.face_materials)]
+        self._attributes += [Buffer(device, packed.materials), optional(packed.textures), optional(packed.texels)]
+        self._vertices = VertexBuffers(device, self._vertex_count)
+        self._made = TriangleBuffers(device, self._face_count, 0)
+        self._view = Buffer(device, np.zeros(1, layout.VIEW))
+        self._image = Buffer(device, np.zeros(1, layout.IMAGE))
+        lights = [light for light in self.scene.lights if light.intensity.any()]
+        self._lights = Buffer(device, np.zeros(max(len(lights), 1), layout.LIGHT))
+        self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
+        self._light_count = len(lights)
+        if lights:
+            self._lights.array["intensity"] = packing.to_float32(np.array([light.intensity for light in lights]))
+        self._pieces: Buffer | None = None
+        self._lists = Buffer.empty(device, 0, np.uint32)
+        self._order = Buffer.empty(device, self._face_count, np.uint32)
+        self._corner_light: Buffer | None = None
+
+    def _corner_colors(self, packed: packing.Packed) -> Array:
+        """(3F, 4) colors of texture_at vertex: the texel at each corner, times the vertex color."""
+        colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
+        rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
+        looked_up = Buffer.empty(self.device, (len(rows), 4), np.float32)
+        uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
+        texture_of = Buffer(self.device, packed.corner_textures[rows])  # type: ignore[index]
+        textures, texels = Buffer(self.device, packed.textures), Buffer(self.device, packed.texels)
+        self.stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
+        colors[rows] *= looked_up.to_host()
+        return colors
+
+    # Per frame
+
+    def _set_view(self, camera: Camera) -> None:
+        corners = np.array([np.where([i & 1, i & 2, i & 4], self._high, self._low) for i in range(8)])
+        with np.errstate(over="ignore"):
+            extent = float(np.abs(corners - camera.eye).max()) if self._face_count else 1.0
+        if not math.isfinite(extent):
+            raise InputError("render: scene: expected coordinates whose differences float64 can hold")
+        # A power of two: it changes no bit of a direction, and keeps squares within float32.
+        self._scale = 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
+        distance = float(np.linalg.norm(camera.lookat - camera.eye))
+        self._near = self.settings.near or 1e-4 * (self._radius or distance)
+        view = self._view.array[0]
+        view["eye"] = camera.eye
+        view["axes"] = look_at(camera.eye, camera.lookat, camera.up).reshape(-1)
+        view["focal"] = camera.focal
+        view["plane_height"], view["plane_width"] = camera.plane
+        view["columns"], view["rows"] = camera.resolution
+        view["near"], view["scale"] = self._near, self._scale
+        self._view.to_device()
+        if self._light_count:
+            relative = (self._light_positions - camera.eye) * self._scale
+            # A light beyond 2^60 keeps its direction only.
+            largest = np.abs(relative).max(axis=1, keepdims=True)
+            relative *= np.minimum(1.0, 2.0**60 / np.maximum(largest, 1.0))
+            self._lights.array["position"] = relative
+            self._lights.to_device()
+
+    def _set_image(self, camera: Camera) -> None:
+        columns, rows = camera.resolution
+        image = self._image.array[0]
+        image["columns"], image["rows"] = columns, rows
+        image["tiles_x"] = -(-columns // layout.TILE_SIZE)
+        image["tiles"] = image["tiles_x"] * -(-rows // layout.TILE_SIZE)
+        image["lights"] = self._light_count
+        if self.scene.background is not None:
+            image["background"] = packing.to_float32(self.scene.background)
+        image["unscale"] = 1.0 / self._scale
+        self._image.to_device()
+
+    def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
+        """Projects and sets up; returns the number of visible triangles, whose keys are written."""
+        made = self._made
+        made.counters.array[:] = 0
+        made.counters.to_device()
+        if not self._face_count:
+            return 0
+        events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
+        events["setup"] = self.stages.setup(
+            self._faces, self._vertices, self._view, self._image, made, self._face_count
+        )
+        counters = made.counters.to_host()[0]
+        if counters["to_clip"]:
+            start = time.perf_counter()
+            count = self._clip(camera, int(counters["to_clip"]))
+            if count > made.piece_capacity:
+                self._made = TriangleBuffers(self.device, self._face_count, count + count // 2)
+                return self._setup(camera, events)
+            if count:
+                self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count)
+                counters = made.counters.to_host()[0]
+            self._host["clip"] = (time.perf_counter() - start) * 1e3
+        return int(counters["visible"])
+
+    def _clip(self, camera: Camera, count: int) -> int:
+        """Cuts the listed faces and uploads the pieces; returns their number."""
+        faces = np.sort(self._made.to_clip.to_host(count))
+        corners = self._faces.array[faces]
+        axes = look_at(camera.eye, camera.lookat, camera.up)
+        d = self._positions.array[corners].astype(np.float64) - camera.eye
+        points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in axes], axis=-1)
+        cut = clipping.clip(points, camera, self._near)
+        table = np.zeros(len(cut.source), layout.PIECE)
+        z = points[..., 2]
+        if self.features["DEPTH_TEST"]:
+            table["key_depth"] = cut.points[..., 2].min(axis=1)
+        else:
+            table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
+        w = 1.0 / (cut.points[..., 2] * self._scale)
+        table["w"], table["w_low"] = w, w - w.astype(np.float32)
+        snapped = clipping.snap(clipping.image_positions(cut.points, camera))
+        table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
+        table["face"] = faces[cut.source]
+        table["weights"] = cut.weights.reshape(-1, 9)
+        if self.features["TEXTURED"] and self._uvs_host[0] is not None:
+            parts = self._uvs_host[0][self._uvs_host[1][faces]].astype(np.float64)
+            uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)
+            table["uv"], table["uv_low"] = uv, uv - uv.astype(np.float32)
+        self._pieces = Buffer(self.device, table)
+        return len(table)
+
+    def _sort(self, visible: int) -> None:
+        """Writes the visible triangles, nearest first, to the order buffer."""
+        if len(self._order.array) < visible:
+            self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
+        keys = self._made.keys.to_host(visible)
+        exact = None if self.features["DEPTH_TEST"] else self._painter_depths
+        self._order.array[:visible] = front_to_back(keys, exact)
+        self._order.to_device(visible)
+
+    def _painter_depths(self, index: Array) -> tuple[Array, Array]:
+        """Exact painter's depth and face of triangles given by index."""
+        depth, face = np.empty(len(index)), index.astype(np.int64)
+        whole = index < self._face_count
+        z = self._vertices.depths.to_host()[self._faces.array[index[whole]]]
+        depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
+        if not whole.all() and self._pieces is not None:
+            pieces = self._pieces.array[index[~whole].astype(np.int64) - self._face_count]
+            depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
+        return depth, face
+
+    def _bin(self, visible: int, tiles: int, events: dict[str, Any]) -> Buffer:
+        """Fills the tile lists; returns where each begins."""
+        if not visible:
+            return Buffer(self.device, np.zeros(tiles + 1, np.uint32))
+        chunks = max(1, min(visible // 512, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
+        chunk = -(-visible // chunks)
+        chunks = -(-visible // chunk)
+        counts = self._pool.take((chunks, tiles), np.uint32)
+        common = (self._order, self._made.triangles, self._image)
+        events["bin_count"] = self.stages.bin_count(*common, counts, chunk, visible)
+        table = counts.to_host()
+        start = time.perf_counter()
+        ends = np.cumsum(table.T.reshape(-1), dtype=np.uint32)
+        starts = self._pool.take((tiles + 1,), np.uint32)
+        starts.array[0] = 0
+        starts.array[1:] = ends[chunks - 1 :: chunks]
+        table[:] = ends.reshape(tiles, chunks).T - table
+        total = int(ends[-1])
+        self._host["scan"] = (time.perf_counter() - start) * 1e3
+        if len(self._lists.array) < total:
+            self._lists = Buffer.empty(self.device, total + total // 2, np.uint32)
+        counts.to_device()
+        starts.to_device()
+        events["bin_fill"] = self.stages.bin_fill(*common, counts, self._lists, chunk, visible)
+        return starts
+
+    def _draw(self, visible: int, starts: Buffer, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
+        triangles = self._made.triangles
+        surface = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.w_low)
+        surface = (*surface, *self._attributes, self._lights, self._image)
+        tile = (self._lists, starts, rgba, owners, self._made.counters)
+        tiles = int(self._image.array[0]["tiles"])
+        if self.features["PHONG"]:
+            events["phong"] = self.stages.phong(surface, tile, tiles)
+            return
+        if self.features["LIT"] and visible:
+            if self._corner_light is None or len(self._corner_light.array) < 3 * len(triangles.array):
+                self._corner_light = Buffer.empty(self.device, (3 * len(triangles.array), 4), np.float32)
+            events["gouraud_corners"] = self.stages.gouraud_corners(surface, self._order, self._corner_light, visible)
+        events["gouraud"] = self.stages.gouraud(surface, tile, self._corner_light, tiles)
+
+    def _layers(self, camera: Camera, owners: Buffer | None, events: dict[str, Any]) -> dict[str, Array]:
+        columns, rows = camera.resolution
+        found: dict[str, Array] = {}
+        for name in self.settings.layers if owners else ():
+            kind = np.uint32 if name == "id" else np.float32
+            buffer = self._pool.take((rows, columns), kind)
+            if name == "id":
+                events["layer_id"] = self.stages.layer_id(owners, self._made.triangles, buffer, rows * columns)
+            else:
+                events["layer_z"] = self.stages.layer_z(
+                    owners, self._made.triangles, self._image, buffer, camera.resolution
+                )
+            found[name] = buffer.to_host()[:]
+        return found
+
+    def render(self, camera: Camera | None = None) -> Frame:
+        """One frame, seen by `camera` (default: the scene's)."""
+        camera = self.scene.camera if camera is None else camera
+        if not isinstance(camera, Camera):
+            raise refuse("Renderer.render", "camera", "a Camera", camera)
+        columns, rows = camera.resolution
+        start = time.perf_counter()
+        self._host: dict[str, float] = {}
+        events: dict[str, Any] = {}
+        self._set_view(camera)
+        self._set_image(camera)
+        visible = self._setup(camera, events)
+        sorting = time.perf_counter()
+        self._sort(visible)
+        self._host["sort"] = (time.perf_counter() - sorting) * 1e3
+        starts = self._bin(visible, int(self._image.array[0]["tiles"]), events)
+        rgba = self._pool.take((rows, columns, 4), np.float32)
+        owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
+        self._draw(visible, starts, rgba, owners, events)
+        layers = self._layers(camera, owners, events)
+        image = rgba.to_host()[:]
+        counters = self._made.counters.to_host()[0].copy()
+        times = (time.perf_counter() - start) * 1e3
+        scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
+        host, fixed = self._host, dict(self._times)
+        self._times = dict.fromkeys(self._times, 0.0)
+
+        def stats() -> dict[str, Any]:
+            return self._stats(counters, events, {**fixed, **host, "frame": times}, camera)
+
+        return Frame(image, layers, scene, self.settings, stats)
+
+    def _stats(self, counters: Any, events: dict[str, Any], times: dict[str, float], camera: Camera) -> dict[str, Any]:
+        if self.device.profiling:
+            times = {**{name: (event.profile.end - event.profile.start) / 1e6 for name, event in events.items()}, **times}
+        names = ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+        counts = {name: int(counters[name]) for name in names}
+        counts["clipped"] = counts.pop("to_clip")
+        return {
+            "times_ms": times,
+            "triangles": self._face_count,
+            "resolution": camera.resolution,
+            **counts,
+            "features": self.features.used,
+            "left_out": dict(self.features.left_out),
+            "device": f"{self.device.platform}: {self.device.name}",
+            "lanes": self.stages.program.lanes,
+        }
+
+    def close(self) -> None:
+        """Gives the device's memory back; frames stay valid."""
+        self._pool.clear()
+        for name in [name for name, value in vars(self).items() if isinstance(value, (Buffer, VertexBuffers))]:
+            delattr(self, name)
+        self._attributes = []
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def render(
+    scene: Scene,
+    *,
+    preset: str | None = None,
+    device: Device | str | None = None,
+    settings: Settings | None = None,
+    **fields: Any,
+) -> Frame:
+    """Draws the scene once.
+
+    preset: `course` or `standard`; None: the scene's own. settings: instead of a preset.
+    Any field of `Settings` and `resolution=(N, M)` may be given as a keyword.
+    device: an open Device, a name, or None for the default. Raises InputError and DeviceError.
+    """
+    with Renderer(scene, preset=preset, device=device, settings=settings, **fields) as renderer:
+        return renderer.render()

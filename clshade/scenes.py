@@ -1,0 +1,320 @@
+"""Built-in scenes, made in code: `builtin("teapot")`. The same call gives the same arrays, bit for bit."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from . import teapot as newell
+from .scene import MAX_FACES, Array, Camera, Material, Mesh, PointLight, Scene, Texture, choice, integer, refuse
+
+Resolution = tuple[int, int]
+
+
+def builtin(name: str = "teapot", **options: Any) -> Scene:
+    """The built-in scene of that name, see `BUILTINS`; `options` are those of its function.
+
+    Raises InputError for an unknown name, an unknown option, or a value that an option does not take.
+    """
+    build = BUILTINS[choice("builtin", "name", name, BUILTINS)]
+    known = tuple(inspect.signature(build).parameters)
+    for option in options:
+        if option not in known:
+            raise refuse(f"builtin {name!r}", "option", "one of " + ", ".join(known), option)
+    return build(**options)
+
+
+def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
+    """Newell's teapot, blue and white porcelain on a marble floor, under a white, an orange and a blue light.
+
+    level: cells along each side of a patch, 1 to 500; the pot has 64*level**2 triangles, the floor 4248.
+    """
+    parts = newell.parts(integer("teapot", "level", level, 1, 500))
+    lights = (
+        PointLight((1.6, 4.6, 8.8), (0.90, 0.87, 0.80)),
+        PointLight((-7.5, 4.0, -0.5), (2.1, 0.62, 0.07)),
+        PointLight((7.5, 4.2, 0.5), (0.12, 0.45, 1.8)),
+    )
+    porcelain = {"ka": 0.10, "kd": 0.58, "ks": 1.2, "n": 90.0}
+    images = {"body": newell.body_image(), "lid": newell.lid_image(), "tube": newell.tube_image()}
+    glazed = {k: Material(**porcelain, texture=Texture(image, name=k), name=k) for k, image in images.items()}
+    clay = Material(ka=0.05, kd=0.15, ks=0.0, n=1.0, name="clay")
+    materials = {**glazed, "seat": clay, "handle": glazed["tube"], "spout": glazed["tube"]}
+    meshes = [
+        _grid_mesh(name, *grids, _grid_uvs(grids[0], 4.0 if name in glazed else 1.0), materials[name])
+        for name, grids in parts.items()
+    ]
+    camera = Camera.from_fov((-2.4, 4.9, 9.2), (0.18, 1.32, 0.0), (0.0, 1.0, 0.0), 35.0)
+    return Scene(
+        (*meshes, _floor(lights)),
+        camera.with_resolution(resolution),
+        lights,
+        ambient=np.ones(3),
+        background=np.array([0.004, 0.0045, 0.006]),
+        name="teapot",
+    )
+
+
+# Grids
+
+
+def _grid_faces(rows: int, columns: int) -> Array:
+    """(2*rows*columns, 3) int32: two triangles a cell of a grid of (rows+1)*(columns+1) points, row by row.
+
+    They are counter-clockwise when seen from the side to which (down the rows) x (along the columns) points.
+    """
+    corner = np.arange(rows * (columns + 1), dtype=np.int32).reshape(rows, columns + 1)[:, :-1].ravel()
+    below, right = corner + np.int32(columns + 1), corner + np.int32(1)
+    return np.stack([corner, below, below + np.int32(1), corner, below + np.int32(1), right], axis=1).reshape(-1, 3)
+
+
+def _grid_uvs(positions: Array, turns: float = 1.0) -> Array:
+    """u from 0 to `turns` along the columns, v from 0 to 1 by length along the first column."""
+    steps = np.sqrt((np.diff(positions[:, 0], axis=0) ** 2).sum(axis=1))
+    down = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    right = np.linspace(0.0, turns, positions.shape[1])
+    return np.stack(np.broadcast_arrays(right, down[:, None]), axis=-1)
+
+
+def _welded(positions: Array) -> tuple[Array, Array, Array]:
+    """Vertices and faces of a grid of points, equal points made one, and its `_grid_faces`.
+
+    Triangles that lose their area by it are left out of both."""
+    grid = _grid_faces(positions.shape[0] - 1, positions.shape[1] - 1)
+    verts, index = np.unique(positions.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = index.reshape(-1).astype(np.int32)[grid]
+    a, b, c = faces.T
+    kept = (a != b) & (b != c) & (c != a)
+    return verts, faces[kept], grid[kept]
+
+
+def _grid_mesh(name: str, positions: Array, normals: Array, uvs: Array, material: Material) -> Mesh:
+    verts, faces, grid = _welded(positions)
+    return Mesh(
+        verts,
+        faces,
+        normals=normals.reshape(-1, 3),
+        normal_faces=grid,
+        uvs=uvs.reshape(-1, 2),
+        uv_faces=grid,
+        material=material,
+        name=name,
+    )
+
+
+# The floor under the teapot
+
+REACH, CELLS = 8.0, 128  # half the side of the square of floor that is given shadows, and its cells a side
+
+
+def _floor(lights: Sequence[PointLight]) -> Mesh:
+    """A disk of marble, dark towards its edge, with the pot's shadows painted on it (the renderer casts none).
+
+    A vertex's color is the share of the light, per channel, that reaches it past the pot.
+    """
+    rings, spokes, ambient = 30, 72, 0.15
+    radius = REACH * np.linspace(0.0, 1.0, rings + 1)[:, None]
+    angle = 2.0 * np.pi * np.arange(spokes + 1) / spokes
+    positions = np.stack([radius * np.sin(angle), np.zeros((rings + 1, spokes + 1)), radius * np.cos(angle)], axis=-1)
+    positions[:, -1] = positions[:, 0]
+    verts, faces, _ = _welded(positions)
+    pot = [grid for grid, _ in newell.parts(24).values()]
+    full = np.full((len(verts), 3), ambient)
+    passed = full.copy()
+    for light in lights:
+        to = light.position - verts
+        reaching = light.intensity * (to[:, 1] / np.sqrt((to * to).sum(axis=1)))[:, None]
+        full += reaching
+        passed += reaching * (1.0 - _sample(_shadow(pot, light.position), verts))[:, None]
+    distance = np.hypot(verts[:, 0], verts[:, 2])
+    contact = 1.0 - 0.8 * np.exp(-2.2 * np.maximum(distance - 1.4, 0.0))
+    fade = contact * (0.03 + 0.97 * newell.smoothstep(REACH, 2.5, distance))
+    texture = Texture(newell.marble_image(), name="marble")
+    return Mesh(
+        verts,
+        faces,
+        colors=passed / full * fade[:, None],
+        normals=np.array([[0.0, 1.0, 0.0]]),
+        normal_faces=np.zeros_like(faces),
+        uvs=verts[:, [0, 2]] / 4.0,
+        material=Material(ka=ambient, kd=0.7, ks=0.4, n=60.0, texture=texture, name="marble"),
+        name="floor",
+    )
+
+
+def _shadow(grids: Iterable[Array], light: Array) -> Array:
+    """(CELLS, CELLS), rows along z: how much of a cell of the floor is hidden from a light, 0 to 1, softened.
+
+    Each cell of the surface, projected from the light, adds its area to the cell it lands in; a closed surface counts
+    double.
+    """
+    total = np.zeros(CELLS * CELLS)
+    for grid in grids:
+        stretch = light[1] / (light[1] - grid[..., 1])
+        x, z = (_cells(light[k] + (grid[..., k] - light[k]) * stretch) for k in (0, 2))
+        (ax, bx), (az, bz) = ((c[1:, 1:] - c[:-1, :-1], c[1:, :-1] - c[:-1, 1:]) for c in (x, z))
+        area = np.abs(ax * bz - az * bx) / 4.0
+        column, row = (np.floor((c[1:, 1:] + c[:-1, :-1]) / 2.0).astype(np.int64) for c in (x, z))
+        inside = (column >= 0) & (column < CELLS) & (row >= 0) & (row < CELLS)
+        total += np.bincount((row * CELLS + column)[inside], area[inside], CELLS * CELLS)
+    hidden = np.minimum(total, 1.0).reshape(CELLS, CELLS)
+    for axis in (0, 1) * 4:
+        hidden = (np.roll(hidden, 1, axis) + 2.0 * hidden + np.roll(hidden, -1, axis)) / 4.0
+    return hidden
+
+
+def _cells(coordinate: Array) -> Array:
+    return (coordinate + REACH) * (CELLS / (2.0 * REACH))
+
+
+def _sample(values: Array, points: Array) -> Array:
+    """Bilinear samples of (CELLS, CELLS) `values` at (K, 3) points of the floor."""
+    at = [np.clip(_cells(points[:, k]) - 0.5, 0.0, CELLS - 1.001) for k in (0, 2)]
+    (i, j), (u, v) = zip(*((c.astype(np.int64), c % 1.0) for c in at), strict=True)
+    top, bottom = (values[row, i] * (1.0 - u) + values[row, i + 1] * u for row in (j, j + 1))
+    return top * (1.0 - v) + bottom * v
+
+
+# The others
+
+
+def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Resolution = (800, 600)) -> Scene:
+    """A tube along the (p, q) torus knot, one smooth closed surface without texture, in float32, three lights.
+
+    triangles: how many, 18 to 16777216: segments x sides x 2, as near as possible with about square cells (exact for
+    round numbers).
+    p, q: turns round the torus' axis and round its tube, 1 to 50, without a common divisor.
+    """
+    triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
+    p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
+    if math.gcd(p, q) != 1:
+        raise refuse("torus_knot", "p, q", "numbers without a common divisor", (p, q))
+    tube = 0.3 * min(math.sin(math.pi / max(p, 2)), 2.0 * math.sin(math.pi / max(q, 2)) / 1.7)
+    angle = np.linspace(0.0, 2.0 * np.pi, 4097)
+    length = np.sqrt((np.diff(_knot_frame(angle, p, q)[0], axis=0) ** 2).sum(axis=1)).sum()
+    segments, sides = _knot_cells(triangles, length / (2.0 * np.pi * tube))
+    verts, normals = (np.empty((segments, sides, 3), np.float32) for _ in range(2))
+    turn = 2.0 * np.pi * np.arange(sides)[:, None] / sides
+    step = max(1, 100_000 // sides)
+    for start in range(0, segments, step):  # in blocks: the float64 of a part at a time
+        stop = min(start + step, segments)
+        centers, outward, sideways = _knot_frame(2.0 * np.pi * np.arange(start, stop) / segments, p, q)
+        normals[start:stop] = block = np.cos(turn) * outward[:, None] + np.sin(turn) * sideways[:, None]
+        verts[start:stop] = centers[:, None] + tube * block
+    mesh = Mesh(
+        verts.reshape(-1, 3),
+        _torus_faces(segments, sides),
+        normals=normals.reshape(-1, 3),
+        material=Material(ka=0.1, kd=(0.75, 0.62, 0.45), ks=0.7, n=40.0, name="brass"),
+        name="knot",
+    )
+    lights = (
+        PointLight((3.0, 4.0, 5.0), (1.1, 1.05, 1.0)),
+        PointLight((-5.0, 1.0, 2.0), (1.2, 0.3, 0.2)),
+        PointLight((1.0, -5.0, 2.0), (0.15, 0.4, 1.2)),
+    )
+    camera = Camera.from_fov((0.0, -1.6, 4.6), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 45.0).with_resolution(resolution)
+    return Scene((mesh,), camera, lights, 0.5, 0.01, name="torus_knot")
+
+
+def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
+    """Points (K, 3) of the knot on a torus of radii 1 and 1/2, the torus' normals there, and tangents of the torus
+    across the knot: normal x direction of travel, so that the three turn in one sense."""
+    around, across = p * angle, q * angle
+    zero = np.zeros_like(angle)
+    radial = np.stack([np.cos(around), np.sin(around), zero], axis=1)
+    axis = np.array([0.0, 0.0, 1.0])
+    c, s = np.cos(across)[:, None], np.sin(across)[:, None]
+    outward = c * radial + s * axis
+    travel = p * (1.0 + 0.5 * c) * np.cross(axis, radial) + 0.5 * q * (c * axis - s * radial)
+    travel /= np.sqrt((travel * travel).sum(axis=1, keepdims=True))
+    return radial + 0.5 * outward, outward, np.cross(outward, travel)
+
+
+def _knot_cells(triangles: int, ratio: float) -> tuple[int, int]:
+    """Segments and sides, at least 3 each, with 2*segments*sides next to `triangles`; then segments/sides to `ratio`."""
+    ideal = math.sqrt(triangles / (2.0 * ratio))
+    sides = np.arange(max(3, int(0.6 * ideal)), max(3, int(1.6 * ideal)) + 2)
+    segments = np.clip(np.rint(triangles / (2.0 * sides)).astype(np.int64), 3, MAX_FACES // (2 * sides))
+    best = np.lexsort((np.abs(np.log(sides / ideal)), np.abs(2 * segments * sides - triangles)))[0]
+    return int(segments[best]), int(sides[best])
+
+
+def _torus_faces(segments: int, sides: int) -> Array:
+    """(2*segments*sides, 3) int32: the triangles of a grid of vertices that closes in both directions."""
+    faces = np.empty((segments, sides, 2, 3), np.int32)
+    index = np.arange(segments * sides, dtype=np.int32).reshape(segments, sides)
+    faces[:, :, :, 0] = index[:, :, None]
+    faces[:-1, :, 0, 1], faces[-1, :, 0, 1] = index[1:], index[0]
+    faces[:, :-1, 1, 2], faces[:, -1, 1, 2] = index[:, 1:], index[:, 0]
+    faces[:, :-1, 0, 2], faces[:, -1, 0, 2] = faces[:, 1:, 0, 1], faces[:, 0, 0, 1]
+    faces[:, :, 1, 1] = faces[:, :, 0, 2]
+    return faces.reshape(-1, 3)
+
+
+def icosphere(level: int = 5, resolution: Resolution = (800, 600)) -> Scene:
+    """A unit sphere about the origin: an icosahedron whose triangles are cut in four `level` times, one facing light.
+
+    level: 0 to 9; the sphere has 20*4**level triangles and 10*4**level + 2 vertices.
+    """
+    verts, faces = _icosahedron()
+    for _ in range(integer("icosphere", "level", level, 0, 9)):
+        verts, faces = _cut_in_four(verts, faces)
+    mesh = Mesh(verts, faces, normals=verts, material=Material(ka=0.05, kd=0.8, ks=0.4, n=30.0), name="sphere")
+    camera = Camera.from_fov((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 35.0).with_resolution(resolution)
+    return Scene((mesh,), camera, PointLight((0.0, 0.0, 8.0), (1.0, 1.0, 1.0)), name="icosphere")
+
+
+def _icosahedron() -> tuple[Array, Array]:
+    """12 unit vectors and the 20 triples of neighbors among them, counter-clockwise from outside."""
+    golden = (1.0 + math.sqrt(5.0)) / 2.0
+    corners = [np.roll((0.0, a, b * golden), k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
+    verts = np.array(corners) / math.sqrt(1.0 + golden**2)
+    triples = np.array(list(itertools.combinations(range(12), 3)), np.int32)
+    inside = np.linalg.det(verts[triples])  # 0.76 / sqrt(1.9)... only of three mutual neighbors is it this small
+    near = np.all([((verts[triples[:, i]] - verts[triples[:, i - 1]]) ** 2).sum(axis=1) < 1.2 for i in range(3)], axis=0)
+    faces = np.where(inside[:, None] > 0.0, triples, triples[:, ::-1])
+    return verts, faces[near]
+
+
+def _cut_in_four(verts: Array, faces: Array) -> tuple[Array, Array]:
+    """Each triangle of a mesh of unit vectors cut at the middles of its edges, which are moved out to the sphere."""
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1).astype(np.int64)
+    edges, index = np.unique(ends[:, 0] * len(verts) + ends[:, 1], return_inverse=True)
+    middles = verts[edges // len(verts)] + verts[edges % len(verts)]
+    middles /= np.sqrt((middles * middles).sum(axis=1, keepdims=True))
+    (a, b, c), (ab, bc, ca) = faces.T, (index.reshape(-1, 3) + len(verts)).astype(np.int32).T
+    cut = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1)
+    return np.concatenate([verts, middles]), cut.reshape(-1, 3)
+
+
+def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080)) -> Scene:
+    """Quads that face the camera, one behind the other in random order, each covering every pixel in its own color.
+
+    count: 1 to 4096. seed: of the order, 0 to 2**32-1. Quad k is faces 2k and 2k+1.
+    """
+    count, seed = integer("quads", "count", count, 1, 4096), integer("quads", "seed", seed, 0, 2**32 - 1)
+    camera = Camera.from_fov((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 60.0).with_resolution(resolution)
+    depth = np.random.default_rng(seed).permutation(np.linspace(2.0, 10.0, count))[:, None, None]
+    height, width = camera.plane
+    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * [0.55 * width, 0.55 * height]
+    verts = np.concatenate([corner * depth, np.broadcast_to(-depth, (count, 4, 1))], axis=2).reshape(-1, 3)
+    faces = (4 * np.arange(count)[:, None, None] + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3)
+    hue = np.arange(count)[:, None] * ((math.sqrt(5.0) - 1.0) / 2.0) + np.array([0.0, 1.0, 2.0]) / 3.0
+    mesh = Mesh(
+        verts,
+        faces,
+        colors=np.repeat(0.55 + 0.4 * np.cos(2.0 * np.pi * hue), 4, axis=0),
+        normals=np.array([[0.0, 0.0, 1.0]]),
+        normal_faces=np.zeros_like(faces),
+        material=Material(ka=0.1, kd=0.8, ks=0.3, n=20.0),
+        name="quads",
+    )
+    lights = (PointLight((1.0, 1.0, 0.0), (1.0, 1.0, 1.0)), PointLight((-2.0, 0.5, 0.0), (0.6, 0.3, 0.2)))
+    return Scene((mesh,), camera, lights, name="quads")
+BUILTINS: dict[str, Callable[..., Scene]] = {f.__name__: f for f in (teapot, torus_knot, icosphere, quads)}

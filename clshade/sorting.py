@@ -1,0 +1,36 @@
+"""The host's depth sort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .layout import KEY_INDEX_BITS
+from .scene import Array
+
+_INDEX = np.uint64((1 << KEY_INDEX_BITS) - 1)
+
+
+def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> Array:
+    """Indices of triangles, nearest first; of equally near ones the later face first.
+
+    keys: (T,) uint64 of setup.cl, sorted in place: the depth's top 40 bits over the complement of the index.
+    exact: gives the float64 depths and the faces of triangles given by index; used where the 40 bits are equal.
+        None: triangles whose 40 bits agree may come in any order.
+    Returns (T,) uint32.
+    """
+    keys.sort()
+    order = (~keys & _INDEX).astype(np.uint32)
+    if exact is None or len(keys) < 2:
+        return order
+    depth_bits = keys >> np.uint64(KEY_INDEX_BITS)
+    same = depth_bits[1:] == depth_bits[:-1]
+    if same.any():
+        tied = np.zeros(len(keys), bool)
+        tied[1:] |= same
+        tied[:-1] |= same
+        rows = np.flatnonzero(tied)
+        depth, face = exact(order[rows])
+        order[rows] = order[rows][np.lexsort((-face, depth, depth_bits[rows]))]
+    return order

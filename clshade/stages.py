@@ -1,0 +1,187 @@
+"""One wrapper per kernel: what it reads and writes, its launch, its event. Buffers shared with the host live here too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from . import layout
+from .device import Device
+from .errors import DeviceError
+from .programs import Program
+from .scene import Array
+
+BASE_FILES = ("project.cl", "setup.cl", "bin.cl", "bilerp.cl", "layers.cl")
+_FLAGS = cl.mem_flags
+
+
+class Buffer:
+    """Device memory that the host reads and writes as a NumPy array.
+
+    On a CPU the kernels work in the array itself (no copy); on other devices `to_device` and `to_host` copy.
+    """
+
+    def __init__(self, device: Device, array: Array) -> None:
+        self._queue = device.queue
+        self._shared = device.is_cpu
+        self.array = np.ascontiguousarray(array)
+        size = self.array.nbytes
+        if size > device.max_allocation:
+            raise DeviceError(f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}")
+        try:
+            if size == 0:
+                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
+            elif self._shared:
+                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=self.array)
+            else:
+                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE | _FLAGS.COPY_HOST_PTR, hostbuf=self.array)
+        except cl.Error as error:
+            raise DeviceError(f"{device.name}: no memory for {size} bytes: {error}") from error
+
+    @classmethod
+    def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
+        return cls(device, np.empty(shape, dtype))
+
+    def _map(self, count: int, flags: int) -> None:
+        size = count * self.array[:1].nbytes
+        mapped, _ = cl.enqueue_map_buffer(self._queue, self.memory, flags, 0, (size,), np.uint8)
+        mapped.base.release(self._queue)
+
+    def to_device(self, count: int | None = None) -> None:
+        """Makes the first `count` rows (all by default) of the array visible to kernels enqueued from now on."""
+        count = len(self.array) if count is None else count
+        if self.array.nbytes == 0 or count == 0:
+            return
+        if self._shared:
+            self._map(count, cl.map_flags.WRITE)
+        else:
+            cl.enqueue_copy(self._queue, self.memory, self.array[:count])
+
+    def to_host(self, count: int | None = None) -> Array:
+        """The first `count` rows (all by default), once the kernels enqueued so far are done."""
+        count = len(self.array) if count is None else count
+        if self.array.nbytes == 0 or count == 0:
+            return self.array[:0]
+        if self._shared:
+            self._map(count, cl.map_flags.READ)
+        else:
+            cl.enqueue_copy(self._queue, self.array[:count], self.memory)
+        return self.array[:count]
+
+
+class Stages:
+    """The kernels of one program on one device. Each method enqueues a kernel and returns its event.
+
+    Array arguments are `Buffer`s; their element types and sizes stand beside the kernels' arguments.
+    """
+
+    def __init__(self, device: Device, program: Program) -> None:
+        self.device, self.program = device, program
+        self._dummy = Buffer(device, np.zeros(64, np.uint8))
+
+    def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
+        kernel = self.program[name]
+        raw = [
+            argument.memory
+            if isinstance(argument, Buffer)
+            else self._dummy.memory
+            if argument is None
+            else np.int32(argument)
+            for argument in arguments
+        ]
+        kernel.set_args(*raw)
+        try:
+            return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
+        except cl.Error as error:
+            raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
+
+    def _per_item(self, name: str, count: int, *arguments: Any) -> cl.Event:
+        """One work-item per element, in groups of 64."""
+        return self._launch(name, (-(-count // 64) * 64,), (64,), *arguments, count)
+
+    def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event:
+        return self._per_item(
+            "project", count, positions, view, vertices.snapped, vertices.depths, vertices.relative, vertices.w_low
+        )
+
+    def setup(
+        self, faces: Buffer, vertices: VertexBuffers, view: Buffer, image: Buffer, made: TriangleBuffers, count: int
+    ) -> cl.Event:
+        run = 256 if self.device.is_cpu else 1
+        items = -(-count // run)
+        local = 1 if self.device.is_cpu else 64
+        inputs = (faces, vertices.snapped, vertices.depths, vertices.relative, view, image)
+        outputs = (made.triangles, made.keys, made.to_clip, made.counters)
+        return self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
+
+    def setup_pieces(
+        self, pieces: Buffer, image: Buffer, made: TriangleBuffers, face_count: int, count: int
+    ) -> cl.Event:
+        outputs = (made.triangles, made.keys, made.counters)
+        return self._per_item("setup_pieces", count, pieces, image, *outputs, face_count)
+
+    def bin_count(
+        self, order: Buffer, triangles: Buffer, image: Buffer, counts: Buffer, chunk: int, count: int
+    ) -> cl.Event:
+        return self._launch("bin_count", (-(-count // chunk),), (1,), order, triangles, image, counts, chunk, count)
+
+    def bin_fill(
+        self, order: Buffer, triangles: Buffer, image: Buffer, cursors: Buffer, lists: Buffer, chunk: int, count: int
+    ) -> cl.Event:
+        arguments = (order, triangles, image, cursors, lists, chunk, count)
+        return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
+
+    def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
+        items = -(-count // self.program.lanes)
+        return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
+
+    def _draw(self, name: str, arguments: tuple, tiles: int) -> cl.Event:
+        if self.program.lanes > 1:
+            return self._launch(name, (4 * self.device.compute_units,), (1,), *arguments)
+        items = layout.TILE_SIZE**2
+        return self._launch(name, (tiles * items,), (items,), *arguments)
+
+    def phong(self, surface: tuple, tile: tuple, tiles: int) -> cl.Event:
+        return self._draw("phong", (*surface, *tile), tiles)
+
+    def gouraud(self, surface: tuple, tile: tuple, corner_light: Buffer | None, tiles: int) -> cl.Event:
+        return self._draw("gouraud", (*surface, *tile, corner_light), tiles)
+
+    def bilerp(
+        self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int
+    ) -> cl.Event:
+        items = -(-count // self.program.lanes)
+        return self._launch("bilerp", (items,), (1,), uvs, texture_of, textures, texels, colors, count)
+
+    def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
+        return self._per_item("layer_id", count, owners, triangles, ids)
+
+    def layer_z(
+        self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, resolution: tuple[int, int]
+    ) -> cl.Event:
+        wide, high = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}[self.program.lanes]
+        blocks = (-(-resolution[0] // wide), -(-resolution[1] // high))
+        return self._launch("layer_z", blocks, (1, 1), owners, triangles, image, depths)
+
+
+class VertexBuffers:
+    """What `project` writes, per vertex: snapped (V, 2) int32, depths (V,) float64, relative (V, 4), w_low (V,) float32."""
+
+    def __init__(self, device: Device, count: int) -> None:
+        self.snapped = Buffer.empty(device, (count, 2), np.int32)
+        self.depths = Buffer.empty(device, count, np.float64)
+        self.relative = Buffer.empty(device, (count, 4), np.float32)
+        self.w_low = Buffer.empty(device, count, np.float32)
+
+
+class TriangleBuffers:
+    """What `setup` and `setup_pieces` write: triangles and sort keys, room for `faces` and `pieces` of them."""
+
+    def __init__(self, device: Device, faces: int, pieces: int) -> None:
+        self.piece_capacity = pieces
+        self.triangles = Buffer.empty(device, faces + pieces, layout.TRIANGLE)
+        self.keys = Buffer.empty(device, faces + pieces, np.uint64)
+        self.to_clip = Buffer.empty(device, faces, np.int32)
+        self.counters = Buffer(device, np.zeros(1, layout.COUNTERS))

@@ -1,0 +1,179 @@
+"""Tone maps: linear HDR radiance to the 8-bit codes of a display image, exactly rounded and fast.
+
+Every operator acts on each channel alone and never falls as its input rises, so the 8-bit code is a step function of
+the input: 255 thresholds describe it. They are found once per (operator, exposure) by bisection over the floats' bit
+patterns with the float64 formula; pixels then need one table look-up each and get exactly the formula's code.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .errors import InputError
+
+OPERATORS = ("none", "srgb", "reinhard", "hable", "aces")
+MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
+
+_SATURATED = 1e30  # every operator has reached its last code long before; keeps the squares below finite
+_LOW_BITS = 15  # a table entry covers the float32 values that agree in all but their last 15 bits
+_BLOCK = 1 << 15  # values per pass, so that the buffers stay in the cache
+
+Array = np.ndarray
+
+
+def srgb_curve(linear: Array) -> Array:
+    """The exact sRGB transfer curve of IEC 61966-2-1: linear values in [0, 1] to encoded ones, float64."""
+    linear = np.asarray(linear, np.float64)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
+
+
+def _reinhard(x: Array) -> Array:
+    return x / (1.0 + x)
+
+
+def _hable_partial(x: Array) -> Array:
+    # A..F: shoulder strength, linear strength, linear angle, toe strength, toe numerator, toe denominator.
+    a, b, c, d, e, f = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
+    return (x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f
+
+
+def _hable(x: Array) -> Array:
+    return _hable_partial(2.0 * x) / _hable_partial(np.float64(11.2))
+
+
+def _aces(x: Array) -> Array:
+    return (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+
+
+_CURVES: dict[str, Callable[[Array], Array]] = {
+    "none": lambda x: x,
+    "srgb": lambda x: x,
+    "reinhard": _reinhard,
+    "hable": _hable,
+    "aces": _aces,
+}
+
+
+def _codes(values: Array, operator: str, exposure: float) -> Array:
+    """The formula itself: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
+    with np.errstate(over="ignore", under="ignore"):
+        x = np.minimum(values * 2.0**exposure, _SATURATED)
+        y = np.clip(_CURVES[operator](x), 0.0, 1.0)
+    encoded = y if operator == "none" else srgb_curve(y)
+    return np.floor(255.0 * encoded + 0.5).astype(np.int64)
+
+
+def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
+    """Bit patterns, int64 (255,), of the smallest `dtype` values whose codes are at least 1, 2, ... 255."""
+    integer: type = np.int32 if dtype is np.float32 else np.int64
+    wanted = np.arange(1, 256)
+    # Patterns of non-negative floats order like the floats. Zero has code 0, infinity 255: the answer is between.
+    low = np.zeros(255, np.int64)
+    high = np.full(255, np.array(np.inf, dtype).view(integer), np.int64)
+    while (high - low > 1).any():
+        middle = low + (high - low) // 2
+        values = middle.astype(integer).view(dtype).astype(np.float64)
+        reached = _codes(values, operator, exposure) >= wanted
+        high = np.where(reached, middle, high)
+        low = np.where(reached, low, middle)
+    return high
+
+
+@functools.lru_cache(maxsize=32)
+def _table(operator: str, exposure: float) -> Array:
+    """uint32 (2^17,): indexed by the upper 17 bits of a float32; adding the lower 15 carries into the code's bits.
+
+    Neighboring thresholds are at least 1/254.5 apart, relative to their size (operator `none`; the others' are wider
+    apart), and an entry covers at most 1/256 of its values' size: so no entry holds two thresholds. The entry is
+    (code at its start) * 2^15, plus what makes the sum carry from the threshold on, if it holds one.
+    """
+    size = 1 << _LOW_BITS
+    thresholds = _thresholds(operator, exposure, np.float32)
+    entries = 1 << (32 - _LOW_BITS)
+    infinity = 0x7F800000 >> _LOW_BITS
+    starts = np.arange(infinity, dtype=np.int64) * size
+    table = np.zeros(entries, np.uint32)  # stays 0 for NaN, and for negative values, whose top bit is set
+    table[:infinity] = np.searchsorted(thresholds, starts, side="right") * size
+    inside = thresholds[(thresholds % size != 0) & (thresholds < infinity * size)]
+    owners = inside // size
+    if (np.diff(owners) == 0).any():
+        raise AssertionError("tone map: two thresholds in one table entry")
+    table[owners] += (size - inside % size).astype(np.uint32)
+    # Infinity (last bits 0) gets 255; the NaNs beside it carry to 256, which is 0 in eight bits.
+    table[infinity] = 255 * size + (size - 1)
+    table.flags.writeable = False
+    return table
+
+
+@functools.lru_cache(maxsize=32)
+def _thresholds64(operator: str, exposure: float) -> Array:
+    return _thresholds(operator, exposure, np.float64).view(np.float64)
+
+
+def _map32(values: Array, codes: Array, table: Array) -> None:
+    bits = values.view(np.uint32)
+    entry = np.empty(_BLOCK, np.intp)
+    found, low = np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32)
+    for start in range(0, len(bits), _BLOCK):
+        block = bits[start : start + _BLOCK]
+        n = len(block)
+        np.right_shift(block, np.uint32(_LOW_BITS), out=entry[:n], casting="unsafe")
+        np.take(table, entry[:n], out=found[:n], mode="clip")
+        np.bitwise_and(block, np.uint32((1 << _LOW_BITS) - 1), out=low[:n])
+        np.add(found[:n], low[:n], out=found[:n])
+        np.right_shift(found[:n], np.uint32(_LOW_BITS), out=found[:n])
+        codes[start : start + n] = found[:n]  # keeps the low eight bits
+
+
+def _map64(values: Array, codes: Array, thresholds: Array) -> None:
+    for start in range(0, len(values), _BLOCK):
+        block = values[start : start + _BLOCK]
+        found = np.searchsorted(thresholds, block, side="right")
+        found[np.isnan(block)] = 0
+        codes[start : start + _BLOCK] = found
+
+
+def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
+    """8-bit display image of a linear one.
+
+    rgb: (M, N, 3), linear radiance, any floats (float32 is the fast case; float64 is not rounded to float32 first).
+    operator: y of x = rgb * 2^exposure, channel by channel:
+        `none`      y = x, and no sRGB curve after it
+        `srgb`      y = x
+        `reinhard`  y = x / (1 + x). Reinhard et al., "Photographic Tone Reproduction for Digital Images", SIGGRAPH
+                    2002, equation 3, on each channel instead of the luminance.
+        `hable`     y = h(2x) / h(11.2), h(t) = (t(At + CB) + DE) / (t(At + B) + DF) - E/F with A..F = 0.15, 0.50,
+                    0.10, 0.20, 0.02, 0.30. J. Hable, "Filmic Tonemapping Operators", filmicworlds.com, 2010.
+        `aces`      y = x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14). K. Narkowicz, "ACES Filmic Tone Mapping Curve",
+                    2016: a fit, without its optional factor 0.6.
+      y is then held to [0, 1] and, except for `none`, encoded by the exact sRGB curve (IEC 61966-2-1).
+    exposure: stops, -300 to 300; +1 doubles the radiance. Comes before the operator.
+
+    Returns uint8 (M, N, 3), floor(255 * encoded + 0.5): to the nearest code, halves up, never off by one against the
+    formula in float64. NaN and everything negative give 0, +infinity gives 255. Row order is kept.
+    Raises InputError for another shape, type, operator or exposure.
+    """
+    rgb = np.asarray(rgb)
+    if operator not in OPERATORS:
+        raise InputError(f"tonemap: operator: expected one of {', '.join(OPERATORS)}, found {operator!r}")
+    try:
+        stops = float(exposure)
+    except (TypeError, ValueError):
+        stops = math.nan
+    if not abs(stops) <= MAX_EXPOSURE:
+        raise InputError(f"tonemap: exposure: expected stops from -300 to 300, found {exposure!r}")
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype not in (np.float16, np.float32, np.float64):
+        raise InputError(
+            f"tonemap: rgb: expected floats of shape (M, N, 3), found shape {rgb.shape} and type {rgb.dtype}"
+        )
+    codes = np.empty(rgb.shape, np.uint8)
+    if rgb.dtype == np.float64:
+        _map64(np.ascontiguousarray(rgb).reshape(-1), codes.reshape(-1), _thresholds64(operator, stops))
+    else:
+        values = np.ascontiguousarray(rgb, dtype=np.float32).reshape(-1)
+        _map32(values, codes.reshape(-1), _table(operator, stops))
+    return codes

@@ -1,0 +1,33 @@
+// Texture lookups at given coordinates, among them those at the corners of the faces (texture_at vertex).
+#include "texture.clh"
+
+// A work-item takes LANES lookups.
+kernel void bilerp(global const float4 *uvs,               // K, u, v and what float32 leaves of them
+                   global const int *texture_of,           // K, texture of each lookup
+                   global const Texture *textures,
+                   global const float4 *texels,            // of all textures, linear RGB
+                   global float4 *colors,                  // K, linear RGB
+                   int count)                              // K
+{
+    int first = get_global_id(0) * LANES;
+    int last_taken = -1;
+    colors3 color;
+    float r[LANES], g[LANES], b[LANES], u[LANES], v[LANES], u_low[LANES], v_low[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        int i = min(first + lane, count - 1);
+        u[lane] = uvs[i].x, v[lane] = uvs[i].y;
+        u_low[lane] = uvs[i].z, v_low[lane] = uvs[i].w;
+    }
+    pairs across = {LOAD_LANES(u), LOAD_LANES(u_low)}, down = {LOAD_LANES(v), LOAD_LANES(v_low)};
+    for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
+        int texture = texture_of[first + lane];
+        if (texture != last_taken) {
+            color = fetch(footprint_of(textures + texture, across, down), texels);
+            STORE_LANES(color.r, r);
+            STORE_LANES(color.g, g);
+            STORE_LANES(color.b, b);
+            last_taken = texture;
+        }
+        colors[first + lane] = (float4)(r[lane], g[lane], b[lane], 0.0f);
+    }
+}

@@ -1,0 +1,58 @@
+// Lists of triangles per tile, in the order given, without fixed-capacity bins: the sorted list is cut into chunks;
+// each chunk counts its entries per tile, the host sums the counts up, then each chunk writes behind those before it.
+#include "edge.clh"
+
+// Whether the edge function is negative all over the tile, so that the triangle misses it.
+int misses_tile(global const Triangle *t, int column, int row)
+{
+    for (int k = 0; k < 3; ++k) {
+        Edge e = edge_at(t, k, column, row);
+        int most = edge_test(e) + (TILE_SIZE - 1) * (max(e.a, 0) + max(e.b, 0));
+        if (most < 0)
+            return 1;
+    }
+    return 0;
+}
+
+#define FOR_TILES_OF(t, tile)                                                                         \
+    int4 span = convert_int4(vload4(0, (t)->box)) / TILE_SIZE;                                        \
+    int whole = span.z - span.x < 2 && span.w - span.y < 2;                                           \
+    for (int tile_y = span.y; tile_y <= span.w; ++tile_y)                                             \
+        for (int tile_x = span.x, tile = tile_y * image->tiles_x + tile_x; tile_x <= span.z; ++tile_x, ++tile) \
+            if (whole || !misses_tile(t, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
+
+kernel void bin_count(global const uint *order,           // T, triangles, nearest first
+                      global const Triangle *triangles,   // F + C, from setup
+                      global const Image *image,          // 1
+                      global uint *counts,                // chunks x tiles
+                      int chunk_size, int count)          // T
+{
+    int chunk = get_global_id(0);
+    global uint *own = counts + (long)chunk * image->tiles;
+    for (int tile = 0; tile < image->tiles; ++tile)
+        own[tile] = 0;
+    int end = min((chunk + 1) * chunk_size, count);
+    for (int i = chunk * chunk_size; i < end; ++i) {
+        global const Triangle *t = triangles + order[i];
+        FOR_TILES_OF(t, tile)
+            own[tile] += 1;
+    }
+}
+
+kernel void bin_fill(global const uint *order,           // T
+                     global const Triangle *triangles,   // F + C
+                     global const Image *image,          // 1
+                     global uint *cursors,               // chunks x tiles: where each chunk's entries of a tile begin
+                     global uint *lists,                 // triangles of tile 0, of tile 1, ...
+                     int chunk_size, int count)          // T
+{
+    int chunk = get_global_id(0);
+    global uint *own = cursors + (long)chunk * image->tiles;
+    int end = min((chunk + 1) * chunk_size, count);
+    for (int i = chunk * chunk_size; i < end; ++i) {
+        uint index = order[i];
+        global const Triangle *t = triangles + index;
+        FOR_TILES_OF(t, tile)
+            lists[own[tile]++] = index;
+    }
+}

@@ -1,0 +1,96 @@
+// Gouraud shading: the corners are lit, their light is interpolated. Without LIT the colors themselves are (nolight).
+#include "surface.clh"
+
+#if !PHONG
+#if LIT
+
+// The light of the three corners of each visible triangle, without the `plain` ambient term. A work-item takes LANES of them.
+kernel void gouraud_corners(SURFACE_PARAMETERS,
+                            global const uint *order,       // T, visible triangles
+                            global float4 *corner_light,    // (F + C) x 3, linear RGB, written for visible triangles
+                            int count)                      // T
+{
+    Inputs inputs = SURFACE_ARGUMENTS;
+    const Inputs *in = &inputs;
+    int first = get_global_id(0) * LANES;
+    Surface surface = no_surface();
+    int taken[LANES], face[LANES];
+    ints lane_index = LANE_ROWS * BLOCK_WIDTH + LANE_COLUMNS;
+    for (int lane = 0; lane < LANES; ++lane) {
+        taken[lane] = order[min(first + lane, count - 1)];
+        face[lane] = in->triangles[taken[lane]].face;
+        put_surface(&surface, lane_index == lane, material_of(in, face[lane]));
+    }
+    for (int k = 0; k < 3; ++k) {
+        float p[3][LANES], n[3][LANES], c[3][LANES];
+        for (int lane = 0; lane < LANES; ++lane) {
+#if CENTROID
+            float4 at = centroid_of(in, face[lane]);
+#else
+            float4 at = in->relative[in->faces[3 * face[lane] + k]];
+#endif
+            float4 normal = in->normals[normal_index(in, face[lane], k)];
+#if VERTEX_COLORS || CORNER_COLORS
+            float4 color = in->colors[color_index(in, face[lane], k)];
+#else
+            float4 color = (float4)(1.0f);
+#endif
+            p[0][lane] = at.x, p[1][lane] = at.y, p[2][lane] = at.z;
+            n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
+            c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
+        }
+        reals3 point = {LOAD_LANES(p[0]), LOAD_LANES(p[1]), LOAD_LANES(p[2])};
+        reals3 normal = {LOAD_LANES(n[0]), LOAD_LANES(n[1]), LOAD_LANES(n[2])};
+        colors3 color = {LOAD_LANES(c[0]), LOAD_LANES(c[1]), LOAD_LANES(c[2])};
+        color = shade(point, normal, color, surface, in->lights, in->image->lights);
+        STORE_LANES(color.r, c[0]);
+        STORE_LANES(color.g, c[1]);
+        STORE_LANES(color.b, c[2]);
+        for (int lane = 0; lane < LANES && first + lane < count; ++lane)
+            corner_light[3 * taken[lane] + k] = (float4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
+    }
+}
+#endif
+
+colors3 light_block(const Inputs *in, ints owner, int column, int row, global const float4 *corner_light)
+{
+    colors3 color = {1.0f, 1.0f, 1.0f};
+    Surface surface = no_surface();
+    Texels texels = no_texels();
+    ints todo = owner != NOBODY;
+    while (any_lane(todo)) {
+        ints mine;
+        int index = next_owner(owner, todo, &mine);
+        global const Triangle *t = in->triangles + index;
+        todo = todo & !mine;
+        int face = t->face;
+#if LIT
+        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+        global const float4 *c = corner_light + 3 * index;
+        put_color(&color, mine, mix_vectors(m, c[0], c[1], c[2]));
+        put_surface(&surface, mine, material_of(in, face));
+#elif VERTEX_COLORS || CORNER_COLORS
+        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+        put_color(&color, mine,
+                  mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                              in->colors[color_index(in, face, 2)]));
+#endif
+        put_texels(&texels, mine, in, t, column, row);
+    }
+    color = times_texel(color, &texels, in);
+#if LIT
+    color = add_plain_ambient(color, &surface);
+#endif
+    return color;
+}
+
+#define LIGHT_PARAMETERS , global const float4 *corner_light  // (F + C) x 3, from gouraud_corners
+#define LIGHT_ARGUMENTS , corner_light
+#include "tile.clh"
+
+kernel void gouraud(SURFACE_PARAMETERS, TILE_PARAMETERS LIGHT_PARAMETERS)
+{
+    Inputs in = SURFACE_ARGUMENTS;
+    draw_tiles(&in, TILE_ARGUMENTS LIGHT_ARGUMENTS);
+}
+#endif

@@ -1,0 +1,52 @@
+// Phong shading: the normal is interpolated, each owned pixel lit once.
+#include "surface.clh"
+
+#if PHONG
+colors3 light_block(const Inputs *in, ints owner, int column, int row)
+{
+    reals3 point = {0.0f, 0.0f, 0.0f}, normal = {0.0f, 0.0f, 0.0f};
+    colors3 color = {1.0f, 1.0f, 1.0f};
+    Surface surface = no_surface();
+    Texels texels = no_texels();
+    ints todo = owner != NOBODY;
+    while (any_lane(todo)) {
+        ints mine;
+        global const Triangle *t = in->triangles + next_owner(owner, todo, &mine);
+        todo = todo & !mine;
+        int face = t->face;
+        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+#if DIFFUSE || SPECULAR
+        put_vector(&normal, mine,
+                   mix_vectors(m, in->normals[normal_index(in, face, 0)], in->normals[normal_index(in, face, 1)],
+                               in->normals[normal_index(in, face, 2)]));
+        global const int *v = in->faces + 3 * face;
+#if CENTROID
+        float4 centroid = centroid_of(in, face);
+        put_vector(&point, mine, mix_vectors(m, centroid, centroid, centroid));
+#else
+        put_vector(&point, mine, mix_vectors(m, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));
+#endif
+#endif
+#if VERTEX_COLORS || CORNER_COLORS
+        put_color(&color, mine,
+                  mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                              in->colors[color_index(in, face, 2)]));
+#endif
+        put_surface(&surface, mine, material_of(in, face));
+        put_texels(&texels, mine, in, t, column, row);
+    }
+    color = times_texel(color, &texels, in);
+    color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights);
+    return add_plain_ambient(color, &surface);
+}
+
+#define LIGHT_PARAMETERS
+#define LIGHT_ARGUMENTS
+#include "tile.clh"
+
+kernel void phong(SURFACE_PARAMETERS, TILE_PARAMETERS)
+{
+    Inputs in = SURFACE_ARGUMENTS;
+    draw_tiles(&in, TILE_ARGUMENTS);
+}
+#endif

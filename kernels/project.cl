@@ -1,0 +1,48 @@
+// Vertices from world space to snapped image positions, in float64.
+#include "features.clh"
+
+#if DOUBLE_POSITIONS
+typedef double position_t;
+#else
+typedef float position_t;
+#endif
+
+// Column or row in 1/256 px, ties to even; beyond the guard band +-SNAP_LIMIT.
+int snap(double pixels)
+{
+    if (!(fabs(pixels) <= (double)GUARD_PIXELS))
+        return pixels > 0.0 ? SNAP_LIMIT : -SNAP_LIMIT;
+    return convert_int_rte(pixels * (1 << SUBPIXEL_BITS));
+}
+
+kernel void project(global const position_t *positions,  // V x 3, world space
+                    global const View *view,             // 1
+                    global int2 *snapped,                // V, 1/256 px; meaningless before the near plane
+                    global double *depths,               // V, camera z, scene units
+                    global float4 *relative,             // V, xyz: eye-relative, world axes, scaled; w: 1/depth, scaled
+                    global float *w_low,                 // V, what float32 leaves of w
+                    int count)                           // V
+{
+    int i = get_global_id(0);
+    if (i >= count)
+        return;
+    double dx = (double)positions[3 * i] - view->eye[0];
+    double dy = (double)positions[3 * i + 1] - view->eye[1];
+    double dz = (double)positions[3 * i + 2] - view->eye[2];
+    global const double *m = view->axes;
+    double x = (dx * m[0] + dy * m[1]) + dz * m[2];
+    double y = (dx * m[3] + dy * m[4]) + dz * m[5];
+    double z = (dx * m[6] + dy * m[7]) + dz * m[8];
+    int2 at = (int2)(0, 0);
+    double w = 0.0;
+    if (z >= view->near) {
+        at.x = snap(((view->focal * x) / (z * view->plane_width) + 0.5) * view->columns);
+        at.y = snap(((view->focal * y) / (z * view->plane_height) + 0.5) * view->rows);
+        w = 1.0 / (z * view->scale);
+    }
+    snapped[i] = at;
+    depths[i] = z;
+    relative[i] = (float4)((float)(dx * view->scale), (float)(dy * view->scale), (float)(dz * view->scale),
+                           (float)w);
+    w_low[i] = (float)(w - (double)(float)w);
+}

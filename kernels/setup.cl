@@ -1,0 +1,172 @@
+// Triangles from snapped corners: area, box, culls, sort keys. Visible ones are listed, crossing ones left to the host.
+#include "features.clh"
+
+// First and last pixel whose centers lie within snapped [low, high].
+int2 centers_within(int low, int high)
+{
+    int half_pixel = 1 << (SUBPIXEL_BITS - 1);
+    return (int2)((low + half_pixel - 1) >> SUBPIXEL_BITS, (high - half_pixel) >> SUBPIXEL_BITS);
+}
+
+// The depth's order as unsigned bits, with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the
+// smallest key is the nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
+ulong sort_key(double depth, int index)
+{
+    ulong bits = as_ulong(depth + 0.0);
+    bits = (bits >> 63) ? ~bits : bits | (1UL << 63);
+    ulong low = (1UL << KEY_INDEX_BITS) - 1;
+    return (bits & ~low) | (low - (ulong)index);
+}
+
+typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
+
+// Completes a triangle of which x, y and w are set.
+Verdict complete(Triangle *t, int face, int piece, global const Image *image)
+{
+    long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
+    if (area == 0)
+        return ZERO_AREA;
+#if CULL
+    if (area < 0)
+        return BACK_FACING;
+#endif
+    int2 across = centers_within(min(min(t->x[0], t->x[1]), t->x[2]), max(max(t->x[0], t->x[1]), t->x[2]));
+    int2 up = centers_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]));
+    if (across.x > across.y || up.x > up.y)
+        return BETWEEN_SAMPLES;
+    across = (int2)(max(across.x, 0), min(across.y, image->columns - 1));
+    up = (int2)(max(up.x, 0), min(up.y, image->rows - 1));
+    if (across.x > across.y || up.x > up.y)
+        return OFF_SCREEN;
+    t->orientation = area > 0 ? 1 : -1;
+    t->inverse_area = (float)(1 << SUBPIXEL_BITS) / (float)(area > 0 ? area : -area);
+    t->box[0] = across.x;
+    t->box[1] = up.x;
+    t->box[2] = across.y;
+    t->box[3] = up.y;
+    t->face = face;
+    t->piece = piece;
+    t->pad = 0;
+    return VISIBLE;
+}
+
+void count_culled(Verdict verdict, Counters *counted)
+{
+    counted->off_screen += verdict == OFF_SCREEN;
+    counted->between_samples += verdict == BETWEEN_SAMPLES;
+    counted->zero_area += verdict == ZERO_AREA;
+    counted->back_facing += verdict == BACK_FACING;
+}
+
+void add_culled(global Counters *counters, Counters counted)
+{
+    if (counted.behind)
+        atomic_add(&counters->behind, counted.behind);
+    if (counted.off_screen)
+        atomic_add(&counters->off_screen, counted.off_screen);
+    if (counted.between_samples)
+        atomic_add(&counters->between_samples, counted.between_samples);
+    if (counted.zero_area)
+        atomic_add(&counters->zero_area, counted.zero_area);
+    if (counted.back_facing)
+        atomic_add(&counters->back_facing, counted.back_facing);
+}
+
+// A work-item takes SETUP_RUN faces and appends their keys in one piece; the sort makes the order of pieces irrelevant.
+kernel void setup(global const int *faces,         // F x 3, vertices
+                  global const int2 *snapped,      // V, from project
+                  global const double *depths,     // V, from project
+                  global const float4 *relative,   // V, from project
+                  global const View *view,         // 1
+                  global const Image *image,       // 1
+                  global Triangle *triangles,      // F, written for visible faces
+                  global ulong *keys,              // F and more, the first counters->visible are written
+                  global int *to_clip,             // F, the first counters->to_clip are written: faces
+                  global Counters *counters,       // 1
+                  int count)                       // F
+{
+    int first = get_global_id(0) * SETUP_RUN;
+    int end = min(first + SETUP_RUN, count);
+    ulong own_keys[SETUP_RUN];
+    Counters counted;
+    counted.visible = counted.behind = counted.off_screen = 0;
+    counted.between_samples = counted.zero_area = counted.back_facing = 0;
+    for (int face = first; face < end; ++face) {
+        Triangle t;
+        double depth[3];
+        int behind = 0, beyond = 0;
+        int above = 1, below = 1, right = 1, left = 1;
+        for (int k = 0; k < 3; ++k) {
+            int v = faces[3 * face + k];
+            int2 at = snapped[v];
+            depth[k] = depths[v];
+            t.x[k] = at.x;
+            t.y[k] = at.y;
+            t.w[k] = relative[v].w;
+            behind += depth[k] < view->near;
+            beyond |= abs(at.x) == SNAP_LIMIT || abs(at.y) == SNAP_LIMIT;
+            left &= at.x < 0;
+            below &= at.y < 0;
+            right &= at.x > image->columns << SUBPIXEL_BITS;
+            above &= at.y > image->rows << SUBPIXEL_BITS;
+        }
+        if (behind == 3) {
+            counted.behind += 1;
+            continue;
+        }
+        if (behind == 0 && (left || below || right || above)) {
+            counted.off_screen += 1;
+            continue;
+        }
+        if (behind || beyond) {
+            to_clip[atomic_inc(&counters->to_clip)] = face;
+            continue;
+        }
+        Verdict verdict = complete(&t, face, -1, image);
+        count_culled(verdict, &counted);
+        if (verdict != VISIBLE)
+            continue;
+        triangles[face] = t;
+#if DEPTH_TEST
+        own_keys[counted.visible++] = sort_key(fmin(fmin(depth[0], depth[1]), depth[2]), face);
+#else
+        own_keys[counted.visible++] = sort_key(((depth[0] + depth[1]) + depth[2]) / 3.0, face);
+#endif
+    }
+    if (counted.visible) {
+        int at = atomic_add(&counters->visible, counted.visible);
+        for (int i = 0; i < counted.visible; ++i)
+            keys[at + i] = own_keys[i];
+    }
+    add_culled(counters, counted);
+}
+
+// The same for the pieces of clipped faces, which follow the faces in `triangles`.
+kernel void setup_pieces(global const Piece *pieces,   // C, from the host
+                         global const Image *image,    // 1
+                         global Triangle *triangles,   // F + C
+                         global ulong *keys,           // F + C
+                         global Counters *counters,    // 1
+                         int face_count,               // F
+                         int count)                    // C
+{
+    int i = get_global_id(0);
+    if (i >= count)
+        return;
+    global const Piece *piece = pieces + i;
+    Triangle t;
+    for (int k = 0; k < 3; ++k) {
+        t.x[k] = piece->x[k];
+        t.y[k] = piece->y[k];
+        t.w[k] = piece->w[k];
+    }
+    Verdict verdict = complete(&t, piece->face, i, image);
+    if (verdict == VISIBLE) {
+        triangles[face_count + i] = t;
+        keys[atomic_inc(&counters->visible)] = sort_key(piece->key_depth, face_count + i);
+    }
+    Counters counted;
+    counted.behind = counted.off_screen = counted.between_samples = counted.zero_area = counted.back_facing = 0;
+    count_culled(verdict, &counted);
+    add_culled(counters, counted);
+}

@@ -1,0 +1,137 @@
+"""Comparators between a rendered frame and the float64 oracle. Each raises AssertionError with the first bad pixel.
+
+A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the
+top, as `clshade.frame.Frame` has them. Shape, type and finiteness are checked before any value.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clshade.oracle import OracleFrame, depth_at
+from clshade.scene import Scene, Settings
+
+HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # below it a device may flush to zero
+DEPTH_TIE_ULP = 4  # two depths this close count as tied: each is the reciprocal of a sum of three rounded terms
+
+
+def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
+    """An error that counts the bad pixels (M, N) and shows the values at the first."""
+    where = tuple(int(i) for i in np.argwhere(bad)[0])
+    values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
+    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
+
+
+def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True) -> None:
+    """A NumPy array of exactly this shape and type, without NaN or (unless told) infinity."""
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
+        found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
+    bad = ~np.isfinite(value) if finite else np.isnan(value)
+    if bad.any():
+        raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
+
+
+def tied(first: np.ndarray, second: np.ndarray, ulp: int = DEPTH_TIE_ULP) -> np.ndarray:
+    """Are two finite depths within `ulp` float32 ulp of the larger?"""
+    with np.errstate(invalid="ignore", over="ignore"):
+        spacing = np.spacing(np.maximum(np.abs(first), np.abs(second)).astype(np.float32)).astype(np.float64)
+        return np.isfinite(first) & np.isfinite(second) & (np.abs(first - second) <= ulp * spacing)
+
+
+def assert_same_ids(
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, dtype: Any = np.float32
+) -> np.ndarray:
+    """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
+
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within 4 float32 ulp.
+    """
+    ids, expected = frame["id"], oracle.id
+    assert_array("id", ids, expected.shape, np.uint32)
+    assert_array("alpha", frame.alpha, expected.shape, dtype)
+    different = ids != expected
+    if different.any() and settings.visibility == "depth":
+        at = np.nonzero(different)
+        # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
+        faces = [side[at].astype(np.int64) - 1 for side in (ids, expected)]
+        depths = [depth_at(scene, settings, face, *at) for face in faces]
+        unproven = np.zeros_like(different)
+        unproven[at] = ~tied(*depths)
+    else:
+        unproven = different
+    if unproven.any():
+        raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
+    bad = frame.alpha != oracle.alpha
+    if bad.any():
+        raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
+    return different
+
+
+def color_bound(oracle: OracleFrame) -> np.ndarray:
+    """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B.
+
+    sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions, normals and texture
+    coordinates is amplified. The factor on top of this is the number of roundings that may add up.
+    """
+    kappa = np.maximum(oracle.kappa, oracle.texture_kappa)
+    scale = np.sqrt(np.maximum(oracle.exponent, 1.0)) * kappa * HALF_ULP
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
+
+
+def assert_colors_within(
+    rgb: np.ndarray,
+    oracle: OracleFrame,
+    factor: float = 32.0,
+    *,
+    dtype: Any = np.float32,
+    gate_fraction: float = 0.01,
+    skip: np.ndarray | None = None,
+) -> float:
+    """Colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
+
+    gate_fraction: where the oracle says that a highlight may be decided either way, a pixel may be off by up to its
+    light budget; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
+    """
+    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
+    looked_at = np.ones(oracle.id.shape, bool) if skip is None else ~skip
+    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -FLOAT32_MAX, FLOAT32_MAX))
+    error = np.where(error <= FLOAT32_TINY, 0.0, error)
+    bound = color_bound(oracle)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(error > 0.0, error / bound, 0.0).max(axis=-1)
+    jumps = looked_at & oracle.gate & (ratio > factor)
+    if jumps.sum() > gate_fraction * max(1, np.count_nonzero(oracle.id)):
+        raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
+    bad = jumps & (error > oracle.budget + factor * bound).any(axis=-1)
+    bad |= looked_at & ~oracle.gate & (ratio > factor)
+    if bad.any():
+        columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
+        raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
+    return float(ratio[looked_at & ~oracle.gate].max(initial=0.0))
+
+
+def assert_depths_within(
+    Z: np.ndarray, oracle: OracleFrame, ulp: int = DEPTH_TIE_ULP, *, dtype: Any = np.float32, skip: Any = None
+) -> None:
+    """Depths within `ulp` float32 ulp of the oracle's; +inf exactly where nothing covers."""
+    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
+    wide = Z.astype(np.float64)
+    bad = ~np.where(np.isinf(oracle.Z), wide == np.inf, tied(wide, oracle.Z, ulp))
+    if skip is not None:
+        bad &= ~skip
+    if bad.any():
+        raise fail(f"depths off by more than {ulp} ulp", bad, ("Z", Z), ("expected", oracle.Z))
+
+
+def assert_frame(
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, factor: float = 32.0, *, dtype: Any = np.float32
+) -> float:
+    """Ids, coverage, depths and colors of a frame. Returns the largest color error, in bounds."""
+    ties = assert_same_ids(frame, oracle, scene, settings, dtype=dtype)
+    assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, dtype=dtype)

@@ -1,0 +1,149 @@
+"""Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+
+import pytest
+
+from clshade import atomic
+from clshade.errors import OutputError
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A folder with one earlier file; afterwards both must be as they were."""
+    earlier = tmp_path / "earlier.bin"
+    earlier.write_bytes(b"earlier")
+    yield earlier
+    assert earlier.read_bytes() == b"earlier"
+    assert os.listdir(tmp_path) == ["earlier.bin"]
+
+
+def refusal(call, *arguments) -> str:
+    with pytest.raises(OutputError) as caught:
+        call(*arguments)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_writes_and_replaces(tmp_path):
+    path = tmp_path / "a.bin"
+    atomic.write_bytes(path, b"one")
+    atomic.write_bytes(str(path), b"two")
+    assert path.read_bytes() == b"two"
+    assert os.listdir(tmp_path) == ["a.bin"]
+
+
+def test_the_earlier_file_stays_until_the_end(tmp_path):
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"one")
+    with atomic.replacing(path) as file:
+        file.write(b"two")
+        file.flush()
+        assert path.read_bytes() == b"one"
+    assert path.read_bytes() == b"two"
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_new_file_has_the_permissions_the_umask_leaves(tmp_path, umask, mode):
+    before = os.umask(umask)
+    try:
+        atomic.write_bytes(tmp_path / "a.bin", b"")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.bin").stat().st_mode) == mode
+
+
+def test_a_replaced_file_keeps_its_permissions(tmp_path):
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"")
+    path.chmod(0o640)
+    atomic.write_bytes(path, b"new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_a_link_is_followed(tmp_path):
+    (tmp_path / "real.bin").write_bytes(b"old")
+    (tmp_path / "link.bin").symlink_to("real.bin")
+    atomic.write_bytes(tmp_path / "link.bin", b"new")
+    assert (tmp_path / "link.bin").is_symlink()
+    assert (tmp_path / "real.bin").read_bytes() == b"new"
+
+
+def test_a_name_as_long_as_the_file_system_takes(tmp_path):
+    atomic.write_bytes(tmp_path / ("n" * 255), b"x")
+    text = refusal(atomic.write_bytes, tmp_path / ("n" * 256), b"x")
+    assert os.strerror(errno.ENAMETOOLONG) in text
+    assert os.listdir(tmp_path) == ["n" * 255]
+
+
+def test_refused_targets(kept):
+    folder = kept.parent
+    assert "there is no folder" in refusal(atomic.write_bytes, folder / "none" / "a.bin", b"")
+    assert "is not a folder" in refusal(atomic.write_bytes, kept / "a.bin", b"")
+    assert "it is a folder" in refusal(atomic.write_bytes, folder, b"")
+    assert "it is a folder" in refusal(atomic.write_bytes, f"{folder}/new/", b"")
+    assert "not a regular file" in refusal(atomic.write_bytes, os.devnull, b"")
+    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+    assert "null" in refusal(atomic.write_bytes, f"{folder}/a\0b", b"")
+    assert refusal(atomic.write_bytes, folder / "two\nlines" / "a.bin", b"").startswith("'")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_an_unwritable_folder(tmp_path):
+    tmp_path.chmod(0o500)
+    assert os.strerror(errno.EACCES) in refusal(atomic.write_bytes, tmp_path / "a.bin", b"")
+
+
+@pytest.mark.parametrize("operation", ["open", "fsync", "replace", "fchmod"])
+@pytest.mark.parametrize("number", [errno.EACCES, errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_a_failing_step(kept, monkeypatch, operation, number):
+    def fail(*arguments, **options):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, operation, fail)
+    text = refusal(atomic.write_bytes, kept, b"new")
+    monkeypatch.undo()
+    assert text == f"{kept}: cannot be written: {os.strerror(number)}"
+
+
+def test_a_file_system_that_cannot_sync(tmp_path, monkeypatch):
+    def fail(descriptor):
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    assert (tmp_path / "a.bin").read_bytes() == b"x"
+
+
+@pytest.mark.parametrize("error", [OSError("odd"), MemoryError(), OSError(errno.ENOSPC, "No space left on device")])
+def test_an_error_in_the_block(kept, error):
+    def use():
+        with atomic.replacing(kept) as file:
+            file.write(b"half")
+            raise error
+
+    assert refusal(use).startswith(f"{kept}: cannot be written: ")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, ValueError, ZeroDivisionError])
+def test_other_errors_pass_and_leave_nothing(kept, error):
+    with pytest.raises(error), atomic.replacing(kept) as file:
+        file.write(b"half")
+        raise error
+
+
+def test_a_full_disk(kept):
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        text = refusal(atomic.write_bytes, kept, bytes(100_001))
+        small = refusal(atomic.write_bytes, kept, bytes(2_000_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert text == small == f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"

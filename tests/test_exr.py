@@ -1,0 +1,444 @@
+"""EXR files: bit for bit, whole or not at all, and every bad file an InputError of one line."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from clshade import exr
+from clshade.errors import InputError, OutputError
+from clshade.scene import Camera
+
+LOSSLESS = [name for name in exr.COMPRESSIONS if name != "pxr24"]
+# Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.
+SPECIAL = [0, 1 << 31, 1, 0x80000001, 0x7FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001, 0xFFC12345, 0x7FFFFFFF]
+SPECIAL += [int(np.float32(1e6).view(np.uint32)), 0x7F7FFFFF]
+BITS = np.concatenate([np.array(SPECIAL, np.uint32), np.random.default_rng(3).integers(0, 2**32, 5000, np.uint32)])
+CAMERA = Camera((1.0, 2.0, 3.0), (-0.5, 0.25, -4.0), (0.2, 1.0, 0.1), 2.0, (1.5, 1.0), (40, 30))
+
+
+def noise(shape, dtype=np.float32):
+    words = np.resize(BITS, shape)
+    return words if dtype == np.uint32 else words.view(np.float32)
+
+
+def same(found, expected):
+    assert found.dtype == expected.dtype
+    assert found.shape == expected.shape
+    assert found.tobytes() == np.ascontiguousarray(expected).tobytes()
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.exr"
+
+
+@pytest.mark.parametrize("compression", LOSSLESS)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (67, 75), (16384, 1), (1, 16384)])
+def test_round_trip_bit_for_bit(path, compression, shape):
+    names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
+    given = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}
+    given["id"] = noise(shape, np.uint32)
+    assert exr.write(path, given, compression=compression) == []
+    found, header = exr.read(path)
+    assert header["compression"] == compression
+    assert header["type"] == "scanlineimage"
+    assert [name for name in found if name in "RGBA"] == [name for name in names if name in "RGBA"]
+    assert set(found) == set(given)
+    for name, plane in given.items():
+        same(found[name], plane)
+
+
+def test_pxr24_rounds_floats_and_says_so(path):
+    given = {"R": noise((9, 9)), "id": noise((9, 9), np.uint32), "Z": np.full((9, 9), 1.0 + 2**-20, np.float32)}
+    assert exr.write(path, given, compression="pxr24") == ["R, Z: pxr24 rounds float32 to 24 bits"]
+    found, _ = exr.read(path)
+    same(found["id"], given["id"])
+    assert found["Z"][0, 0] == 1.0
+    assert exr.write(path, {"R": np.ones((9, 9)), "id": given["id"]}, compression="pxr24", half=True) == []
+
+
+def test_arrays_that_are_not_contiguous(path):
+    image = noise((13, 11, 4)).copy()
+    image.flags.writeable = False
+    given = {"R": image[::-1, :, 0], "G": image[:, ::-1, 1], "B": image[..., 2], "Z": noise((11, 13)).T}
+    exr.write(path, given)
+    found, _ = exr.read(path)
+    for name, plane in given.items():
+        same(found[name], plane)
+    exr.write(path, {"R": noise((26, 22))[::2, 1::2]})
+    same(exr.read(path)[0]["R"], noise((26, 22))[::2, 1::2])
+
+
+def test_arguments_stay_as_they_are(path):
+    channels = {"RGBA": noise((3, 4, 4)), "N": noise((3, 4, 3))}
+    metadata = {"scene": "teapot", "worldToCamera": np.eye(4)}
+    exr.write(path, channels, metadata=metadata)
+    assert list(channels) == ["RGBA", "N"]
+    assert list(metadata) == ["scene", "worldToCamera"]
+
+
+def test_layers_get_their_channel_names(path):
+    image, wide = noise((3, 5, 3)), noise((3, 5, 4))
+    exr.write(path, {"RGBA": wide, "N": image, "P": image, "albedo": image, "uv": image[..., :2], "Z": image[..., 0]})
+    found, _ = exr.read(path)
+    names = "R G B A N.X N.Y N.Z P.X P.Y P.Z albedo.R albedo.G albedo.B uv.U uv.V Z".split()
+    assert set(found) == set(names)
+    for k, name in enumerate("RGBA"):
+        same(found[name], wide[..., k])
+    for k, name in enumerate(["N.X", "N.Y", "N.Z"]):
+        same(found[name], image[..., k])
+    same(found["uv.V"], image[..., 1])
+    exr.write(path, image)
+    assert list(exr.read(path)[0]) == ["R", "G", "B"]
+    exr.write(path, wide)
+    same(exr.read(path)[0]["A"], wide[..., 3])
+
+
+def test_red_is_red_and_row_0_is_on_top(path):
+    """Read from the bytes, without OpenEXR: chunks hold y, size, then the channels of a row in alphabetical order."""
+    image = np.arange(2 * 3 * 3, dtype=np.float32).reshape(2, 3, 3)
+    exr.write(path, image, compression="none")
+    data = path.read_bytes()
+    rows = [struct.pack("<ii", y, 36) + image[y, :, ::-1].T.astype("<f4").tobytes() for y in (0, 1)]
+    assert data.endswith(rows[0] + rows[1])
+    assert b"colorInteropID\0string\0" in data
+
+
+def test_other_types_of_numbers(path):
+    mask = np.array([[True, False]])
+    exr.write(path, {"R": np.float64([[0.1, 3e38]]), "G": np.float16([[0.5, 2]]), "B": np.array([[1, 2]], ">f4"), "m": mask})
+    found, _ = exr.read(path)
+    same(found["R"], np.float32([[0.1, 3e38]]))
+    same(found["G"], np.float32([[0.5, 2]]))
+    same(found["B"], np.float32([[1, 2]]))
+    same(found["m"], np.uint32([[1, 0]]))
+    exr.write(path, {"id": np.array([[0, 2**32 - 1]], np.int64)})
+    same(exr.read(path)[0]["id"], np.uint32([[0, 2**32 - 1]]))
+    assert exr.write(path, {"Z": np.float64([[1e39, np.inf]])}) == [
+        "Z: 1 finite values of 3.4e38 or more became infinity in float32"
+    ]
+
+
+def test_half_and_its_warnings(path):
+    colors = np.float32([[65519.0, 65520.0, -1e6, np.inf, 0.1]])
+    layers = {"R": colors, "G": np.float32([[np.nan, 1, 2, 3, 4]]), "B": np.float32([[0, 1, np.inf, 65504, 1e-30]]), "Z": colors, "P.X": colors}
+    layers |= {"albedo.R": np.float32([[1, 1, 1, 1, 7e4]]), "id": np.uint32([[70000, 1, 2, 3, 4]])}
+    assert exr.write(path, layers, half=True) == [
+        "R: 2 finite values of 65520 or more became infinity in half",
+        "G: 1 NaN values lost their payload in half",
+        "albedo.R: 1 finite values of 65520 or more became infinity in half",
+    ]
+    found, _ = exr.read(path)
+    same(found["R"], np.float16([[65504, np.inf, -np.inf, np.inf, 0.1]]))
+    assert np.isnan(found["G"][0, 0])
+    assert found["albedo.R"].dtype == np.float16
+    for name in ("Z", "P.X", "id"):
+        same(found[name], layers[name])
+    assert exr.write(path, layers) == []
+
+
+def test_header_values(path):
+    matrices = exr.camera_metadata(CAMERA)
+    texts = {"software": "clshade 1.2", "settings": "shader=phong\nn=20", "scene": "théière"}
+    exr.write(path, noise((3, 4, 3)), metadata={**matrices, **texts, "renderTimeSeconds": 1.25, "count": np.int64(-7)})
+    _, header = exr.read(path)
+    for name, matrix in zip(("worldToCamera", "worldToNDC"), exr.camera_matrices(CAMERA), strict=True):
+        same(header[name], matrix.astype(np.float32))
+    assert {name: header[name] for name in texts} == texts
+    assert header["renderTimeSeconds"] == 1.25
+    assert header["count"] == -7
+    assert header["colorInteropID"] == "lin_rec709_scene"
+    assert header["pixelAspectRatio"] == np.float32((1.0 / 40) / (1.5 / 30))
+    assert header["dataWindow"] == header["displayWindow"] == (0, 0, 3, 2)
+    exr.write(path, noise((3, 4, 3)), metadata={"renderTimeSeconds": None})
+    _, header = exr.read(path)
+    assert header["software"] == "clshade"
+    assert header["pixelAspectRatio"] == 1.0
+    assert "renderTimeSeconds" not in header
+
+
+def test_matrices_are_stored_row_after_row(path):
+    """Imath's M44f is used with row vectors: the translation is the last row, so the last but one of 16 floats is z."""
+    exr.write(path, noise((1, 1, 3)), metadata={"worldToCamera": np.arange(16.0).reshape(4, 4)})
+    stored = struct.pack("<16f", *range(16))
+    assert b"worldToCamera\0m44f\0" + struct.pack("<i", 64) + stored in path.read_bytes()
+
+
+def test_camera_matrices_project_as_the_renderer_does():
+    """Against the design's formulas: camera axes, u = (focal*x/(z*W) + 1/2)*N, v = (focal*y/(z*H) + 1/2)*M, v up."""
+    to_camera, to_ndc = exr.camera_matrices(CAMERA)
+    eye, forward = CAMERA.eye, (CAMERA.lookat - CAMERA.eye) / np.linalg.norm(CAMERA.lookat - CAMERA.eye)
+    up = CAMERA.up - (CAMERA.up @ forward) * forward
+    up = up / np.linalg.norm(up)
+    axes = np.stack([np.cross(forward, up), up, forward])
+    (height, width), (columns, rows) = CAMERA.plane, CAMERA.resolution
+    for point in np.random.default_rng(5).normal(size=(50, 3)):
+        x, y, z = axes @ (point - eye)
+        row = np.append(point, 1.0)
+        assert np.allclose(row @ to_camera, [x, y, z, 1], atol=1e-13)
+        u = (CAMERA.focal * x / (z * width) + 0.5) * columns
+        v = (CAMERA.focal * y / (z * height) + 0.5) * rows
+        ndc = row @ to_ndc
+        assert np.allclose(ndc[:3] / ndc[3], [u / columns, 1 - v / rows, 1 - CAMERA.focal / z], rtol=1e-12)
+    corner = eye + CAMERA.focal * forward - width / 2 * axes[0] + height / 2 * axes[1]  # upper left, on the plane
+    ndc = np.append(corner, 1.0) @ to_ndc
+    assert np.allclose(ndc[:3] / ndc[3], 0, atol=1e-14)
+    assert np.linalg.det(to_camera[:3, :3]) == pytest.approx(-1)  # left-handed
+
+
+def test_two_writes_are_the_same_bytes(tmp_path):
+    given = {"RGB": noise((300, 200, 3)), "Z": noise((300, 200))}
+    for compression in exr.COMPRESSIONS:
+        for name in ("a", "b"):
+            exr.write(tmp_path / name, given, compression=compression, metadata=exr.camera_metadata(CAMERA))
+        assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_data_window(path):
+    image = np.zeros((8, 9, 3), np.float32)
+    image[2:5, 3:8] = noise((3, 5, 3))
+    exr.write(path, image, window="drawn")
+    found, header = exr.read(path)
+    assert header["displayWindow"] == (0, 0, 8, 7)
+    window = header["dataWindow"]
+    assert window == exr.drawn_window(exr.flatten(image))
+    for k, name in enumerate("RGB"):
+        same(found[name], image[..., k])
+    exr.write(path, image, window=(4, 2, 6, 3))
+    found, header = exr.read(path)
+    assert header["dataWindow"] == (4, 2, 6, 3)
+    expected = np.zeros_like(image)
+    expected[2:4, 4:7] = image[2:4, 4:7]
+    same(found["G"], expected[..., 1])
+
+
+def test_the_drawn_window_holds_all_that_is_not_0():
+    blank = np.zeros((6, 5), np.float32)
+    assert exr.drawn_window({"R": blank}) == (0, 0, 0, 0)
+    for value in (1e-45, np.nan, -0.0, np.inf):
+        plane = blank.copy()
+        plane[4, 1] = value
+        assert exr.drawn_window({"R": blank, "G": plane}) == (1, 4, 1, 4)
+    ids = np.zeros((6, 5), np.uint32)
+    ids[2, 3] = 1
+    assert exr.drawn_window({"G": plane, "id": ids}) == (1, 2, 3, 4)
+    assert exr.drawn_window({"Z": np.full((6, 5), np.inf)}) == (0, 0, 4, 5)
+
+
+def test_a_data_window_beyond_the_display_window(path):
+    import OpenEXR
+
+    box = lambda *edges: (np.array(edges[:2], np.int32), np.array(edges[2:], np.int32))  # noqa: E731
+    pixels = np.arange(20, dtype=np.float32).reshape(4, 5)
+    header = {"dataWindow": box(-2, -1, 2, 2), "displayWindow": box(0, 0, 3, 3), "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"Y": pixels.copy()}) as file:
+        file.write(str(path))
+    expected = np.zeros((4, 4), np.float32)
+    expected[:3, :3] = pixels[1:, 2:]
+    same(exr.read(path)[0]["Y"], expected)
+
+
+REFUSED = [
+    ({"R": np.zeros((2, 2)), "G": np.zeros((2, 3))}, {}, "all of the same shape"),
+    ({}, {}, "at least one"),
+    ({"R": np.zeros((0, 3))}, {}, "expected an array of shape (M, N)"),
+    ({"R": np.zeros(3)}, {}, "expected an array of shape (M, N)"),
+    ({"N": np.zeros((2, 2, 4))}, {}, "expected shape (M, N, 3)"),
+    (np.zeros((2, 2, 2)), {}, "expected shape (M, N, 3)"),
+    ({"RGB": np.zeros((2, 2, 3)), "G": np.zeros((2, 2))}, {}, "found two"),
+    ({"": np.zeros((2, 2))}, {}, "names of at least one letter"),
+    ({"id": np.array([[-1]])}, {}, "whole numbers from 0 to 2^32-1"),
+    ({"id": np.array([[2**32]])}, {}, "whole numbers from 0 to 2^32-1"),
+    ({"R": np.array([["x"]])}, {}, "found type"),
+    ({"R": np.array([[1j]])}, {}, "found type"),
+    (np.zeros((2, 2, 3)), {"compression": "dwaa"}, "expected one of none, rle"),
+    (np.zeros((2, 2, 3)), {"metadata": {"n": 2**31}}, "a whole number of 32 bits"),
+    (np.zeros((2, 2, 3)), {"metadata": {"n": [1, 2]}}, "a whole number of 32 bits"),
+    (np.zeros((2, 2, 3)), {"metadata": {"type": "x"}}, "the name of an attribute"),
+    (np.zeros((2, 2, 3)), {"metadata": {"pixelAspectRatio": 0.0}}, "from 1e-6 to 1e6"),
+    (np.zeros((2, 2, 3)), {"window": (0, 0, 2, 1)}, "inside 2 x 2 pixels"),
+    (np.zeros((2, 2, 3)), {"window": "auto"}, "drawn or None"),
+]
+
+
+@pytest.mark.parametrize(("channels", "options", "message"), REFUSED)
+def test_refused_arguments(path, channels, options, message):
+    with pytest.raises(InputError) as caught:
+        exr.write(path, channels, **options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not path.exists()
+
+
+class Failing(io.BytesIO):
+    """A stream that takes `limit` bytes."""
+
+    limit = 0
+    error: BaseException = OSError(28, "No space left on device")
+
+    def write(self, data):
+        if self.tell() + len(data) > self.limit:
+            raise self.error
+        return super().write(data)
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_disk_that_is_full_after_any_number_of_bytes(error):
+    """The last bytes count most: OpenEXR goes back and writes its table of offsets at the very end."""
+    import OpenEXR
+
+    box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
+    for compression in ("none", "zip", "zstd"):
+        whole = Failing()
+        whole.limit = 1 << 30
+        arguments = ({"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9))}, compression)
+        exr._encode(whole, *(part.copy() if isinstance(part, dict) else part for part in arguments))
+        size = len(whole.getvalue())
+        for limit in [*range(0, size, 97), *range(size - 30, size)]:
+            sink = Failing()
+            sink.limit, sink.error = limit, error
+            with pytest.raises(type(error)):
+                exr._encode(sink, *(part.copy() if isinstance(part, dict) else part for part in arguments))
+        assert OpenEXR.global_thread_count() == 0
+
+
+def test_a_full_disk_leaves_the_earlier_file(path):
+    resource = pytest.importorskip("resource")
+    exr.write(path, noise((4, 4, 3)))
+    before = path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        for compression in ("none", "zip"):
+            with pytest.raises(OutputError, match=r"a\.exr: cannot be written: File too large$"):
+                exr.write(path, noise((100, 100, 4)), compression=compression)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["a.exr"]
+
+
+def test_ctrl_c_leaves_the_earlier_file(path, monkeypatch):
+    exr.write(path, noise((4, 4, 3)))
+    before, calls = path.read_bytes(), []
+
+    def interrupted(self, data):
+        calls.append(len(data))
+        if len(calls) == 60:
+            raise KeyboardInterrupt
+        return self.file.write(data)
+
+    monkeypatch.setattr(exr._Sink, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        exr.write(path, noise((100, 100, 4)))
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["a.exr"]
+
+
+def test_a_missing_folder(tmp_path):
+    with pytest.raises(OutputError, match="there is no folder"):
+        exr.write(tmp_path / "none" / "a.exr", noise((2, 2, 3)))
+
+
+def bad(path, capfd) -> str:
+    with pytest.raises(InputError) as caught:
+        exr.read(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+    assert capfd.readouterr() == ("", "")
+    return text
+
+
+def test_files_that_are_no_exr(tmp_path, capfd):
+    assert "no such file" in bad(tmp_path / "missing.exr", capfd)
+    assert "folder" in bad(tmp_path, capfd)
+    for content, found in ((b"", "empty"), (b"text", "something else"), (b"\x76\x2f\x31\x01", "expected an OpenEXR")):
+        (tmp_path / "a.exr").write_bytes(content)
+        assert found in bad(tmp_path / "a.exr", capfd)
+    os.mkfifo(tmp_path / "pipe.exr")
+    assert "regular file" in bad(tmp_path / "pipe.exr", capfd)
+
+
+@pytest.mark.parametrize("compression", exr.COMPRESSIONS)
+def test_truncated_files(path, capfd, compression):
+    exr.write(path, noise((40, 9, 3)), compression=compression)
+    data = path.read_bytes()
+    for size in [*range(0, len(data), 61), len(data) - 1]:
+        path.write_bytes(data[:size])
+        bad(path, capfd)
+
+
+@pytest.mark.parametrize("compression", ["zip", "zstd", "pxr24"])
+def test_damaged_files(path, capfd, compression):
+    exr.write(path, np.repeat(noise((40, 3, 3)), 4, axis=1), compression=compression)
+    data = bytearray(path.read_bytes())
+    for k in range(20):
+        data[len(data) // 2 + k] ^= 0x5A
+    path.write_bytes(data)
+    assert "truncated or damaged" in bad(path, capfd)
+
+
+def test_images_of_other_kinds(path, capfd):
+    import OpenEXR
+
+    plane = np.zeros((4, 4), np.float32)
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": plane.copy()}, name) for name in "ab"]
+    OpenEXR.File(parts).write(str(path))
+    assert "one part, found 2 parts" in bad(path, capfd)
+
+    samples = np.empty((2, 2), object)
+    for k in range(4):
+        samples[k // 2, k % 2] = np.zeros(k + 1, np.float32)
+    deep = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    OpenEXR.File(deep, {"Z": samples}).write(str(path))
+    assert "a flat image" in bad(path, capfd)
+
+    thin = {"Y": plane.copy(), "RY": OpenEXR.Channel(np.zeros((2, 2), np.float32), 2, 2)}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, thin).write(str(path))
+    assert "subsampled" in bad(path, capfd)
+
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 3
+    OpenEXR.File({"type": OpenEXR.tiledimage, "tiles": tiles}, {"Y": noise((7, 5)).copy()}).write(str(path))
+    same(exr.read(path)[0]["Y"], noise((7, 5)))
+
+
+def test_a_header_that_claims_too_many_pixels(path, capfd):
+    exr.write(path, noise((1, 1, 3)), compression="none")
+    data = path.read_bytes()
+    name = b"displayWindow\0box2i\0" + struct.pack("<i", 16)
+    assert data.count(name) == 1
+    start = data.index(name) + len(name)
+    path.write_bytes(data[:start] + struct.pack("<4i", 0, 0, 65535, 65535) + data[start + 16 :])
+    assert "displayWindow: expected 1 to 268435456 pixels" in bad(path, capfd)
+
+
+def test_a_child_made_by_fork_can_write(path):
+    """OpenEXR's threads do not survive a fork; were they left running, the child would wait for them forever."""
+    code = (
+        "import os, sys, numpy as np\nfrom clshade import exr\n"
+        "exr.write(sys.argv[1], np.ones((99, 99, 3)))\n"
+        "child = os.fork()\n"
+        "exr.write(sys.argv[1] + str(child > 0), np.ones((99, 99, 3)))\n"
+        "if child: sys.exit(os.waitpid(child, 0)[1])\n"
+        "os._exit(0)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=20)
+    assert (path.parent / "a.exrTrue").read_bytes() == (path.parent / "a.exrFalse").read_bytes()
+
+
+def test_importing_costs_no_library():
+    code = (
+        "import sys, clshade.exr, clshade.png, clshade.tonemap, clshade.inspecting\n"
+        "print({'OpenEXR', 'PIL', 'matplotlib', 'pyopencl'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=True)
+    assert result.stdout == "set()\n"

@@ -1,0 +1,308 @@
+"""The oracle's stages against closed forms, exact arithmetic and mpmath."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+
+from clshade.oracle import clip, coverage, normals, shade, texture, transform
+
+VIEW = (1.0, (1.0, 1.0), (32, 32))  # focal, plane, resolution
+# Transform
+
+
+def test_camera_frame_is_right_handed_and_unmirrored():
+    axes = transform.camera_frame([0, 0, 4], [0, 0, 0], [0.0, 1, 0])
+    assert np.array_equal(axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
+    eye, lookat, up = np.array([1.0, -2, 3]), np.array([-4.0, 4, 9]), np.array([0.3, 1, -0.2])
+    axes = transform.camera_frame(eye, lookat, up)
+    assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.allclose(axes[2], (lookat - eye) / np.linalg.norm(lookat - eye), atol=1e-15)
+    assert axes[1] @ up > 0
+    assert np.allclose(axes[0], np.cross(axes[2], axes[1]), atol=1e-15)
+    for scale in (2.0**-300, 2.0**300):
+        assert np.array_equal(transform.camera_frame(eye * scale, lookat * scale, up * scale), axes)
+
+
+def test_projection_and_snapping():
+    uv = transform.project(np.array([[0.0, 0, 5], [1, 1, 2], [-1, 0, 4]]), 1.0, (1.0, 2.0), (100, 50))
+    assert np.array_equal(uv, [[50, 25], [75, 50], [37.5, 25]])
+    halves = np.array([0.5, 1.5, 2.5, -0.5, -1.5]) / 256
+    assert transform.snap(halves).tolist() == [0, 2, 2, 0, -2]
+    assert transform.near_distance(np.array([[0.0, 0, 0], [3, 4, 0]]), np.zeros(3), np.ones(3)) == 2.5e-4
+    assert transform.near_distance(np.ones((1, 3)), np.zeros(3), np.array([0, 0, 2.0])) == 2e-4
+
+
+def test_vertex_normals():
+    verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
+    found = normals.vertex_normals(verts, faces)
+    assert np.allclose(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
+    assert np.allclose(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
+    assert not found[4].any()
+    assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]])).any()
+    for scale in (1e-150, 1e150):
+        assert np.allclose(normals.vertex_normals(verts * scale, faces), found, atol=1e-15)
+    # A larger face counts for more: twice the area, twice the weight.
+    folded = normals.vertex_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]]), [[0, 1, 2], [0, 3, 1]])
+    assert np.allclose(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
+
+
+def test_placed_normals_stay_perpendicular():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        matrix = np.eye(4)
+        matrix[:3, :3] = rng.normal(size=(3, 3))
+        normal, tangent = rng.normal(size=(2, 3))
+        tangent -= normal * (tangent @ normal) / (normal @ normal)
+        placed = normals.placed_normals(normal[None], matrix)[0]
+        assert abs(placed @ (matrix[:3, :3] @ tangent)) < 1e-13
+        assert placed @ np.linalg.inv(matrix[:3, :3]).T @ normal > 0
+    mirror = np.diag([-1.0, 1, 1, 1])
+    assert np.allclose(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror), [[-1, 0, 0], [0, 1, 0]])
+
+
+# Clipping
+
+
+def test_near_clip_lands_on_the_plane_and_agrees_between_neighbors():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        a, b, c, d = rng.normal(size=(4, 3))
+        a[2], b[2] = abs(a[2]) + 1, -abs(b[2])
+        cuts = []
+        for corners in (np.array([a, b, c]), np.array([b, a, d]), np.array([d, b, a])):
+            points, weights = clip.clip_near(corners, np.eye(3), 0.5)
+            assert (points[:, 2] >= 0.5).all()
+            assert np.allclose(weights.sum(axis=1), 1, atol=1e-12)
+            assert np.allclose(weights @ corners, points, atol=1e-12)
+            cuts.append({tuple(p) for p in points.tolist() if p[2] == 0.5})
+        assert len(cuts[0] & cuts[1] & cuts[2]) == 1  # the cut of the shared edge a-b, to the last bit
+
+
+def test_pieces_pass_drop_and_cut():
+    simple = [[-1.0, -1, 4], [1, -1, 4], [0, 1, 4]]
+    behind = [[0.0, 0, -1], [1, 0, -2], [0, 1, 0.05]]
+    straddling = [[-1.0, -1, 4], [1, -1, 4], [0, 1, -4]]
+    huge = [[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]]
+    aside = [[1e6, 0, 4], [2e6, 1, 4], [2e6, 2, 4]]
+    cut = clip.pieces(np.array([simple, behind, straddling, huge, aside]), 0.1, *VIEW)
+    assert cut.face.tolist()[:3] == [0, 2, 2]
+    assert set(cut.face.tolist()) == {0, 2, 3}
+    assert np.array_equal(cut.weights[0], np.eye(3))
+    assert (cut.z >= 0.1).all()
+    assert (np.abs(cut.xy) <= clip.GUARD * 256).all()
+    assert (
+        sum(coverage.triangle_mask(xy, 32, 32).astype(int) for xy in cut.xy[cut.face == 3]).tolist() == [[1] * 32] * 32
+    )
+
+
+# Coverage
+
+
+def exact_mask(xy, columns: int, rows: int) -> np.ndarray:
+    """The top-left rule in rationals: a center that is moved a little to the right, and far less down, is inside."""
+    mask = np.zeros((rows, columns), bool)
+    for row in range(rows):
+        for column in range(columns):
+            p = Fraction(256 * column + 128) + Fraction(1, 10**20), Fraction(256 * row + 128) - Fraction(1, 10**40)
+            turns = []
+            for i in range(3):
+                (ax, ay), (bx, by) = xy[i], xy[(i + 1) % 3]
+                turns.append((bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax))
+            mask[row, column] = all(t > 0 for t in turns) or all(t < 0 for t in turns)
+    return mask
+
+
+def test_coverage_equals_exact_arithmetic():
+    rng = np.random.default_rng(3)
+    for index in range(300):
+        step = (1, 64, 128)[index % 3]  # coarse grids put many centers on edges and corners
+        xy = rng.integers(-600 // step, 2000 // step, (3, 2)) * step
+        mask = coverage.triangle_mask(xy, 6, 5)
+        assert np.array_equal(mask, exact_mask(xy.tolist(), 6, 5)), xy.tolist()
+        assert np.array_equal(mask, coverage.triangle_mask(xy[[0, 2, 1]], 6, 5))
+        assert np.array_equal(mask, coverage.triangle_mask(xy[[1, 2, 0]], 6, 5))
+        area, (c0, r0, c1, r1), culled = coverage.setup(xy, 6, 5)
+        outside = mask.copy()
+        outside[r0 : r1 + 1, c0 : c1 + 1] = False
+        assert not outside.any()
+        assert not (culled and mask.any())
+        edges = coverage.edge_functions(xy, np.arange(6), np.array(2))
+        assert (edges.sum(axis=-1) == abs(area)).all()
+
+
+def test_edges_own_their_points():
+    box = np.array([[128, 128], [128 + 512, 128], [128 + 512, 128 + 512], [128, 128 + 512]])
+    mask = coverage.triangle_mask(box[[0, 1, 2]], 4, 4) | coverage.triangle_mask(box[[0, 2, 3]], 4, 4)
+    expected = np.zeros((4, 4), bool)
+    expected[1:3, 0:2] = True  # the top row and the left column belong to it, bottom and right do not
+    assert np.array_equal(mask, expected)
+
+
+@pytest.mark.parametrize("turn", range(12))
+def test_shared_edges_are_drawn_once(turn):
+    """A disc of twelve needles round a pixel center, and the ring of quads outside: nowhere twice, no hole."""
+    angle = (np.arange(12) + turn / 12) * math.pi / 6
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    inner, outer = (np.rint(16.5 * 256 + r * 256 * ring).astype(int) for r in (6, 15))
+    count = np.zeros((33, 33), int)
+    for i in range(12):
+        j = (i + 1) % 12
+        for xy in (
+            [[16 * 256 + 128] * 2, inner[i], inner[j]],
+            [inner[i], outer[i], inner[j]],
+            [inner[j], outer[i], outer[j]],
+        ):
+            count += coverage.triangle_mask(np.array(xy), 33, 33)
+    rows, columns = np.indices(count.shape)
+    distance = np.hypot(rows - 16, columns - 16)
+    assert (count <= 1).all()
+    assert (count[distance < 15 * math.cos(math.pi / 12) - 0.1] == 1).all()
+    assert not count[distance > 15.1].any()
+
+
+def test_setup_culls():
+    ccw = np.array([[0, 0], [1024, 0], [0, 1024]])
+    both = coverage.setup(np.array([ccw, ccw[::-1], ccw * 0, ccw // 9 + 129, ccw + 9999]), 4, 4, cull=True)
+    assert both.area.tolist()[:3] == [1024**2, -(1024**2), 0]
+    assert both.box[0].tolist() == [0, 0, 3, 3]
+    assert both.culled.tolist() == [False, True, True, True, True]
+    assert not coverage.setup(ccw[::-1], 4, 4).culled
+
+
+def test_samples_are_the_masks():
+    rng = np.random.default_rng(4)
+    xy = rng.integers(-900, 6000, (40, 3, 2))
+    setup = coverage.setup(xy, 20, 17)
+    alive = np.flatnonzero(~setup.culled)
+    for limit in (1, 50, 10**6):
+        found = np.zeros((len(alive), 17, 20), int)
+        for k, column, row, _ in coverage.samples(xy[alive], setup.box[alive], limit):
+            np.add.at(found, (k, row, column), 1)
+        assert np.array_equal(found, [coverage.triangle_mask(t, 20, 17) for t in xy[alive]])
+
+
+def test_painter_order_and_tile_lists():
+    z = np.array([[1.0, 2, 3], [3, 1, 2], [0, 0, 0], [-0.0, 0, 0], [9, 9, 9], [2, 2, 2 + 2**-49]])
+    order = coverage.painter_order(z, np.array([1, 1, 1, 1, 0, 1], bool))
+    assert order.tolist() == [3, 2, 1, 0, 5]
+    boxes = np.array([[0, 0, 0, 0], [7, 7, 8, 8], [0, 0, 9, 9], [9, 0, 9, 0]])
+    lists = coverage.tile_lists(np.array([2, 0, 3, 1]), boxes, 8, 10, 10)
+    assert [tile.tolist() for tile in lists] == [[2, 0, 1], [2, 3, 1], [2, 1], [2, 1]]
+
+
+# Shading
+
+
+def test_barycentrics_and_depth_at_the_middle_of_an_edge():
+    edges, z = np.array([5, 5, 0]), np.array([1.0, 3.0, 7.0])
+    assert shade.barycentrics(edges, z, "affine").tolist() == [0.5, 0.5, 0]
+    assert np.allclose(shade.barycentrics(edges, z, "perspective"), [0.75, 0.25, 0], atol=1e-16)
+    assert shade.depth(edges, z) == pytest.approx(1.5, rel=1e-15)  # harmonic mean of 1 and 3
+
+
+def lit(
+    point=(0, 0, 0), normal=(0, 0, 1), color=(1, 1, 1), eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0, **kw
+):
+    args = (np.array(v, float) for v in (point, normal, color, eye))
+    one = np.ones(3)
+    return shade.light(*args, 0.1 * one, kd * one, ks * one, n, np.array([l_pos], float), 2 * one[None], **kw)
+
+
+def test_light_closed_forms():
+    assert np.allclose(lit(), 0.1 + 2 * 0.5)  # normal incidence
+    assert np.allclose(lit(l_pos=(math.sqrt(3), 0, 1)), 0.1 + 2 * 0.5 * 0.5)  # 60 degrees
+    assert np.allclose(lit(l_pos=(0, 0, -5), ks=1.0), 0.1)  # from behind: no diffuse, no highlight
+    assert np.allclose(lit(normal=(0, 0, 7), color=(0.5, 1, 2)), [0.6, 1.1, 2.1])
+    assert np.allclose(lit(color=(0.5, 1, 2), tinted=True), [0.55, 1.1, 2.2])
+    # Light at 60 degrees: R.V with the eye on the normal is cos(60); mirrored direction gives 1 for any n.
+    assert np.allclose(lit(l_pos=(math.sqrt(3), 0, 1), kd=0, ks=0.5, n=3), 0.1 + 2 * 0.5 / 8)
+    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(-2, 0, 2), kd=0, ks=0.5, n=1e9), 0.1 + 2 * 0.5)
+    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(2, 0, 1), kd=0, ks=0.5, n=0), 0.1)  # R.V < 0
+    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(-2, 0, 1), kd=0, ks=0.5, n=0), 0.1 + 2 * 0.5)
+
+
+def test_light_degenerate_inputs_contribute_zero():
+    assert np.allclose(lit(normal=(0, 0, 0), ks=1.0), 0.1)
+    assert np.allclose(lit(l_pos=(0, 0, 0), ks=1.0), 0.1)
+    assert np.allclose(lit(eye=(0, 0, 0), ks=1.0, n=0), 0.1 + 2 * 0.5)
+    for scale in (1e-200, 1e200):
+        assert np.allclose(lit(l_pos=(0, 0, scale), eye=(0, 0, scale), normal=(0, 0, scale)), 0.1 + 2 * 0.5)
+
+
+@pytest.mark.parametrize("n", [1, 20, 200, 1e4, 1e9])
+def test_highlight_against_mpmath(n):
+    """Inside the lobe the power's condition number is about 2*sqrt(n) in the directions, 1e-16 each."""
+    rng = np.random.default_rng(5)
+    with mpmath.workdps(60):
+        for _ in range(20):
+            spread = 1 / math.sqrt(n + 1)
+            l_pos, eye = np.array([0.3, 0.2, 1.0]), np.array([-0.3, -0.2, 1.0]) + spread * rng.uniform(-0.5, 0.5, 3)
+            l_unit, v_unit = (mpmath.matrix(v.tolist()) / mpmath.norm(mpmath.matrix(v.tolist())) for v in (l_pos, eye))
+            cosine = -l_unit[0] * v_unit[0] - l_unit[1] * v_unit[1] + l_unit[2] * v_unit[2]
+            expected = 2 * float(cosine ** mpmath.mpf(n))
+            value = lit(l_pos=l_pos, eye=eye, kd=0, ks=1.0, n=n)[0] - 0.1
+            assert value == pytest.approx(expected, rel=16 * math.sqrt(n + 1) * 2**-53, abs=1e-15)
+
+
+def test_conditioning_budget_and_gate():
+    eye, lights = np.zeros(3), np.array([[0.0, 0, -4]])
+    point, normal = np.array([[0.0, 0, -5], [0, 0, -4.001]]), np.array([0.0, 0, 1])
+    kappa = shade.conditioning(point, np.array([5.0, 5.0]), np.array([1.0, 1.0]), eye, lights)
+    assert np.allclose(kappa, [5, 5000], rtol=1e-9)
+    assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
+    found = shade.budget(np.array([0.5, 1, 3]), np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3), [[2.0, 2, -2]] * 2)
+    assert np.allclose(found, [2.1, 2.1, 6.1])
+    grazing = np.array([[0.0, 0, -4 - 1e-7], [0, 0, -4.1], [0.0, 0, -4]]) + [[1, 0, 0], [1, 0, 0], [0, 0, 0]]
+    assert shade.at_gate(grazing, normal, eye, lights).tolist() == [True, False, True]
+    assert not shade.at_gate(grazing, np.zeros(3), eye, lights).any()
+
+
+# Texture
+
+
+IMAGE = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+
+
+def test_texel_centers_and_borders():
+    j, i = np.indices((2, 4))
+    centers = np.stack([(i + 0.5) / 4, (j + 0.5) / 2], axis=-1)
+    for wrap in ("repeat", "clamp", "mirror"):
+        assert np.allclose(texture.bilerp(centers, IMAGE, "standard", wrap), IMAGE, atol=1e-12)
+        assert np.allclose(texture.bilerp([0.5, 0.25], IMAGE, "standard", wrap), (IMAGE[0, 1] + IMAGE[0, 2]) / 2)
+    corner = {wrap: texture.bilerp([0.0, 0.25], IMAGE, "standard", wrap) for wrap in ("repeat", "clamp", "mirror")}
+    assert np.allclose(corner["repeat"], (IMAGE[0, 0] + IMAGE[0, 3]) / 2)
+    assert np.allclose(corner["clamp"], IMAGE[0, 0])
+    assert np.allclose(corner["mirror"], IMAGE[0, 0])
+    beyond = np.array([1 + 1.5 / 4, 0.25])
+    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "repeat"), IMAGE[0, 1])
+    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "mirror"), IMAGE[0, 2])
+    assert np.allclose(texture.bilerp(-beyond + [0, 0.5], IMAGE, "standard", "mirror"), IMAGE[0, 2])
+    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "clamp"), IMAGE[0, 3])
+
+
+def test_course_lookup():
+    uv = np.array([[0.0, 0], [1, 1], [1 / 3, 0], [0.5, 0.5], [-7, 9], [1, 0]])
+    expected = [IMAGE[0, 0], IMAGE[1, 3], IMAGE[0, 1], IMAGE.mean(axis=(0, 1)), IMAGE[1, 0], IMAGE[0, 3]]
+    assert np.allclose(texture.bilerp(uv, IMAGE, "course"), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("lookup", ["standard", "course"])
+@pytest.mark.parametrize("wrap", ["repeat", "clamp", "mirror"])
+def test_lookup_is_defined_everywhere(lookup, wrap):
+    wild = np.array([0.0, -0.0, 1, 1e30, -1e30, -1e-30, np.inf, -np.inf, np.nan])
+    uv = np.stack(np.meshgrid(wild, wild), axis=-1)
+    for image in (IMAGE, IMAGE[:1, :1], IMAGE[:1], IMAGE[:, :1]):
+        found = texture.bilerp(uv, image, lookup, wrap)
+        assert (found >= image.min()).all()
+        assert (found <= image.max()).all()
+        assert np.array_equal(found[6:], np.broadcast_to(found[0], (3, *found.shape[1:])))  # not finite: as 0
+        assert np.isfinite(texture.slope(uv, np.ones_like(uv), image, lookup, wrap)).all()
+    # In the course's lookup u = 1/6 lies midway between texels 0 and 1: d color / d u = 3 texels * 3 per texel.
+    steep = texture.slope(np.array([1 / 6, 0]), np.array([0.5, 0]), IMAGE, "course")
+    assert np.allclose(steep, 0.5 * 3 * 3)

@@ -1,0 +1,350 @@
+"""Whole frames of the oracle against closed forms, and the comparators against planted errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import compare
+import numpy as np
+import pytest
+
+from clshade import oracle
+from clshade.scene import PRESETS, Camera, Material, Mesh, PointLight, Scene, Settings, Texture
+
+# Seen from (0, 0, 4) with focal = plane the image spans x, y in [-2, 2] at z = 0: a pixel is 1/8 unit wide.
+CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
+LIGHT = PointLight((1.0, 2.0, 3.0), (1.0, 0.5, 0.25))
+QUAD = [[0, 1, 2], [0, 2, 3]]
+QUAD_UVS = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]])
+
+
+def quad(half: float = 1.0, z: float = 0.0, **fields) -> Mesh:
+    """A square facing the camera, counter-clockwise, lower-left corner first."""
+    verts = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
+    return Mesh(verts, QUAD, **fields)
+
+
+def draw(*meshes: Mesh, preset: str = "standard", camera: Camera = CAMERA, lights=(LIGHT,), sky=0.3, **fields):
+    settings = Settings.from_preset(preset, **fields)
+    return oracle.render(Scene(meshes, camera, lights, sky, preset=preset), settings)
+
+
+@pytest.mark.parametrize("far", [1e4, 1e10])
+def test_triangle_far_beyond_the_screen_covers_all_of_it(far):
+    frame = draw(
+        Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), shader="nolight", near=0.1
+    )
+    assert (frame.id == 1).all()
+    assert np.allclose(frame.Z, 4, rtol=1e-12)
+
+
+def test_floor_through_the_eye_plane():
+    """A floor at y = -1 that reaches far behind the eye: depth 1/tan(angle below the horizon), nothing above it."""
+    camera = Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
+    floor = Mesh(np.array([[-900.0, -1, 90], [900, -1, 90], [0, -1, -900]]), [[0, 1, 2]])
+    frame = draw(floor, camera=camera, near=0.5)
+    below = (np.arange(16, 32) - 15.5) / 32  # of rows 16 to 31 from the top, at distance 1
+    assert not frame.id[:16].any()
+    assert (frame.id[16:, 14:18] == 1).all()
+    # Snapping moves the edges' ends, and the depth with them, by up to 1/512 px of the 1/2 px to the horizon.
+    assert np.allclose(frame.Z[16:, 16], 1 / below, rtol=1 / 200)
+    assert np.isfinite(frame.rgb).all()
+
+
+@pytest.mark.parametrize("far", [1e38, 1e200])
+def test_coordinates_beyond_float32_are_harmless(far):
+    frame = draw(Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), quad(z=1.0), near=0.1)
+    assert np.isfinite(frame.rgb).all()
+    assert (frame.id[10:22, 10:22] >= 2).all()  # the quad before it is intact
+
+
+# Frames
+
+
+def pixel_position(row: int, column: int, z: float = 0.0) -> np.ndarray:
+    """Where the ray of a pixel of CAMERA meets the plane at height z."""
+    step = (4 - z) / 32
+    return np.array([(column - 15.5) * step, (15.5 - row) * step, z])
+
+
+def phong(point, normal, light=LIGHT, eye=(0, 0, 4), ka=0.1, kd=0.8, ks=0.5, n=20.0, ambient=0.3):
+    """The reflection model once more, for one white point, in plain vectors."""
+    to_light, to_eye = light.position - point, np.array(eye) - point
+    to_light, to_eye = to_light / math.hypot(*to_light), to_eye / math.hypot(*to_eye)
+    n_l = normal @ to_light
+    r_v = (2 * normal * n_l - to_light) @ to_eye
+    return ka * ambient + light.intensity * (kd * max(0, n_l) + (ks * r_v**n if n_l > 0 and r_v > 0 else 0))
+
+
+UP = np.array([0.0, 0, 1])
+
+
+def test_standard_phong_pixels():
+    frame = draw(quad())
+    assert frame.id[7, 16] == 0
+    assert sorted(np.unique(frame.id)) == [0, 1, 2]
+    assert frame.alpha.sum() == 16 * 16
+    assert (frame.Z[frame.id > 0] == 4).all()
+    assert (frame.Z[frame.id == 0] == np.inf).all()
+    for row, column in ((8, 8), (8, 23), (23, 8), (13, 20)):
+        assert np.allclose(frame.rgb[row, column], phong(pixel_position(row, column), UP), rtol=1e-12)
+
+
+def test_course_lights_once_per_triangle():
+    corners = quad().verts[quad().faces]
+    frame = draw(quad(), preset="course")
+    for row, column in ((8, 9), (22, 20)):
+        face = frame.id[row, column] - 1
+        assert np.allclose(frame.rgb[row, column], phong(corners[face].mean(axis=0), UP), rtol=1e-12)
+    assert len(np.unique(frame.rgb[frame.id == 1], axis=0)) <= 3  # one color, to rounding
+    assert np.allclose(draw(quad(), preset="course", shader="gouraud").rgb, frame.rgb, rtol=1e-12)  # flat: the same
+
+
+def test_gouraud_interpolates_the_corners():
+    triangle = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0]]), [[0, 1, 2]])
+    frame = draw(triangle, shader="gouraud", interpolation="affine")
+    point = pixel_position(20, 12)
+    a, b, c = (phong(p, UP) for p in triangle.verts)
+    s, t = (point[0] + 1) / 2, (point[1] + 1) / 2
+    assert np.allclose(frame.rgb[20, 12], a + s * (b - a) + t * (c - a), rtol=1e-12)
+
+
+def test_interpolation_on_a_slanted_quad():
+    """Color 0 at depth 2 and 1 at depth 6: half way in the image perspective gives 1/4, affine 1/2."""
+    verts = np.array([[-1.0, -1, 2], [3, -3, -2], [3, 3, -2], [-1, 1, 2]])  # its sides are at u = 0 and u = 32
+    mesh = Mesh(verts, QUAD, colors=np.array([[0.0] * 3, [1] * 3, [1] * 3, [0] * 3]))
+    middle = {how: draw(mesh, shader="nolight", interpolation=how).rgb[16] for how in ("affine", "perspective")}
+    u = (np.arange(32) + 0.5) / 32
+    assert np.allclose(middle["affine"][:, 0], u, atol=1e-12)
+    assert np.allclose(middle["perspective"][:, 0], u / 6 / (u / 6 + (1 - u) / 2), atol=1e-12)
+    assert np.allclose(draw(mesh, shader="nolight").Z[16], 1 / (u / 6 + (1 - u) / 2), rtol=1e-12)
+
+
+def test_visibility():
+    near, far = quad(0.5, z=1.0), quad(1.0, z=-1.0)
+    for preset in PRESETS:
+        for meshes in ((near, far), (far, near)):
+            frame = draw(*meshes, preset=preset)
+            assert (frame.Z[14:18, 14:18] == 3).all()
+            assert (frame.Z[9, 16], frame.id.max()) == (np.inf, 4)
+        assert set(np.unique(draw(quad(), quad(), preset=preset).id)) == {0, 3, 4}  # equal: the later face
+    # Painter's looks at the mean: the slanted triangle's (12/3) is behind the flat one's although it sticks out.
+    slanted = Mesh(np.array([[-1.0, -1, 2], [1, -1, -2], [0, 1, -1]]), [[0, 1, 2]])
+    flat = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]])
+    seen = {v: draw(slanted, flat, visibility=v).id for v in ("painter", "depth")}
+    both = draw(slanted).alpha * draw(flat).alpha > 0
+    assert set(seen["painter"][both]) == {2}
+    assert set(seen["depth"][both]) == {1, 2}
+
+
+def test_culling_and_winding():
+    back = replace(quad(), faces=np.array(QUAD)[:, ::-1])
+    assert draw(quad(), cull=True).alpha.sum() == 256
+    assert draw(back, cull=True).alpha.sum() == 0
+    assert draw(back).alpha.sum() == 256
+
+
+def test_orientation_and_faces_of_instances():
+    move = np.tile(np.eye(4), (2, 1, 1))
+    move[0, :2, 3], move[1, :2, 3] = (-1, 1), (1, -1)
+    mesh = quad(0.5, colors=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]), instances=move)
+    frame = draw(quad(0.25), mesh, shader="nolight")
+    assert (frame.id[4:12, 4:12] >= 3).all()  # up and left: the first instance
+    assert (frame.id[4:12, 4:12] <= 4).all()
+    assert (frame.id[20:28, 20:28] >= 5).all()
+    assert frame.rgb[11, 4].argmax() == 0  # red is bottom left, green bottom right, blue top right
+    assert frame.rgb[11, 11].argmax() == 1
+    assert frame.rgb[4, 11].argmax() == 2
+    assert frame.rgb[4, 4].min() > 0.8
+
+
+def test_given_normals_are_used_except_by_course_scenes():
+    tilted = np.array([[0.6, 0, 0.8]])
+    mesh = quad(normals=3 * tilted, normal_faces=np.zeros((2, 3), int))
+    assert np.allclose(draw(mesh).rgb[10, 10], phong(pixel_position(10, 10), tilted[0]), rtol=1e-12)
+    assert np.array_equal(draw(mesh, preset="course").rgb, draw(quad(), preset="course").rgb)
+
+
+def test_background_and_empty_scenes():
+    scene = Scene((), CAMERA, background=(0.25, 0.5, 2.0))
+    for preset in PRESETS:
+        frame = oracle.render(scene, Settings.from_preset(preset))
+        assert (frame.rgb == [0.25, 0.5, 2.0]).all()
+        assert not frame.id.any()
+        assert not oracle.render(replace(scene, background=None), Settings()).rgb.any()
+
+
+def test_textured_light():
+    """Ambient `plain` is not multiplied by the texel, all else is; course lookups replace the vertex color."""
+    image = np.array([[[0.0, 0.25, 0.5], [1, 0.75, 0.5]]], np.float32)
+    u = (np.arange(16) + 0.5) / 16
+    for lookup in ("standard", "course"):
+        material = Material(texture=Texture(image, "clamp", lookup))
+        mesh = quad(uvs=QUAD_UVS, material=material, colors=np.full((4, 3), 0.5))
+        share = np.clip(2 * u - 0.5, 0, 1) if lookup == "standard" else u
+        texel = image[0, 0] + share[:, None] * (image[0, 1] - image[0, 0])
+        color = texel * (0.5 if lookup == "standard" else 1.0)
+        fields = {"interpolation": "affine", "lighting_at": "position"}
+        got = draw(mesh, shader="nolight").rgb[16, 8:24]
+        assert np.allclose(got, color, atol=1e-7)
+        for ambient in ("plain", "tinted"):
+            for shader in ("phong", "gouraud"):
+                white = draw(quad(), shader=shader, ambient=ambient, **fields).rgb[16, 8:24]
+                got = draw(mesh, shader=shader, ambient=ambient, **fields).rgb[16, 8:24]
+                base = 0.1 * 0.3
+                expected = white * color if ambient == "tinted" else base + (white - base) * color
+                assert np.allclose(got, expected, atol=1e-7), (lookup, ambient, shader)
+        at_corners = draw(mesh, shader="nolight", texture_at="vertex", preset="course").rgb[16, 8:24]
+        ends = image[0, 0], image[0, 1]
+        expected = (ends[0] + u[:, None] * (ends[1] - ends[0])) * (0.5 if lookup == "standard" else 1.0)
+        assert np.allclose(at_corners, expected, atol=1e-7)
+
+
+def test_texture_rows_go_up_with_v():
+    image = np.zeros((2, 2, 3), np.float32)
+    image[0, 1] = 1.0  # v = 0, u = 1: the lower right corner of the quad
+    frame = draw(quad(uvs=QUAD_UVS, material=Material(texture=Texture(image))), shader="nolight")
+    assert frame.rgb[19, 19, 0] == pytest.approx(frame.rgb[19:21, 19:21].max())
+    assert frame.rgb[11, 19, 0] < 0.2
+    assert frame.rgb[19, 11, 0] < 0.2
+    broken = quad(uvs=np.full((4, 2), np.nan), material=Material(texture=Texture(image, "clamp", "course")))
+    assert (draw(broken, shader="nolight").rgb[12:20, 12:20] == image[0, 0]).all()
+
+
+def blob(count: int = 400, seed: int = 6) -> Mesh:
+    """Triangles of all sizes round the origin, some of them behind the eye."""
+    rng = np.random.default_rng(seed)
+    verts = rng.normal(size=(count, 1, 3)) * [1, 1, 2] + rng.normal(size=(count, 3, 3)) * rng.uniform(
+        0.05, 1, (count, 1, 1)
+    )
+    verts = np.round(verts * 64) / 64
+    return Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors=rng.uniform(0, 1, (3 * count, 3)))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_scale_and_offset_change_nothing(preset):
+    settings = Settings.from_preset(preset)
+    scene = Scene((blob(),), CAMERA, (LIGHT,), preset=preset)
+    plain = oracle.render(scene, settings)
+    assert plain.alpha.mean() > 0.5
+
+    def moved(scale: float, shift: float) -> oracle.OracleFrame:
+        mesh, camera = scene.meshes[0], scene.camera
+        mesh = replace(mesh, verts=mesh.verts * scale + shift)
+        camera = replace(camera, eye=camera.eye * scale + shift, lookat=camera.lookat * scale + shift)
+        light = replace(LIGHT, position=LIGHT.position * scale + shift)
+        return oracle.render(replace(scene, meshes=(mesh,), camera=camera, lights=(light,)), settings)
+
+    for scale, shift in ((1e-20, 0), (1e20, 0), (1, 1e6), (2.0**70, 0)):
+        frame = moved(scale, shift)
+        assert np.array_equal(frame.id, plain.id)
+        assert np.allclose(frame.rgb, plain.rgb, rtol=0, atol=1e-9)
+    assert np.array_equal(frame.rgb, plain.rgb)  # a power of two: the same bits
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_sample_and_depth_at_agree_with_render(preset):
+    scene, settings = Scene((blob(),), CAMERA, (LIGHT,), preset=preset), Settings.from_preset(preset)
+    frame = oracle.render(scene, settings)
+    rows, columns = np.indices(frame.id.shape)
+    found = oracle.depth_at(scene, settings, frame.id.ravel().astype(int) - 1, rows.ravel(), columns.ravel())
+    assert np.array_equal(found.reshape(frame.Z.shape), frame.Z)
+    some = oracle.sample(scene, settings, rows[5:9, 3], columns[5:9, 3])
+    assert np.array_equal(some.rgb, frame.rgb[5:9, 3])
+    if settings.visibility == "depth":  # no face is nearer anywhere
+        for face in range(0, 400, 7):
+            assert (oracle.depth_at(scene, settings, face, rows.ravel(), columns.ravel()) >= frame.Z.ravel()).all()
+
+
+# Comparators
+
+
+class Rounded(SimpleNamespace):
+    """An oracle frame in the types of a rendered one."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.layers[name]
+
+
+def rounded(frame: oracle.OracleFrame) -> Rounded:
+    layers = {"id": frame.id.copy(), "Z": frame.Z.astype(np.float32)}
+    return Rounded(rgb=frame.rgb.astype(np.float32), alpha=frame.alpha.astype(np.float32), layers=layers)
+
+
+@pytest.fixture(scope="module", params=PRESETS)
+def case(request):
+    scene, settings = Scene((blob(),), CAMERA, (LIGHT,), preset=request.param), Settings.from_preset(request.param)
+    return oracle.render(scene, settings), scene, settings
+
+
+def test_comparators_accept_rounding(case):
+    measured = compare.assert_frame(rounded(case[0]), *case)
+    assert 0 < measured <= 1  # one rounding of a value that is at most its budget
+
+
+@pytest.mark.parametrize(
+    ("message", "plant"),
+    [
+        ("rgb: expected", lambda f: setattr(f, "rgb", f.rgb.astype(np.float64))),
+        ("rgb: expected", lambda f: setattr(f, "rgb", f.rgb[:-1])),
+        ("id: expected", lambda f: f.layers.update(id=f.layers["id"].astype(np.int64))),
+        ("rgb: not finite", lambda f: f.rgb.__setitem__((3, 4, 1), np.nan)),
+        ("Z: NaN", lambda f: f.layers["Z"].__setitem__((3, 4), np.nan)),
+        ("ids differ: 1 of", lambda f: f.layers["id"].__setitem__((16, 16), 0)),
+        ("ids differ: 1 of", lambda f: f.layers["id"].__setitem__((16, 16), 401)),
+        ("ids differ", lambda f: f.layers.update(id=np.roll(f.layers["id"], 1, axis=1))),
+        ("alpha differs: 1 of", lambda f: f.alpha.__setitem__((16, 16), 0.5)),
+        ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), f.layers["Z"][16, 16] * (1 + 1e-6))),
+        ("colors off", lambda f: f.rgb.__setitem__((16, 16, 2), f.rgb[16, 16, 2] + 0.01)),
+        ("colors off", lambda f: setattr(f, "rgb", f.rgb[:, ::-1].copy())),
+    ],
+)
+def test_comparators_find_planted_errors(case, message, plant):
+    frame = rounded(case[0])
+    plant(frame)
+    with pytest.raises(AssertionError, match=message):
+        compare.assert_frame(frame, *case)
+
+
+def test_depth_ties_are_excepted_only_with_proof():
+    scene = Scene((quad(), quad(z=-1e-7), quad(z=-0.01)), CAMERA)
+    settings = Settings()
+    expected = oracle.render(scene, settings)
+    frame = rounded(expected)
+    at = np.nonzero(expected.id == 1)
+    frame.layers["id"][at[0][:5], at[1][:5]] = 3  # the twin 1e-7 behind: half a float32 ulp of 4
+    assert compare.assert_same_ids(frame, expected, scene, settings).sum() == 5
+    with pytest.raises(AssertionError, match="ids differ: 5"):
+        compare.assert_same_ids(frame, expected, scene, replace(settings, visibility="painter"))
+    frame.layers["id"][at[0][7], at[1][7]] = 5  # 0.01 behind
+    with pytest.raises(AssertionError, match="ids differ: 1 of"):
+        compare.assert_same_ids(frame, expected, scene, settings)
+
+
+def test_gates_are_excepted_up_to_the_budget_and_counted(case):
+    expected, frame = case[0], rounded(case[0])
+    at = tuple(np.argwhere(expected.id > 0)[0])
+    frame.rgb[at] += 0.5 * expected.budget[at].astype(np.float32)
+    gate = np.zeros_like(expected.gate)
+    gate[at] = True
+    marked = replace(expected, gate=gate)
+    compare.assert_colors_within(frame.rgb, marked)
+    with pytest.raises(AssertionError, match="too many"):
+        compare.assert_colors_within(frame.rgb, marked, gate_fraction=1e-6)
+    with pytest.raises(AssertionError, match="colors off"):
+        compare.assert_colors_within(frame.rgb, expected)
+    frame.rgb[at] += 2 * expected.budget[at].astype(np.float32)
+    with pytest.raises(AssertionError, match="colors off"):
+        compare.assert_colors_within(frame.rgb, marked)
+
+
+def test_measured_error_is_in_bounds():
+    """An error of exactly eight bounds measures as eight, and kappa and the exponent widen the bound."""
+    expected = draw(quad(material=Material(n=100.0)))
+    bound = 10 * expected.kappa[..., None] * expected.budget * 2**-24
+    rgb = (expected.rgb + np.where(expected.id[..., None] > 0, 8 * bound, 0)).astype(np.float32)
+    assert compare.assert_colors_within(rgb, expected) == pytest.approx(8, abs=0.1)
+    with pytest.raises(AssertionError, match="colors off"):
+        compare.assert_colors_within(rgb, expected, factor=7)
