@@ -30,11 +30,12 @@ _NAMES = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
 }
-_OPCODES = frozenset(
+_WRITTEN = (  # the opcodes that numpy.save writes with protocols 2 to 4
     "PROTO FRAME MEMOIZE STOP MARK BINGET LONG_BINGET BINPUT LONG_BINPUT GLOBAL STACK_GLOBAL REDUCE BUILD NONE NEWTRUE "
     "NEWFALSE BININT BININT1 BININT2 LONG1 BINFLOAT SHORT_BINUNICODE BINUNICODE SHORT_BINBYTES BINBYTES BINBYTES8 "
-    "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS".split()
+    "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS"
 )
+_OPCODES = frozenset(_WRITTEN.split())
 _DTYPES = ("b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8")
 
 
@@ -151,7 +152,7 @@ def _admit(pickled: bytes) -> None:
             raise _Refused(f"the pickle opcode {opcode.name}")
         if count >= MAX_OPCODES:
             raise _Refused(f"more than {MAX_OPCODES} opcodes")
-        if opcode.name == "LONG_BINPUT" and argument > count:
+        if opcode.name == "LONG_BINPUT" and int(argument or 0) > count:
             raise _Refused(f"the memo index {argument}")
 
 

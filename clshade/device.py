@@ -219,8 +219,9 @@ def _try_out(info: DeviceInfo, handle: Any, profiling: bool, meanwhile: Callable
     problem = probe.finish()
     if problem:
         raise _Broken(problem)
-    if device is None or failure is not None:
-        raise failure or AssertionError
+    if failure is not None:
+        raise failure
+    assert device is not None
     return device
 
 
@@ -272,7 +273,7 @@ def format_devices(infos: Sequence[DeviceInfo]) -> str:
     """A text for people: what was found, what works, what to install when nothing does."""
     lines = [] if infos else ["No OpenCL device was found."]
     usable = [info for info in infos if info.works]
-    default = next((info for info in candidates(usable, "")), None)
+    default = next(iter(candidates(usable, os.environ.get("CLSHADE_DEVICE", ""))), None)
     for info in infos:
         kind = "CPU" if info.is_cpu else "GPU"
         units = f"{info.compute_units} compute unit{'s' if info.compute_units != 1 else ''}"

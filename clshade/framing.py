@@ -48,7 +48,8 @@ def framed(meshes: tuple[Mesh, ...], name: str, resolution: tuple[int, int] | No
 
 def _sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
     """Center and radius of the sphere round the bounding box; a radius of 0 becomes one that can be looked at."""
-    unframed = Scene(meshes, Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0)))
+    eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
+    unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
     low, high = geometry.bounding_box(unframed)
     center, radius = low / 2 + high / 2, geometry.bounding_radius(unframed)
     if radius == 0.0:

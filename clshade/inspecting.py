@@ -21,7 +21,7 @@ STOPS = tuple(range(-4, 5))
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ
 
 _PANEL = 480  # pixels of the image along a panel's longer side, at most; more are skipped over
-_INCHES = 3.2  # longer side of a panel
+_INCHES, _GAP, _LABEL = 3.2, 0.1, 0.3  # longer side of a panel, space beside it, space above it for its label
 
 
 @dataclass(frozen=True)
@@ -159,13 +159,16 @@ def exposure_ladder(source: Path | Mapping[str, Array] | Array, out_png: Path) -
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    shape = min(max(rows / columns, 0.25), 4.0)
-    fit = "equal" if shape == rows / columns else "auto"  # a strip of pixels is stretched until it can be seen
+    shape = min(max(rows / columns, 0.25), 4.0)  # a strip of pixels is stretched until it can be seen
     width, height = (_INCHES, _INCHES * shape) if shape < 1 else (_INCHES / shape, _INCHES)
-    figure = Figure(figsize=(3 * width + 0.2, 3 * (height + 0.3)), dpi=100, layout="constrained", facecolor="0.7")
+    step_x, step_y = width + _GAP, height + _LABEL
+    total_x, total_y = 3 * step_x + _GAP, 3 * step_y + _GAP
+    figure = Figure(figsize=(total_x, total_y), dpi=100, facecolor="0.7")
     FigureCanvasAgg(figure)
-    for stops, axes in zip(STOPS, figure.subplots(3, 3).flat, strict=True):
-        axes.imshow(tonemap(rgb, "srgb", stops), extent=(0, columns, rows, 0), aspect=fit, interpolation="nearest")
+    for k, stops in enumerate(STOPS):
+        left, bottom = _GAP + (k % 3) * step_x, _GAP + (2 - k // 3) * step_y
+        axes = figure.add_axes((left / total_x, bottom / total_y, width / total_x, height / total_y))
+        axes.imshow(tonemap(rgb, "srgb", stops), aspect="auto", interpolation="nearest")
         axes.set_title(f"{stops:+d} stops".replace("1 stops", "1 stop"), fontsize=9)
         axes.set_axis_off()
     with atomic.replacing(out_png) as file:

@@ -48,8 +48,17 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "orientation", 1, "+1 counter-clockwise, -1 clockwise"),
         ("int", "face", 1, "index in the scene's face order"),
         ("int", "piece", 1, "index of the clipped piece, -1 for a whole face"),
+        ("int", "pad", 3, ""),
+    ],
+    "Bounds": [
         ("short", "box", 4, "first column, first row, last column, last row whose centers the box holds"),
-        ("int", "pad", 1, ""),
+        ("float", "nearest", 1, "the largest w of the corners"),
+        ("int", "index", 1, "of the triangle"),
+    ],
+    "Entry": [
+        ("int", "index", 1, "of the triangle"),
+        ("float", "nearest", 1, "the largest w of its corners"),
+        ("int", "box", 1, "within the tile, 8 bits each: first column, first row, last column, last row"),
     ],
     "Piece": [
         ("double", "key_depth", 1, "the depth it is sorted by, scene units"),
@@ -116,7 +125,7 @@ def _dtype(members: list[tuple[str, str, int, str]]) -> np.dtype:
 
 
 DTYPES: dict[str, np.dtype] = {name: _dtype(members) for name, members in _STRUCTS.items()}
-VIEW, TRIANGLE, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (DTYPES[name] for name in _STRUCTS)
+VIEW, TRIANGLE, BOUNDS, ENTRY, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (DTYPES[name] for name in _STRUCTS)
 
 
 def header(with_double: bool = True) -> str:

@@ -48,12 +48,11 @@ def load(
     """
     try:
         owner = shown(path)
-        folder, name = os.path.split(os.fspath(path))
-        if isinstance(name, bytes):
+        extension = os.path.splitext(os.fspath(path))[1].lower()
+        if not isinstance(extension, str):
             raise TypeError
     except TypeError:
         raise refuse("load", "path", "a path (text)", path) from None
-    extension = os.path.splitext(name)[1].lower()
     if extension not in EXTENSIONS:
         size_of(path)  # a missing file or a folder is said to be that
         raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))

@@ -12,7 +12,7 @@ import numpy as np
 from .atomic import shown
 from .images import as_texture
 from .obj_lines import numbers
-from .reading import beside, complaint, quoted, read_file
+from .reading import beside, complaint, quoted, read_file, within
 from .scene import Material, Texture
 
 MAX_BYTES = 1 << 24  # of a library
@@ -39,18 +39,19 @@ class Library:
     """
 
     def __init__(self, path: str, references: list[tuple[int, str]]) -> None:
-        self.root = os.path.dirname(path) or "."
+        self.root, self.owner = os.path.dirname(path) or ".", shown(path)
         self.found: dict[str, _Found] = {}
         self.textures: dict[str, Texture] = {}
         for line, text in references:
             where = f"line {line}: mtllib"
-            whole = beside(self.root, self.root, text, shown(path), where)
+            whole = beside(self.root, self.root, text, self.owner, where)
             names = [text] if whole is not None else text.split()
             for name in names:
-                library = beside(self.root, self.root, name, shown(path), where)
+                library = beside(self.root, self.root, name, self.owner, where)
                 if library is None:
-                    warnings.warn(f"{shown(path)}: {where}: there is no file {quoted(name)}", stacklevel=2)
-                else:
+                    warnings.warn(f"{self.owner}: {where}: there is no file {quoted(name)}", stacklevel=2)
+                    continue
+                with within(self.owner):
                     self._read(library)
 
     def _read(self, library: str) -> None:
@@ -87,14 +88,15 @@ class Library:
         texture = None
         if textured and found.image is not None:
             if found.image not in self.textures:
-                self.textures[found.image] = as_texture(found.image, srgb=True)
+                with within(self.owner):
+                    self.textures[found.image] = as_texture(found.image, srgb=True)
             texture = self.textures[found.image]
         return Material(**found.values, texture=texture, name=name)
 
 
 def _floats(text: str, owner: str, where: str, allowed: tuple[int, ...], expected: str) -> list[float]:
     text = text.split("#", 1)[0]
-    values = numbers(np.frombuffer(text.encode(), np.uint8), float, len(text.split()))
+    values = numbers(text.encode(), float, len(text.split()))
     if values is None or len(values) not in allowed or not np.isfinite(values).all():
         raise complaint(owner, where, expected, quoted(text))
     return [float(value) for value in values]

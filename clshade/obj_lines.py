@@ -2,40 +2,44 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from .reading import complaint
 from .scene import Array
 
-CHUNK = 1 << 22  # bytes of text taken at once
+CHUNK = 1 << 20  # bytes of text taken at once
 MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and needs 32 times as much memory for its tokens
 
 V, VT, VN, F = (ord(text[0]) + (ord(text[1]) << 8 if text[1:] else 0) for text in ("v", "vt", "vn", "f"))
 KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
+_COMMENT = re.compile(rb"(?<!\S)#")
 _NUMERIC = tuple(keyword.encode() for keyword in KEYWORDS.values())
 
 
-def _table(characters: bytes) -> Array:
-    table = np.zeros(256, bool)
-    table[list(characters)] = True
-    return table
+_BLANKS = b" \t\r\n\v\f"
+# Translation tables: 1 for each blank; a space for each blank, and no ASCII for what is not printed.
+_IS_BLANK = bytes(byte in _BLANKS for byte in range(256))
+_SPACED = bytes(32 if byte in _BLANKS else byte if 32 < byte < 127 else 255 for byte in range(256))
 
 
-BLANK = _table(b" \t\r\n\v\f")
-_PRINTED = BLANK | _table(bytes(range(33, 127)))
+def is_blank(text: bytes) -> Array:
+    """(len(text),) bool."""
+    return np.frombuffer(text.translate(_IS_BLANK), bool)
 
 
-class Lines(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Lines:
     """The lines of a chunk that are not blank.
 
-    text: (n,) uint8, the chunk between two line ends. starts, ends: (T,) of each token in it. first: (L,) the token
-    that opens each line. count: (L,) tokens after it. kind: (L,) V, VT, VN, F or 0 for any other keyword.
+    text: the chunk between two line ends. starts, ends: (T,) of each token in it. first: (L,) the token that opens
+    each line. count: (L,) tokens after it. kind: (L,) V, VT, VN, F or 0 for any other keyword.
     """
 
-    text: Array
+    text: bytes
     starts: Array
     ends: Array
     first: Array
@@ -43,7 +47,7 @@ class Lines(NamedTuple):
     kind: Array
 
     def token(self, index: int) -> bytes:
-        return self.text[self.starts[index] : self.ends[index]].tobytes()
+        return self.text[self.starts[index] : self.ends[index]]
 
 
 def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
@@ -72,7 +76,10 @@ def _line_end(data: bytes, end: int) -> int:
 
 
 def cleaned(chunk: bytes) -> bytes:
-    """The chunk with comments and continued line ends blanked; every other byte stays where it is."""
+    """The chunk with comments and continued line ends blanked; every other byte stays where it is.
+
+    In a line of numbers a comment begins at a # after a blank; in a line with a name (usemtl ...) there is none.
+    """
     if b"#" not in chunk and b"\\" not in chunk:
         return chunk
     text = bytearray(chunk)
@@ -81,52 +88,56 @@ def cleaned(chunk: bytes) -> bytes:
         start, end = text.rfind(b"\n", 0, place) + 1, text.find(b"\n", place)
         end = end if end >= 0 else len(text)
         keyword = bytes(text[start:place]).split(None, 1)[:1]
-        if not keyword or keyword[0] in _NUMERIC:  # names may have a #
-            text[place:end] = b" " * (end - place)
+        comment = _COMMENT.search(text, place, end)
+        if comment and (not keyword or keyword[0] in _NUMERIC):
+            text[comment.start() : end] = b" " * (end - comment.start())
         place = text.find(b"#", end)
     return bytes(text).replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
 
 
 def tokenized(chunk: bytes) -> Lines:
     """The lines of a cleaned chunk."""
-    text = np.frombuffer(b"\n" + chunk + b"\n", np.uint8)
-    blank = BLANK[text]
+    text = b"\n" + chunk + b"\n"
+    letters, blank = np.frombuffer(text, np.uint8), is_blank(text)
     edges = np.flatnonzero(blank[1:] != blank[:-1]) + 1
     starts, ends = edges[0::2], edges[1::2]
-    first = np.searchsorted(starts, np.flatnonzero(text == ord("\n")))
+    first = np.searchsorted(starts, np.flatnonzero(letters == ord("\n")))
     first = first[first < len(starts)]
     first = first[np.flatnonzero(np.diff(first, prepend=-1))]
     count = np.diff(first, append=len(starts)) - 1
-    length = ends[first] - starts[first]
-    letters = text[starts[first]].astype(np.int32)
-    letters += np.where(length == 2, text[starts[first] + 1].astype(np.int32) << 8, 0)
-    kind = np.where((length <= 2) & np.isin(letters, list(KEYWORDS)), letters, 0)
+    start = starts[first]
+    length = ends[first] - start
+    keyword = letters[start].astype(np.int32)
+    keyword += np.where(length == 2, letters[start + 1].astype(np.int32) << 8, 0)
+    kind = np.where((length <= 2) & np.isin(keyword, list(KEYWORDS)), keyword, 0)
     return Lines(text, starts, ends, first, count, kind)
 
 
-def arguments(lines: Lines, chosen: Array) -> Array:
-    """The bytes after the keyword in the lines with the indices `chosen`, each with the blank that ends it."""
-    first = lines.first[chosen]
-    steps = np.zeros(len(lines.text) + 1, np.int8)
+def arguments(lines: Lines, chosen: Array) -> bytes:
+    """The text after the keyword in the lines with the indices `chosen`, that of each with blanks around it."""
+    letters, first = np.frombuffer(lines.text, np.uint8), lines.first[chosen]
+    if len(chosen) == len(lines.first):  # the usual case: all but the keywords
+        letters = letters.copy()
+        letters[lines.starts[first]] = letters[lines.ends[first] - 1] = ord(" ")
+        return letters.tobytes()
+    steps = np.zeros(len(letters) + 1, np.int8)
     steps[lines.ends[first]] = 1
     steps[lines.ends[first + lines.count[chosen]] + 1] = -1
-    return lines.text[np.cumsum(steps[:-1], dtype=np.int8).view(bool)]
+    return letters[np.cumsum(steps[:-1], dtype=np.int8).view(bool)].tobytes()
 
 
-def numbers(text: Array, dtype: type, count: int) -> Array | None:
-    """(count,) numbers from blank-separated text (uint8); None when it holds anything else or another number of them.
+def numbers(text: bytes, dtype: type, count: int) -> Array | None:
+    """(count,) numbers from blank-separated text; None when it holds anything else or another number of them.
 
     `nan` and `inf` are numbers of type float. No `_`, no hexadecimal, no decimal point in a number of type int.
     """
     if count == 0:
         return np.zeros(0, dtype)
-    if not _PRINTED[text].all():
-        return None
-    line = np.where(BLANK[text], np.uint8(ord(" ")), text).tobytes().decode("ascii")
-    if dtype is int and ("." in line or "e" in line or "E" in line):
-        return None
     try:
-        values = np.loadtxt([line], dtype=dtype, comments=None, ndmin=1, encoding=None)
+        line = text.translate(_SPACED).decode("ascii")
+        if dtype is int and ("." in line or "e" in line or "E" in line):
+            return None
+        values: Array = np.loadtxt([line], dtype=dtype, comments=None, ndmin=1, encoding=None)
     except ValueError:
         return None
     return values if len(values) == count else None

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .errors import InputError
-from .obj_lines import BLANK, KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, numbers, tokenized
+from .obj_lines import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 from .reading import complaint, quoted
 from .scene import MAX_FACES, Array
 
@@ -23,7 +23,6 @@ _COUNTS = {
     VT: ((1, 2, 3), "1 to 3 numbers"),
     VN: ((3,), "3 numbers"),
 }
-_SLASH = ord("/")
 _MAX_INDEX = (1 << 31) - 2
 
 
@@ -119,7 +118,7 @@ def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
         if keyword not in (b"o", b"g", b"usemtl", b"mtllib"):
             continue
         last = int(lines.ends[token + int(lines.count[index])])
-        name = lines.text[lines.ends[token] : last].tobytes().decode("utf-8", "replace").strip()
+        name = lines.text[lines.ends[token] : last].decode("utf-8", "replace").strip()
         if keyword == b"mtllib":
             reader.libraries.append((reader.line(reader.offset + int(lines.starts[token]) - 1), name))
             continue
@@ -127,7 +126,7 @@ def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
         if keyword == b"o":
             run = run._replace(object=name or None, group=None)
         else:
-            run = run._replace(**{"group" if keyword == b"g" else "material": name or None})
+            run = run._replace(group=name or None) if keyword == b"g" else run._replace(material=name or None)
         if reader.runs[-1].first == run.first:
             reader.runs.pop()
         reader.runs.append(run)
@@ -170,7 +169,7 @@ def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expect
         for token in range(first + 1, first + 1 + count):
             text = lines.token(token)
             fields = [part for part in text.split(b"/") if part] if dtype is int else [text]
-            good = all(numbers(np.frombuffer(part, np.uint8), dtype, 1) is not None for part in fields)
+            good = all(numbers(part, dtype, 1) is not None for part in fields)
             if not good or text.count(b"/") > 2:
                 return reader.complaint(lines, token, KEYWORDS[int(lines.kind[index])], expected, quoted(text))
     raise complaint(reader.owner, "text", expected, "something else")
@@ -201,7 +200,7 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
 def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
     """(C, 3) int64: the numbers v/vt/vn as written in each corner of the chosen f lines, 0 where there is none."""
     text = arguments(lines, chosen)
-    blank, slash = BLANK[text], text == _SLASH
+    blank, slash = is_blank(text), np.frombuffer(text, np.uint8) == ord("/")
     slashes = np.cumsum(slash, dtype=np.int32)
     # Each line's part begins with a blank, so position 0 never starts a corner or a number.
     corner = np.flatnonzero(blank[:-1] & ~blank[1:]) + 1
@@ -211,7 +210,7 @@ def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
     before = slashes[corner] - slash[corner]
     column = slashes[part] - before[owner]
     expected = "corners of whole numbers v, v/vt, v//vn or v/vt/vn"
-    values = numbers(np.where(slash, np.uint8(ord(" ")), text), int, len(part))
+    values = numbers(text.replace(b"/", b" "), int, len(part))
     if values is None or np.diff(before, append=slashes[-1]).max() > 2:
         raise _bad_token(reader, lines, chosen, int, expected)
     table = np.zeros((len(corner), 3), np.int64)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import stat
+from collections.abc import Iterator
 
 from .atomic import Path, shown
 from .errors import InputError
@@ -21,6 +23,16 @@ def quoted(text: str | bytes, most: int = 48) -> str:
     if isinstance(text, bytes):
         text = text[: most + 1].decode("utf-8", "replace")
     return repr(text) if len(text) <= most else repr(text[:most]) + "..."
+
+
+@contextlib.contextmanager
+def within(owner: str) -> Iterator[None]:
+    """Every InputError of the block names `owner`, the file that led to it, first."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        raise error if text.startswith(f"{owner}: ") else InputError(f"{owner}: {text}") from None
 
 
 def size_of(path: Path) -> int:

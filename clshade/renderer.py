@@ -125,7 +125,7 @@ class Renderer:
         if lights:
             self._lights.array["intensity"] = packing.to_float32(np.array([light.intensity for light in lights]))
         self._pieces: Buffer | None = None
-        self._lists = Buffer.empty(device, 0, np.uint32)
+        self._lists = Buffer.empty(device, 0, layout.ENTRY)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
 
@@ -260,8 +260,7 @@ class Renderer:
         chunk = -(-visible // chunks)
         chunks = -(-visible // chunk)
         counts = self._pool.take((chunks, tiles), np.uint32)
-        common = (self._order, self._made.triangles, self._image)
-        events["bin_count"] = self.stages.bin_count(*common, counts, chunk, visible)
+        events["bin_count"] = self.stages.bin_count(self._order, self._made, self._image, counts, chunk, visible)
         table = counts.to_host()
         start = time.perf_counter()
         ends = np.cumsum(table.T.reshape(-1), dtype=np.uint32)
@@ -272,10 +271,10 @@ class Renderer:
         total = int(ends[-1])
         self._host["scan"] = (time.perf_counter() - start) * 1e3
         if len(self._lists.array) < total:
-            self._lists = Buffer.empty(self.device, total + total // 2, np.uint32)
+            self._lists = Buffer.empty(self.device, total + total // 2, layout.ENTRY)
         counts.to_device()
         starts.to_device()
-        events["bin_fill"] = self.stages.bin_fill(*common, counts, self._lists, chunk, visible)
+        events["bin_fill"] = self.stages.bin_fill(self._made, self._image, counts, self._lists, chunk, visible)
         return starts
 
     def _draw(self, visible: int, starts: Buffer, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:

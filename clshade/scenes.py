@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from . import teapot as newell
 from .scene import MAX_FACES, Array, Camera, Material, Mesh, PointLight, Scene, Texture, choice, integer, refuse
 
 Resolution = tuple[int, int]
+
+DARK = np.array([0.004, 0.0045, 0.006])  # background
 
 
 def builtin(name: str = "teapot", **options: Any) -> Scene:
@@ -35,10 +38,10 @@ def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
     level: cells along each side of a patch, 1 to 500; the pot has 64*level**2 triangles, the floor 4248.
     """
     parts = newell.parts(integer("teapot", "level", level, 1, 500))
-    lights = (
-        PointLight((1.6, 4.6, 8.8), (0.90, 0.87, 0.80)),
-        PointLight((-7.5, 4.0, -0.5), (2.1, 0.62, 0.07)),
-        PointLight((7.5, 4.2, 0.5), (0.12, 0.45, 1.8)),
+    lights = _lights(
+        ((1.6, 4.6, 8.8), (0.90, 0.87, 0.80)),
+        ((-7.5, 4.0, -0.5), (2.1, 0.62, 0.07)),
+        ((7.5, 4.2, 0.5), (0.12, 0.45, 1.8)),
     )
     porcelain = {"ka": 0.10, "kd": 0.58, "ks": 1.2, "n": 90.0}
     images = {"body": newell.body_image(), "lid": newell.lid_image(), "tube": newell.tube_image()}
@@ -46,18 +49,15 @@ def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
     clay = Material(ka=0.05, kd=0.15, ks=0.0, n=1.0, name="clay")
     materials = {**glazed, "seat": clay, "handle": glazed["tube"], "spout": glazed["tube"]}
     meshes = [
-        _grid_mesh(name, *grids, _grid_uvs(grids[0], 4.0 if name in glazed else 1.0), materials[name])
+        _pot_part(name, *grids, _grid_uvs(grids[0], 4.0 if name in glazed else 1.0), materials[name])
         for name, grids in parts.items()
     ]
     camera = Camera.from_fov((-2.4, 4.9, 9.2), (0.18, 1.32, 0.0), (0.0, 1.0, 0.0), 35.0)
-    return Scene(
-        (*meshes, _floor(lights)),
-        camera.with_resolution(resolution),
-        lights,
-        ambient=np.ones(3),
-        background=np.array([0.004, 0.0045, 0.006]),
-        name="teapot",
-    )
+    return Scene((*meshes, _floor(lights)), camera.with_resolution(resolution), lights, np.ones(3), DARK, name="teapot")
+
+
+def _lights(*positions_and_intensities: tuple[Any, Any]) -> tuple[PointLight, ...]:
+    return tuple(PointLight(position, intensity) for position, intensity in positions_and_intensities)
 
 
 # Grids
@@ -82,9 +82,10 @@ def _grid_uvs(positions: Array, turns: float = 1.0) -> Array:
 
 
 def _welded(positions: Array) -> tuple[Array, Array, Array]:
-    """Vertices and faces of a grid of points, equal points made one, and its `_grid_faces`.
+    """Vertices and faces of a grid of points, equal points made one, and its own `_grid_faces`.
 
-    Triangles that lose their area by it are left out of both."""
+    Triangles that lose their area by it are left out of both kinds of faces.
+    """
     grid = _grid_faces(positions.shape[0] - 1, positions.shape[1] - 1)
     verts, index = np.unique(positions.reshape(-1, 3), axis=0, return_inverse=True)
     faces = index.reshape(-1).astype(np.int32)[grid]
@@ -93,11 +94,13 @@ def _welded(positions: Array) -> tuple[Array, Array, Array]:
     return verts, faces[kept], grid[kept]
 
 
-def _grid_mesh(name: str, positions: Array, normals: Array, uvs: Array, material: Material) -> Mesh:
+def _pot_part(name: str, positions: Array, normals: Array, uvs: Array, material: Material) -> Mesh:
+    """A part of the teapot, darker towards the floor, which takes light from it."""
     verts, faces, grid = _welded(positions)
     return Mesh(
         verts,
         faces,
+        colors=np.repeat(0.45 + 0.55 * newell.smoothstep(-0.1, 0.9, verts[:, 1:2]), 3, axis=1),
         normals=normals.reshape(-1, 3),
         normal_faces=grid,
         uvs=uvs.reshape(-1, 2),
@@ -107,38 +110,32 @@ def _grid_mesh(name: str, positions: Array, normals: Array, uvs: Array, material
     )
 
 
-# The floor under the teapot
-
-REACH, CELLS = 8.0, 128  # half the side of the square of floor that is given shadows, and its cells a side
-
-
 def _floor(lights: Sequence[PointLight]) -> Mesh:
     """A disk of marble, dark towards its edge, with the pot's shadows painted on it (the renderer casts none).
 
     A vertex's color is the share of the light, per channel, that reaches it past the pot.
     """
-    rings, spokes, ambient = 30, 72, 0.15
-    radius = REACH * np.linspace(0.0, 1.0, rings + 1)[:, None]
+    rings, spokes, ambient, reach = 30, 72, 0.15, 8.0
+    radius = reach * np.linspace(0.0, 1.0, rings + 1)[:, None]
     angle = 2.0 * np.pi * np.arange(spokes + 1) / spokes
     positions = np.stack([radius * np.sin(angle), np.zeros((rings + 1, spokes + 1)), radius * np.cos(angle)], axis=-1)
     positions[:, -1] = positions[:, 0]
     verts, faces, _ = _welded(positions)
-    pot = [grid for grid, _ in newell.parts(24).values()]
-    full = np.full((len(verts), 3), ambient)
-    passed = full.copy()
-    for light in lights:
+    whole = np.full((len(verts), 3), ambient)
+    passed = whole.copy()
+    for light, hidden in zip(lights, newell.shadows([light.position for light in lights], verts), strict=True):
         to = light.position - verts
         reaching = light.intensity * (to[:, 1] / np.sqrt((to * to).sum(axis=1)))[:, None]
-        full += reaching
-        passed += reaching * (1.0 - _sample(_shadow(pot, light.position), verts))[:, None]
-    distance = np.hypot(verts[:, 0], verts[:, 2])
+        whole += reaching
+        passed += reaching * (1.0 - hidden)[:, None]
+    distance = np.sqrt((verts * verts).sum(axis=1))
     contact = 1.0 - 0.8 * np.exp(-2.2 * np.maximum(distance - 1.4, 0.0))
-    fade = contact * (0.03 + 0.97 * newell.smoothstep(REACH, 2.5, distance))
+    fade = contact * (0.03 + 0.97 * newell.smoothstep(reach, 2.5, distance))
     texture = Texture(newell.marble_image(), name="marble")
     return Mesh(
         verts,
         faces,
-        colors=passed / full * fade[:, None],
+        colors=passed / whole * fade[:, None],
         normals=np.array([[0.0, 1.0, 0.0]]),
         normal_faces=np.zeros_like(faces),
         uvs=verts[:, [0, 2]] / 4.0,
@@ -147,54 +144,21 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
     )
 
 
-def _shadow(grids: Iterable[Array], light: Array) -> Array:
-    """(CELLS, CELLS), rows along z: how much of a cell of the floor is hidden from a light, 0 to 1, softened.
-
-    Each cell of the surface, projected from the light, adds its area to the cell it lands in; a closed surface counts
-    double.
-    """
-    total = np.zeros(CELLS * CELLS)
-    for grid in grids:
-        stretch = light[1] / (light[1] - grid[..., 1])
-        x, z = (_cells(light[k] + (grid[..., k] - light[k]) * stretch) for k in (0, 2))
-        (ax, bx), (az, bz) = ((c[1:, 1:] - c[:-1, :-1], c[1:, :-1] - c[:-1, 1:]) for c in (x, z))
-        area = np.abs(ax * bz - az * bx) / 4.0
-        column, row = (np.floor((c[1:, 1:] + c[:-1, :-1]) / 2.0).astype(np.int64) for c in (x, z))
-        inside = (column >= 0) & (column < CELLS) & (row >= 0) & (row < CELLS)
-        total += np.bincount((row * CELLS + column)[inside], area[inside], CELLS * CELLS)
-    hidden = np.minimum(total, 1.0).reshape(CELLS, CELLS)
-    for axis in (0, 1) * 4:
-        hidden = (np.roll(hidden, 1, axis) + 2.0 * hidden + np.roll(hidden, -1, axis)) / 4.0
-    return hidden
-
-
-def _cells(coordinate: Array) -> Array:
-    return (coordinate + REACH) * (CELLS / (2.0 * REACH))
-
-
-def _sample(values: Array, points: Array) -> Array:
-    """Bilinear samples of (CELLS, CELLS) `values` at (K, 3) points of the floor."""
-    at = [np.clip(_cells(points[:, k]) - 0.5, 0.0, CELLS - 1.001) for k in (0, 2)]
-    (i, j), (u, v) = zip(*((c.astype(np.int64), c % 1.0) for c in at), strict=True)
-    top, bottom = (values[row, i] * (1.0 - u) + values[row, i + 1] * u for row in (j, j + 1))
-    return top * (1.0 - v) + bottom * v
-
-
 # The others
 
 
 def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Resolution = (800, 600)) -> Scene:
     """A tube along the (p, q) torus knot, one smooth closed surface without texture, in float32, three lights.
 
-    triangles: how many, 18 to 16777216: segments x sides x 2, as near as possible with about square cells (exact for
-    round numbers).
+    triangles: how many, 18 to 16777216: segments x sides x 2, as near as cells that are not too oblong allow (exact for
+        round numbers).
     p, q: turns round the torus' axis and round its tube, 1 to 50, without a common divisor.
     """
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
     if math.gcd(p, q) != 1:
         raise refuse("torus_knot", "p, q", "numbers without a common divisor", (p, q))
-    tube = 0.3 * min(math.sin(math.pi / max(p, 2)), 2.0 * math.sin(math.pi / max(q, 2)) / 1.7)
+    tube = 0.26 * min(math.sin(math.pi / max(p, 2)), 2.0 * math.sin(math.pi / max(q, 2)) / 1.7)
     angle = np.linspace(0.0, 2.0 * np.pi, 4097)
     length = np.sqrt((np.diff(_knot_frame(angle, p, q)[0], axis=0) ** 2).sum(axis=1)).sum()
     segments, sides = _knot_cells(triangles, length / (2.0 * np.pi * tube))
@@ -213,23 +177,22 @@ def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Res
         material=Material(ka=0.1, kd=(0.75, 0.62, 0.45), ks=0.7, n=40.0, name="brass"),
         name="knot",
     )
-    lights = (
-        PointLight((3.0, 4.0, 5.0), (1.1, 1.05, 1.0)),
-        PointLight((-5.0, 1.0, 2.0), (1.2, 0.3, 0.2)),
-        PointLight((1.0, -5.0, 2.0), (0.15, 0.4, 1.2)),
+    lights = _lights(
+        ((3.0, 4.0, 5.0), (1.1, 1.05, 1.0)),
+        ((-5.0, 1.0, 2.0), (1.2, 0.3, 0.2)),
+        ((1.0, -5.0, 2.0), (0.15, 0.4, 1.2)),
     )
     camera = Camera.from_fov((0.0, -1.6, 4.6), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 45.0).with_resolution(resolution)
-    return Scene((mesh,), camera, lights, 0.5, 0.01, name="torus_knot")
+    return Scene((mesh,), camera, lights, np.full(3, 0.5), DARK, name="torus_knot")
 
 
 def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
-    """Points (K, 3) of the knot on a torus of radii 1 and 1/2, the torus' normals there, and tangents of the torus
-    across the knot: normal x direction of travel, so that the three turn in one sense."""
-    around, across = p * angle, q * angle
-    zero = np.zeros_like(angle)
-    radial = np.stack([np.cos(around), np.sin(around), zero], axis=1)
+    """Points (K, 3) of the knot on a torus of radii 1 and 1/2, the torus' normals there, and its tangents across the
+    knot: normal x direction of travel.
+    """
+    radial = np.stack([np.cos(p * angle), np.sin(p * angle), np.zeros_like(angle)], axis=1)
     axis = np.array([0.0, 0.0, 1.0])
-    c, s = np.cos(across)[:, None], np.sin(across)[:, None]
+    c, s = np.cos(q * angle)[:, None], np.sin(q * angle)[:, None]
     outward = c * radial + s * axis
     travel = p * (1.0 + 0.5 * c) * np.cross(axis, radial) + 0.5 * q * (c * axis - s * radial)
     travel /= np.sqrt((travel * travel).sum(axis=1, keepdims=True))
@@ -237,9 +200,9 @@ def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
 
 
 def _knot_cells(triangles: int, ratio: float) -> tuple[int, int]:
-    """Segments and sides, at least 3 each, with 2*segments*sides next to `triangles`; then segments/sides to `ratio`."""
+    """Segments and sides, 3 or more each: 2*segments*sides nearest to `triangles`, then segments/sides to `ratio`."""
     ideal = math.sqrt(triangles / (2.0 * ratio))
-    sides = np.arange(max(3, int(0.6 * ideal)), max(3, int(1.6 * ideal)) + 2)
+    sides = np.arange(max(3, int(0.5 * ideal)), max(3, int(2.0 * ideal)) + 2)
     segments = np.clip(np.rint(triangles / (2.0 * sides)).astype(np.int64), 3, MAX_FACES // (2 * sides))
     best = np.lexsort((np.abs(np.log(sides / ideal)), np.abs(2 * segments * sides - triangles)))[0]
     return int(segments[best]), int(sides[best])
@@ -267,7 +230,7 @@ def icosphere(level: int = 5, resolution: Resolution = (800, 600)) -> Scene:
         verts, faces = _cut_in_four(verts, faces)
     mesh = Mesh(verts, faces, normals=verts, material=Material(ka=0.05, kd=0.8, ks=0.4, n=30.0), name="sphere")
     camera = Camera.from_fov((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 35.0).with_resolution(resolution)
-    return Scene((mesh,), camera, PointLight((0.0, 0.0, 8.0), (1.0, 1.0, 1.0)), name="icosphere")
+    return Scene((mesh,), camera, _lights(((0.0, 0.0, 8.0), (1.0, 1.0, 1.0))), name="icosphere")
 
 
 def _icosahedron() -> tuple[Array, Array]:
@@ -276,10 +239,10 @@ def _icosahedron() -> tuple[Array, Array]:
     corners = [np.roll((0.0, a, b * golden), k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
     verts = np.array(corners) / math.sqrt(1.0 + golden**2)
     triples = np.array(list(itertools.combinations(range(12), 3)), np.int32)
-    inside = np.linalg.det(verts[triples])  # 0.76 / sqrt(1.9)... only of three mutual neighbors is it this small
-    near = np.all([((verts[triples[:, i]] - verts[triples[:, i - 1]]) ** 2).sum(axis=1) < 1.2 for i in range(3)], axis=0)
-    faces = np.where(inside[:, None] > 0.0, triples, triples[:, ::-1])
-    return verts, faces[near]
+    a, b, c = (verts[triples[:, k]] for k in range(3))
+    near = np.all([((x - y) ** 2).sum(axis=1) < 1.2 for x, y in ((a, b), (b, c), (c, a))], axis=0)
+    outward = (np.cross(a, b) * c).sum(axis=1, keepdims=True) > 0.0
+    return verts, np.where(outward, triples, triples[:, ::-1])[near]
 
 
 def _cut_in_four(verts: Array, faces: Array) -> tuple[Array, Array]:
@@ -315,6 +278,114 @@ def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080))
         material=Material(ka=0.1, kd=0.8, ks=0.3, n=20.0),
         name="quads",
     )
-    lights = (PointLight((1.0, 1.0, 0.0), (1.0, 1.0, 1.0)), PointLight((-2.0, 0.5, 0.0), (0.6, 0.3, 0.2)))
+    lights = _lights(((1.0, 1.0, 0.0), (1.0, 1.0, 1.0)), ((-2.0, 0.5, 0.0), (0.6, 0.3, 0.2)))
     return Scene((mesh,), camera, lights, name="quads")
-BUILTINS: dict[str, Callable[..., Scene]] = {f.__name__: f for f in (teapot, torus_knot, icosphere, quads)}
+
+
+def box_room(divisions: int = 16, resolution: Resolution = (800, 600)) -> Scene:
+    """Inside a room with a red and a green wall, two boxes and a lamp, under four lights.
+
+    divisions: cells along each side of a wall, 1 to 256; the room has 10*divisions**2 triangles, each box 12.
+    The walls run past the eye, so that triangles are clipped by the near plane.
+    """
+    divisions = integer("box_room", "divisions", divisions, 1, 256)
+    gray, red, green = (0.72, 0.70, 0.66), (0.62, 0.06, 0.05), (0.10, 0.42, 0.09)
+    # Middle, half the way along the rows, half the way along the columns: rows x columns points inwards.
+    walls = {
+        "floor": ((0.0, 0.0, 0.0), (0.0, 0.0, 2.0), (1.3, 0.0, 0.0), gray),
+        "ceiling": ((0.0, 2.0, 0.0), (1.3, 0.0, 0.0), (0.0, 0.0, 2.0), gray),
+        "back": ((0.0, 1.0, -2.0), (1.3, 0.0, 0.0), (0.0, 1.0, 0.0), gray),
+        "left": ((-1.3, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0), red),
+        "right": ((1.3, 1.0, 0.0), (0.0, 0.0, 2.0), (0.0, 1.0, 0.0), green),
+    }
+    meshes = [_wall(name, *wall, divisions) for name, wall in walls.items()]
+    lamp = _wall("lamp", (0.0, 1.995, -0.7), (0.4, 0.0, 0.0), (0.0, 0.0, 0.3), gray, 1)
+    glow = Material(ka=(6.0, 5.4, 4.2), kd=0.0, ks=0.0, n=1.0, name="lamp")
+    boxes = _boxes(((-0.45, 0.62, -1.05), (0.36, 0.62, 0.36), 20.0), ((0.5, 0.32, -0.6), (0.32, 0.32, 0.32), -20.0))
+    lights = _lights(
+        ((0.0, 1.9, -0.7), (0.75, 0.66, 0.50)),
+        ((0.9, 1.6, 1.2), (0.16, 0.20, 0.30)),
+        ((-1.0, 0.3, -1.7), (0.35, 0.14, 0.05)),
+        ((0.0, 0.9, 1.3), (0.12, 0.12, 0.12)),
+    )
+    camera = Camera.from_fov((0.0, 1.0, 1.6), (0.0, 0.92, 0.0), (0.0, 1.0, 0.0), 60.0).with_resolution(resolution)
+    return Scene((*meshes, replace(lamp, colors=None, material=glow), boxes), camera, lights, name="box_room")
+
+
+def _wall(name: str, middle: Any, along_rows: Any, along_columns: Any, color: Any, divisions: int) -> Mesh:
+    """A rectangle of divisions x divisions cells, darker in corners, facing (along rows) x (along columns)."""
+    step = np.linspace(-1.0, 1.0, divisions + 1)
+    a, b = np.array(along_rows), np.array(along_columns)
+    verts = (np.array(middle) + step[:, None, None] * a + step[:, None] * b).reshape(-1, 3)
+    dark_a, dark_b = (1.0 - 0.45 * np.exp((np.abs(step) - 1.0) * np.abs(v).sum() / 0.2) for v in (a, b))
+    faces = _grid_faces(divisions, divisions)
+    return Mesh(
+        verts,
+        faces,
+        colors=(dark_a[:, None] * dark_b).reshape(-1, 1) * np.array(color),
+        normals=np.cross(a, b)[None],
+        normal_faces=np.zeros_like(faces),
+        material=Material(ka=0.12, kd=0.85, ks=0.05, n=8.0, name=name),
+        name=name,
+    )
+
+
+def _boxes(*boxes: tuple[Any, Any, float]) -> Mesh:
+    """The cube from -1 to 1, each side with its own normal, placed at (middle, half its size, degrees about y) each."""
+    placements = np.tile(np.eye(4), (len(boxes), 1, 1))
+    for matrix, (middle, half, degrees) in zip(placements, boxes, strict=True):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        matrix[:3, :3] = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) * half
+        matrix[:3, 3] = middle
+    sides = []
+    for axis, sign in itertools.product(range(3), (-1, 1)):
+        corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])[::sign]
+        sides.append(np.roll(np.insert(corner, 2, sign, axis=1), axis + 1, axis=1))
+    return Mesh(
+        np.concatenate(sides),
+        (4 * np.arange(6)[:, None, None] + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3),
+        normals=np.array([side.mean(axis=0) for side in sides]),
+        normal_faces=np.repeat(np.arange(6), 6).reshape(-1, 3),
+        material=Material(ka=0.12, kd=(0.70, 0.64, 0.52), ks=0.6, n=60.0, name="box"),
+        instances=placements,
+        name="boxes",
+    )
+
+
+def course(level: int = 8, resolution: Resolution = (512, 512)) -> Scene:
+    """A scene as the course sets it: one mesh, seen through the course's camera, under its three lights.
+
+    The object is the teapot, 2 units long, with vertex colors and a texture that takes their place.
+    level: cells along each side of a patch, 1 to 500; 64*level**2 triangles.
+    """
+    verts, faces, uvs, uv_faces = (np.empty((0, k), t) for k, t in ((3, float), (3, int), (2, float), (3, int)))
+    for positions, _ in newell.parts(integer("course", "level", level, 1, 500)).values():
+        more, among_verts, among_uvs = _welded(positions)
+        faces, uv_faces = np.append(faces, among_verts + len(verts), 0), np.append(uv_faces, among_uvs + len(uvs), 0)
+        verts, uvs = np.append(verts, more, 0), np.append(uvs, _grid_uvs(positions).reshape(-1, 2), 0)
+    verts = (verts - (verts.min(axis=0) + verts.max(axis=0)) / 2.0) * (2.0 / np.ptp(verts[:, 0]))
+    height = (verts[:, 1:2] - verts[:, 1].min()) / np.ptp(verts[:, 1])
+    colors = (1.0 - height) * np.array([0.10, 0.28, 0.32]) + height * np.array([0.55, 0.45, 0.30])
+    texture = Texture(newell.swirl_image(), lookup="course", name="swirl")
+    material = Material(ka=0.1, kd=0.8, ks=1.0, n=1.0, texture=texture)
+    mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=material, name="teapot")
+    lights = _lights(
+        ((0.0, 0.0, 5.0), (1.0, 1.0, 1.0)),
+        ((-7.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        ((0.0, 5.0, 0.0), (0.937, 0.753, 0.492)),
+    )
+    camera = Camera(np.array([-4.0, 4.0, 9.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 70.0, (15.0, 15.0))
+    return Scene(
+        (mesh,),
+        camera.with_resolution(resolution),
+        lights,
+        ambient=np.full(3, 0.2),
+        background=np.ones(3),
+        preset="course",
+        name="course",
+    )
+
+
+BUILTINS: dict[str, Callable[..., Scene]] = {
+    build.__name__: build for build in (teapot, torus_knot, icosphere, quads, box_room, course)
+}

@@ -33,10 +33,10 @@ class Buffer:
         try:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
-            elif self._shared:
-                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=self.array)
             else:
-                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE | _FLAGS.COPY_HOST_PTR, hostbuf=self.array)
+                access = _FLAGS.READ_WRITE if self.array.flags.writeable else _FLAGS.READ_ONLY
+                place = _FLAGS.USE_HOST_PTR if self._shared else _FLAGS.COPY_HOST_PTR
+                self.memory = cl.Buffer(device.context, access | place, hostbuf=self.array)
         except cl.Error as error:
             raise DeviceError(f"{device.name}: no memory for {size} bytes: {error}") from error
 
@@ -113,24 +113,25 @@ class Stages:
         items = -(-count // run)
         local = 1 if self.device.is_cpu else 64
         inputs = (faces, vertices.snapped, vertices.depths, vertices.relative, view, image)
-        outputs = (made.triangles, made.keys, made.to_clip, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
         return self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
 
     def setup_pieces(
         self, pieces: Buffer, image: Buffer, made: TriangleBuffers, face_count: int, count: int
     ) -> cl.Event:
-        outputs = (made.triangles, made.keys, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, made.counters)
         return self._per_item("setup_pieces", count, pieces, image, *outputs, face_count)
 
     def bin_count(
-        self, order: Buffer, triangles: Buffer, image: Buffer, counts: Buffer, chunk: int, count: int
+        self, order: Buffer, made: TriangleBuffers, image: Buffer, counts: Buffer, chunk: int, count: int
     ) -> cl.Event:
-        return self._launch("bin_count", (-(-count // chunk),), (1,), order, triangles, image, counts, chunk, count)
+        arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, counts, chunk, count)
+        return self._launch("bin_count", (-(-count // chunk),), (1,), *arguments)
 
     def bin_fill(
-        self, order: Buffer, triangles: Buffer, image: Buffer, cursors: Buffer, lists: Buffer, chunk: int, count: int
+        self, made: TriangleBuffers, image: Buffer, cursors: Buffer, lists: Buffer, chunk: int, count: int
     ) -> cl.Event:
-        arguments = (order, triangles, image, cursors, lists, chunk, count)
+        arguments = (made.triangles, image, made.sorted_bounds, cursors, lists, chunk, count)
         return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
 
     def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
@@ -182,6 +183,8 @@ class TriangleBuffers:
     def __init__(self, device: Device, faces: int, pieces: int) -> None:
         self.piece_capacity = pieces
         self.triangles = Buffer.empty(device, faces + pieces, layout.TRIANGLE)
+        self.bounds = Buffer.empty(device, faces + pieces, layout.BOUNDS)
+        self.sorted_bounds = Buffer.empty(device, faces + pieces, layout.BOUNDS)
         self.keys = Buffer.empty(device, faces + pieces, np.uint64)
         self.to_clip = Buffer.empty(device, faces, np.int32)
         self.counters = Buffer(device, np.zeros(1, layout.COUNTERS))

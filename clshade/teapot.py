@@ -138,6 +138,49 @@ def _each(grids: Grids, change: Callable[[Array], Array]) -> Grids:
     return change(grids[0]), change(grids[1])
 
 
+# Its shadows on the floor
+
+_REACH, _CELLS = 8.0, 128  # half the side of the square of floor that can be in shadow, and its cells a side
+
+
+def shadows(lights: Sequence[Array], points: Array) -> list[Array]:
+    """For each light (3,): how much of it the pot hides from points of the floor y = 0, (K,) from 0 to 1, softened."""
+    pot = [positions for positions, _ in parts(24).values()]
+    at = [np.clip(_cells(points[:, k]) - 0.5, 0.0, _CELLS - 1.001) for k in (0, 2)]
+    (i, j), (u, v) = zip(*((c.astype(np.int64), c % 1.0) for c in at), strict=True)
+    hidden = []
+    for light in lights:
+        cover = _cover(pot, light)
+        top, bottom = (cover[row, i] * (1.0 - u) + cover[row, i + 1] * u for row in (j, j + 1))
+        hidden.append(top * (1.0 - v) + bottom * v)
+    return hidden
+
+
+def _cells(coordinate: Array) -> Array:
+    return (coordinate + _REACH) * (_CELLS / (2.0 * _REACH))
+
+
+def _cover(pot: Sequence[Array], light: Array) -> Array:
+    """(_CELLS, _CELLS), rows along z: how much of each cell of the floor is hidden from a light.
+
+    The surface's quads, projected from the light, add their areas to the cells that their middles land in; the surface
+    is closed, so each cell gets its area at least twice.
+    """
+    total = np.zeros(_CELLS * _CELLS)
+    for grid in pot:
+        stretch = light[1] / (light[1] - grid[..., 1])
+        x, z = (_cells(light[k] + (grid[..., k] - light[k]) * stretch) for k in (0, 2))
+        (ax, bx), (az, bz) = ((c[1:, 1:] - c[:-1, :-1], c[1:, :-1] - c[:-1, 1:]) for c in (x, z))
+        area = np.abs(ax * bz - az * bx) / 4.0
+        column, row = (np.floor((c[1:, 1:] + c[:-1, :-1]) / 2.0).astype(np.int64) for c in (x, z))
+        inside = (column >= 0) & (column < _CELLS) & (row >= 0) & (row < _CELLS)
+        total += np.bincount((row * _CELLS + column)[inside], area[inside], _CELLS * _CELLS)
+    cover = np.minimum(total, 1.0).reshape(_CELLS, _CELLS)
+    for axis in (0, 1) * 4:
+        cover = (np.roll(cover, 1, axis) + 2.0 * cover + np.roll(cover, -1, axis)) / 4.0
+    return cover
+
+
 # The images. Distances are in the units of the surface; ink is 0 for none, about 1 for a full stroke.
 
 
@@ -195,8 +238,16 @@ def marble_image() -> Array:
     return quantized((stone * (0.35 + 0.65 * joint * joint[:, None]))[..., None] * np.array([1.0, 0.95, 0.88]))
 
 
+def swirl_image() -> Array:
+    """(256, 256, 3): stripes winding round, smooth enough to be looked up at vertices only."""
+    u, v = (np.arange(256) + 0.5) / 256, (np.arange(256)[:, None] + 0.5) / 256
+    stripe = smoothstep(0.1, 0.9, 0.5 + 0.5 * np.sin(2.0 * np.pi * (4.0 * u + v)))[..., None]
+    dark, light = np.array([[0.04, 0.29, 0.36], [0.55, 0.49, 0.36]])
+    return quantized(stripe * light + (1.0 - stripe) * dark)
+
+
 def smoothstep(edge0: float, edge1: float, x: Array) -> Array:
-    """0 up to edge0, 1 from edge1, a cubic between."""
+    """0 on the side of edge0, 1 on that of edge1, a cubic between."""
     t = np.clip((x - edge0) / (edge1 - edge0), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
@@ -280,7 +331,7 @@ def _flower(ink: Array, scale: Sequence[float], at: Sequence[float], radius: flo
     for size, petals, turn in ((1.0, 8, 0.0), (0.68, 8, 0.39), (0.38, 5, 0.0)):
         edge = size * (0.8 + 0.2 * np.abs(np.cos(0.5 * petals * (angle + turn)))) - distance
         petal = 0.2 + 0.7 * smoothstep(0.26, 0.0, edge) ** 2
-        flower = np.where(edge > 0.0, petal, flower * smoothstep(-0.1, 0.0, -edge))
-    flower = flower * smoothstep(1.03, 0.99, distance) + 0.8 * smoothstep(0.14, 0.08, distance)
+        flower += smoothstep(-0.025, 0.025, edge) * (petal - flower)
+    flower += 0.8 * smoothstep(0.14, 0.08, distance)
     clear = smoothstep(1.15, 1.05, distance)
     ink[window] = ink[window] * (1.0 - clear) + clear * flower

@@ -18,6 +18,7 @@ from .errors import InputError
 OPERATORS = ("none", "srgb", "reinhard", "hable", "aces")
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
 
+_TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds come near the denormals, where a table's entries are too coarse
 _SATURATED = 1e30  # every operator has reached its last code long before; keeps the squares below finite
 _LOW_BITS = 15  # a table entry covers the float32 values that agree in all but their last 15 bits
 _BLOCK = 1 << 15  # values per pass, so that the buffers stay in the cache
@@ -88,8 +89,8 @@ def _table(operator: str, exposure: float) -> Array:
     """uint32 (2^17,): indexed by the upper 17 bits of a float32; adding the lower 15 carries into the code's bits.
 
     Neighboring thresholds are at least 1/254.5 apart, relative to their size (operator `none`; the others' are wider
-    apart), and an entry covers at most 1/256 of its values' size: so no entry holds two thresholds. The entry is
-    (code at its start) * 2^15, plus what makes the sum carry from the threshold on, if it holds one.
+    apart), and an entry of normal floats covers at most 1/256 of its values' size: so no entry holds two thresholds.
+    It is (code at its start) * 2^15, plus what makes the sum carry from the threshold on, if it holds one.
     """
     size = 1 << _LOW_BITS
     thresholds = _thresholds(operator, exposure, np.float32)
@@ -154,7 +155,8 @@ def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
     exposure: stops, -300 to 300; +1 doubles the radiance. Comes before the operator.
 
     Returns uint8 (M, N, 3), floor(255 * encoded + 0.5): to the nearest code, halves up, never off by one against the
-    formula in float64. NaN and everything negative give 0, +infinity gives 255. Row order is kept.
+    formula in float64 (for float64 values: unless within the formula's own rounding, 1e-13, of a step). NaN and
+    everything negative give 0, +infinity gives 255. Row order is kept.
     Raises InputError for another shape, type, operator or exposure.
     """
     rgb = np.asarray(rgb)
@@ -171,9 +173,11 @@ def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
             f"tonemap: rgb: expected floats of shape (M, N, 3), found shape {rgb.shape} and type {rgb.dtype}"
         )
     codes = np.empty(rgb.shape, np.uint8)
-    if rgb.dtype == np.float64:
-        _map64(np.ascontiguousarray(rgb).reshape(-1), codes.reshape(-1), _thresholds64(operator, stops))
+    exact = rgb.dtype == np.float64 or abs(stops) > _TABLE_EXPOSURE
+    with np.errstate(invalid="ignore"):  # a signaling NaN
+        values = np.ascontiguousarray(rgb, dtype=np.float64 if exact else np.float32).reshape(-1)
+    if exact:
+        _map64(values, codes.reshape(-1), _thresholds64(operator, stops))
     else:
-        values = np.ascontiguousarray(rgb, dtype=np.float32).reshape(-1)
         _map32(values, codes.reshape(-1), _table(operator, stops))
     return codes

@@ -14,16 +14,19 @@ int misses_tile(global const Triangle *t, int column, int row)
     return 0;
 }
 
-#define FOR_TILES_OF(t, tile)                                                                         \
-    int4 span = convert_int4(vload4(0, (t)->box)) / TILE_SIZE;                                        \
+#define FOR_TILES_OF(b, tile)                                                                         \
+    int4 box = convert_int4(vload4(0, (b).box));                                                      \
+    int4 span = box / TILE_SIZE;                                                                      \
     int whole = span.z - span.x < 2 && span.w - span.y < 2;                                           \
     for (int tile_y = span.y; tile_y <= span.w; ++tile_y)                                             \
         for (int tile_x = span.x, tile = tile_y * image->tiles_x + tile_x; tile_x <= span.z; ++tile_x, ++tile) \
-            if (whole || !misses_tile(t, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
+            if (whole || !misses_tile(triangles + (b).index, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
 
 kernel void bin_count(global const uint *order,           // T, triangles, nearest first
                       global const Triangle *triangles,   // F + C, from setup
+                      global const Bounds *bounds,        // F + C, from setup
                       global const Image *image,          // 1
+                      global Bounds *sorted,              // T: the bounds in that order, for bin_fill
                       global uint *counts,                // chunks x tiles
                       int chunk_size, int count)          // T
 {
@@ -33,26 +36,30 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
         own[tile] = 0;
     int end = min((chunk + 1) * chunk_size, count);
     for (int i = chunk * chunk_size; i < end; ++i) {
-        global const Triangle *t = triangles + order[i];
-        FOR_TILES_OF(t, tile)
+        Bounds b = bounds[order[i]];
+        sorted[i] = b;
+        FOR_TILES_OF(b, tile)
             own[tile] += 1;
     }
 }
 
-kernel void bin_fill(global const uint *order,           // T
-                     global const Triangle *triangles,   // F + C
+kernel void bin_fill(global const Triangle *triangles,   // F + C
                      global const Image *image,          // 1
+                     global const Bounds *sorted,        // T, from bin_count
                      global uint *cursors,               // chunks x tiles: where each chunk's entries of a tile begin
-                     global uint *lists,                 // triangles of tile 0, of tile 1, ...
+                     global Entry *lists,                // entries of tile 0, of tile 1, ...
                      int chunk_size, int count)          // T
 {
     int chunk = get_global_id(0);
     global uint *own = cursors + (long)chunk * image->tiles;
     int end = min((chunk + 1) * chunk_size, count);
     for (int i = chunk * chunk_size; i < end; ++i) {
-        uint index = order[i];
-        global const Triangle *t = triangles + index;
-        FOR_TILES_OF(t, tile)
-            lists[own[tile]++] = index;
+        Bounds b = sorted[i];
+        FOR_TILES_OF(b, tile) {
+            int4 corner = (int4)(tile_x, tile_y, tile_x, tile_y) * TILE_SIZE;
+            int4 part = clamp(box - corner, 0, TILE_SIZE - 1);
+            Entry e = {b.index, b.nearest, part.x | part.y << 8 | part.z << 16 | part.w << 24};
+            lists[own[tile]++] = e;
+        }
     }
 }

@@ -20,8 +20,8 @@ ulong sort_key(double depth, int index)
 
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
 
-// Completes a triangle of which x, y and w are set.
-Verdict complete(Triangle *t, int face, int piece, global const Image *image)
+// Completes a triangle of which x, y and w are set, and its bounds.
+Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, global const Image *image)
 {
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
     if (area == 0)
@@ -40,13 +40,13 @@ Verdict complete(Triangle *t, int face, int piece, global const Image *image)
         return OFF_SCREEN;
     t->orientation = area > 0 ? 1 : -1;
     t->inverse_area = (float)(1 << SUBPIXEL_BITS) / (float)(area > 0 ? area : -area);
-    t->box[0] = across.x;
-    t->box[1] = up.x;
-    t->box[2] = across.y;
-    t->box[3] = up.y;
+    bounds->box[0] = across.x;
+    bounds->box[1] = up.x;
+    bounds->box[2] = across.y;
+    bounds->box[3] = up.y;
+    bounds->nearest = fmax(fmax(t->w[0], t->w[1]), t->w[2]);
     t->face = face;
     t->piece = piece;
-    t->pad = 0;
     return VISIBLE;
 }
 
@@ -80,6 +80,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
                   global const View *view,         // 1
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
+                  global Bounds *bounds,           // F, likewise
                   global ulong *keys,              // F and more, the first counters->visible are written
                   global int *to_clip,             // F, the first counters->to_clip are written: faces
                   global Counters *counters,       // 1
@@ -93,6 +94,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     counted.between_samples = counted.zero_area = counted.back_facing = 0;
     for (int face = first; face < end; ++face) {
         Triangle t;
+        Bounds b;
         double depth[3];
         int behind = 0, beyond = 0;
         int above = 1, below = 1, right = 1, left = 1;
@@ -122,11 +124,13 @@ kernel void setup(global const int *faces,         // F x 3, vertices
             to_clip[atomic_inc(&counters->to_clip)] = face;
             continue;
         }
-        Verdict verdict = complete(&t, face, -1, image);
+        Verdict verdict = complete(&t, &b, face, -1, image);
         count_culled(verdict, &counted);
         if (verdict != VISIBLE)
             continue;
+        b.index = face;
         triangles[face] = t;
+        bounds[face] = b;
 #if DEPTH_TEST
         own_keys[counted.visible++] = sort_key(fmin(fmin(depth[0], depth[1]), depth[2]), face);
 #else
@@ -145,6 +149,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
 kernel void setup_pieces(global const Piece *pieces,   // C, from the host
                          global const Image *image,    // 1
                          global Triangle *triangles,   // F + C
+                         global Bounds *bounds,        // F + C
                          global ulong *keys,           // F + C
                          global Counters *counters,    // 1
                          int face_count,               // F
@@ -155,14 +160,17 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
         return;
     global const Piece *piece = pieces + i;
     Triangle t;
+    Bounds b;
     for (int k = 0; k < 3; ++k) {
         t.x[k] = piece->x[k];
         t.y[k] = piece->y[k];
         t.w[k] = piece->w[k];
     }
-    Verdict verdict = complete(&t, piece->face, i, image);
+    Verdict verdict = complete(&t, &b, piece->face, i, image);
     if (verdict == VISIBLE) {
+        b.index = face_count + i;
         triangles[face_count + i] = t;
+        bounds[face_count + i] = b;
         keys[atomic_inc(&counters->visible)] = sort_key(piece->key_depth, face_count + i);
     }
     Counters counted;

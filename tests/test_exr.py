@@ -1,9 +1,7 @@
-"""EXR files: bit for bit, whole or not at all, and every bad file an InputError of one line."""
+"""EXR files: every channel and attribute bit for bit as it was given."""
 
 from __future__ import annotations
 
-import io
-import os
 import struct
 import subprocess
 import sys
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 from clshade import exr
-from clshade.errors import InputError, OutputError
+from clshade.errors import InputError
 from clshade.scene import Camera
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name != "pxr24"]
@@ -40,7 +38,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize("compression", LOSSLESS)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (67, 75), (16384, 1), (1, 16384)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (67, 75), (1, 16384)])
 def test_round_trip_bit_for_bit(path, compression, shape):
     names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
     given = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}
@@ -53,6 +51,11 @@ def test_round_trip_bit_for_bit(path, compression, shape):
     assert set(found) == set(given)
     for name, plane in given.items():
         same(found[name], plane)
+
+
+def test_round_trip_of_as_many_rows_as_there_can_be(path):
+    exr.write(path, {"R": noise((16384, 1))})
+    same(exr.read(path)[0]["R"], noise((16384, 1)))
 
 
 def test_pxr24_rounds_floats_and_says_so(path):
@@ -88,8 +91,8 @@ def test_layers_get_their_channel_names(path):
     image, wide = noise((3, 5, 3)), noise((3, 5, 4))
     exr.write(path, {"RGBA": wide, "N": image, "P": image, "albedo": image, "uv": image[..., :2], "Z": image[..., 0]})
     found, _ = exr.read(path)
-    names = "R G B A N.X N.Y N.Z P.X P.Y P.Z albedo.R albedo.G albedo.B uv.U uv.V Z".split()
-    assert set(found) == set(names)
+    names = {"R", "G", "B", "A", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z", "uv.U", "uv.V", "Z"}
+    assert set(found) == names | {"albedo.R", "albedo.G", "albedo.B"}
     for k, name in enumerate("RGBA"):
         same(found[name], wide[..., k])
     for k, name in enumerate(["N.X", "N.Y", "N.Z"]):
@@ -113,7 +116,9 @@ def test_red_is_red_and_row_0_is_on_top(path):
 
 def test_other_types_of_numbers(path):
     mask = np.array([[True, False]])
-    exr.write(path, {"R": np.float64([[0.1, 3e38]]), "G": np.float16([[0.5, 2]]), "B": np.array([[1, 2]], ">f4"), "m": mask})
+    exr.write(
+        path, {"R": np.float64([[0.1, 3e38]]), "G": np.float16([[0.5, 2]]), "B": np.array([[1, 2]], ">f4"), "m": mask}
+    )
     found, _ = exr.read(path)
     same(found["R"], np.float32([[0.1, 3e38]]))
     same(found["G"], np.float32([[0.5, 2]]))
@@ -128,7 +133,13 @@ def test_other_types_of_numbers(path):
 
 def test_half_and_its_warnings(path):
     colors = np.float32([[65519.0, 65520.0, -1e6, np.inf, 0.1]])
-    layers = {"R": colors, "G": np.float32([[np.nan, 1, 2, 3, 4]]), "B": np.float32([[0, 1, np.inf, 65504, 1e-30]]), "Z": colors, "P.X": colors}
+    layers = {
+        "R": colors,
+        "G": np.float32([[np.nan, 1, 2, 3, 4]]),
+        "B": np.float32([[0, 1, np.inf, 65504, 1e-30]]),
+        "Z": colors,
+        "P.X": colors,
+    }
     layers |= {"albedo.R": np.float32([[1, 1, 1, 1, 7e4]]), "id": np.uint32([[70000, 1, 2, 3, 4]])}
     assert exr.write(path, layers, half=True) == [
         "R: 2 finite values of 65520 or more became infinity in half",
@@ -275,150 +286,6 @@ def test_refused_arguments(path, channels, options, message):
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not path.exists()
-
-
-class Failing(io.BytesIO):
-    """A stream that takes `limit` bytes."""
-
-    limit = 0
-    error: BaseException = OSError(28, "No space left on device")
-
-    def write(self, data):
-        if self.tell() + len(data) > self.limit:
-            raise self.error
-        return super().write(data)
-
-
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_disk_that_is_full_after_any_number_of_bytes(error):
-    """The last bytes count most: OpenEXR goes back and writes its table of offsets at the very end."""
-    import OpenEXR
-
-    box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
-    for compression in ("none", "zip", "zstd"):
-        whole = Failing()
-        whole.limit = 1 << 30
-        arguments = ({"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9))}, compression)
-        exr._encode(whole, *(part.copy() if isinstance(part, dict) else part for part in arguments))
-        size = len(whole.getvalue())
-        for limit in [*range(0, size, 97), *range(size - 30, size)]:
-            sink = Failing()
-            sink.limit, sink.error = limit, error
-            with pytest.raises(type(error)):
-                exr._encode(sink, *(part.copy() if isinstance(part, dict) else part for part in arguments))
-        assert OpenEXR.global_thread_count() == 0
-
-
-def test_a_full_disk_leaves_the_earlier_file(path):
-    resource = pytest.importorskip("resource")
-    exr.write(path, noise((4, 4, 3)))
-    before = path.read_bytes()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
-    try:
-        for compression in ("none", "zip"):
-            with pytest.raises(OutputError, match=r"a\.exr: cannot be written: File too large$"):
-                exr.write(path, noise((100, 100, 4)), compression=compression)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert path.read_bytes() == before
-    assert os.listdir(path.parent) == ["a.exr"]
-
-
-def test_ctrl_c_leaves_the_earlier_file(path, monkeypatch):
-    exr.write(path, noise((4, 4, 3)))
-    before, calls = path.read_bytes(), []
-
-    def interrupted(self, data):
-        calls.append(len(data))
-        if len(calls) == 60:
-            raise KeyboardInterrupt
-        return self.file.write(data)
-
-    monkeypatch.setattr(exr._Sink, "write", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        exr.write(path, noise((100, 100, 4)))
-    assert path.read_bytes() == before
-    assert os.listdir(path.parent) == ["a.exr"]
-
-
-def test_a_missing_folder(tmp_path):
-    with pytest.raises(OutputError, match="there is no folder"):
-        exr.write(tmp_path / "none" / "a.exr", noise((2, 2, 3)))
-
-
-def bad(path, capfd) -> str:
-    with pytest.raises(InputError) as caught:
-        exr.read(path)
-    text = str(caught.value)
-    assert text.startswith(f"{path}: ")
-    assert "\n" not in text
-    assert capfd.readouterr() == ("", "")
-    return text
-
-
-def test_files_that_are_no_exr(tmp_path, capfd):
-    assert "no such file" in bad(tmp_path / "missing.exr", capfd)
-    assert "folder" in bad(tmp_path, capfd)
-    for content, found in ((b"", "empty"), (b"text", "something else"), (b"\x76\x2f\x31\x01", "expected an OpenEXR")):
-        (tmp_path / "a.exr").write_bytes(content)
-        assert found in bad(tmp_path / "a.exr", capfd)
-    os.mkfifo(tmp_path / "pipe.exr")
-    assert "regular file" in bad(tmp_path / "pipe.exr", capfd)
-
-
-@pytest.mark.parametrize("compression", exr.COMPRESSIONS)
-def test_truncated_files(path, capfd, compression):
-    exr.write(path, noise((40, 9, 3)), compression=compression)
-    data = path.read_bytes()
-    for size in [*range(0, len(data), 61), len(data) - 1]:
-        path.write_bytes(data[:size])
-        bad(path, capfd)
-
-
-@pytest.mark.parametrize("compression", ["zip", "zstd", "pxr24"])
-def test_damaged_files(path, capfd, compression):
-    exr.write(path, np.repeat(noise((40, 3, 3)), 4, axis=1), compression=compression)
-    data = bytearray(path.read_bytes())
-    for k in range(20):
-        data[len(data) // 2 + k] ^= 0x5A
-    path.write_bytes(data)
-    assert "truncated or damaged" in bad(path, capfd)
-
-
-def test_images_of_other_kinds(path, capfd):
-    import OpenEXR
-
-    plane = np.zeros((4, 4), np.float32)
-    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": plane.copy()}, name) for name in "ab"]
-    OpenEXR.File(parts).write(str(path))
-    assert "one part, found 2 parts" in bad(path, capfd)
-
-    samples = np.empty((2, 2), object)
-    for k in range(4):
-        samples[k // 2, k % 2] = np.zeros(k + 1, np.float32)
-    deep = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
-    OpenEXR.File(deep, {"Z": samples}).write(str(path))
-    assert "a flat image" in bad(path, capfd)
-
-    thin = {"Y": plane.copy(), "RY": OpenEXR.Channel(np.zeros((2, 2), np.float32), 2, 2)}
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, thin).write(str(path))
-    assert "subsampled" in bad(path, capfd)
-
-    tiles = OpenEXR.TileDescription()
-    tiles.xSize = tiles.ySize = 3
-    OpenEXR.File({"type": OpenEXR.tiledimage, "tiles": tiles}, {"Y": noise((7, 5)).copy()}).write(str(path))
-    same(exr.read(path)[0]["Y"], noise((7, 5)))
-
-
-def test_a_header_that_claims_too_many_pixels(path, capfd):
-    exr.write(path, noise((1, 1, 3)), compression="none")
-    data = path.read_bytes()
-    name = b"displayWindow\0box2i\0" + struct.pack("<i", 16)
-    assert data.count(name) == 1
-    start = data.index(name) + len(name)
-    path.write_bytes(data[:start] + struct.pack("<4i", 0, 0, 65535, 65535) + data[start + 16 :])
-    assert "displayWindow: expected 1 to 268435456 pixels" in bad(path, capfd)
 
 
 def test_a_child_made_by_fork_can_write(path):

@@ -12,6 +12,12 @@ import pytest
 from clshade.oracle import clip, coverage, normals, shade, texture, transform
 
 VIEW = (1.0, (1.0, 1.0), (32, 32))  # focal, plane, resolution
+
+
+def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
+    return np.allclose(found, expected, rtol=rtol, atol=atol)
+
+
 # Transform
 
 
@@ -20,10 +26,10 @@ def test_camera_frame_is_right_handed_and_unmirrored():
     assert np.array_equal(axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
     eye, lookat, up = np.array([1.0, -2, 3]), np.array([-4.0, 4, 9]), np.array([0.3, 1, -0.2])
     axes = transform.camera_frame(eye, lookat, up)
-    assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-15)
-    assert np.allclose(axes[2], (lookat - eye) / np.linalg.norm(lookat - eye), atol=1e-15)
+    assert close(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert close(axes[2], (lookat - eye) / np.linalg.norm(lookat - eye), atol=1e-15)
     assert axes[1] @ up > 0
-    assert np.allclose(axes[0], np.cross(axes[2], axes[1]), atol=1e-15)
+    assert close(axes[0], np.cross(axes[2], axes[1]), atol=1e-15)
     for scale in (2.0**-300, 2.0**300):
         assert np.array_equal(transform.camera_frame(eye * scale, lookat * scale, up * scale), axes)
 
@@ -37,19 +43,26 @@ def test_projection_and_snapping():
     assert transform.near_distance(np.ones((1, 3)), np.zeros(3), np.array([0, 0, 2.0])) == 2e-4
 
 
+def test_world_vertices():
+    verts = np.array([[1.0, 2, 3], [0, 0, 0]], np.float32)
+    assert np.array_equal(transform.world_vertices(verts, np.eye(4)), verts)
+    turn = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 2, 30], [0, 0, 0, 1]])
+    assert transform.world_vertices(verts, turn).tolist() == [[8, 21, 36], [10, 20, 30]]
+
+
 def test_vertex_normals():
     verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
     found = normals.vertex_normals(verts, faces)
-    assert np.allclose(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
-    assert np.allclose(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
+    assert close(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
+    assert close(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
     assert not found[4].any()
     assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]])).any()
     for scale in (1e-150, 1e150):
-        assert np.allclose(normals.vertex_normals(verts * scale, faces), found, atol=1e-15)
+        assert close(normals.vertex_normals(verts * scale, faces), found, atol=1e-15)
     # A larger face counts for more: twice the area, twice the weight.
     folded = normals.vertex_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]]), [[0, 1, 2], [0, 3, 1]])
-    assert np.allclose(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
+    assert close(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
 
 
 def test_placed_normals_stay_perpendicular():
@@ -63,7 +76,7 @@ def test_placed_normals_stay_perpendicular():
         assert abs(placed @ (matrix[:3, :3] @ tangent)) < 1e-13
         assert placed @ np.linalg.inv(matrix[:3, :3]).T @ normal > 0
     mirror = np.diag([-1.0, 1, 1, 1])
-    assert np.allclose(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror), [[-1, 0, 0], [0, 1, 0]])
+    assert close(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror), [[-1, 0, 0], [0, 1, 0]])
 
 
 # Clipping
@@ -78,8 +91,8 @@ def test_near_clip_lands_on_the_plane_and_agrees_between_neighbors():
         for corners in (np.array([a, b, c]), np.array([b, a, d]), np.array([d, b, a])):
             points, weights = clip.clip_near(corners, np.eye(3), 0.5)
             assert (points[:, 2] >= 0.5).all()
-            assert np.allclose(weights.sum(axis=1), 1, atol=1e-12)
-            assert np.allclose(weights @ corners, points, atol=1e-12)
+            assert close(weights.sum(axis=1), 1, atol=1e-12)
+            assert close(weights @ corners, points, atol=1e-12)
             cuts.append({tuple(p) for p in points.tolist() if p[2] == 0.5})
         assert len(cuts[0] & cuts[1] & cuts[2]) == 1  # the cut of the shared edge a-b, to the last bit
 
@@ -90,15 +103,25 @@ def test_pieces_pass_drop_and_cut():
     straddling = [[-1.0, -1, 4], [1, -1, 4], [0, 1, -4]]
     huge = [[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]]
     aside = [[1e6, 0, 4], [2e6, 1, 4], [2e6, 2, 4]]
-    cut = clip.pieces(np.array([simple, behind, straddling, huge, aside]), 0.1, *VIEW)
-    assert cut.face.tolist()[:3] == [0, 2, 2]
+    cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, *VIEW)
+    assert cut.face.tolist()[:4] == [0, 0, 2, 3]  # in the order of the faces
     assert set(cut.face.tolist()) == {0, 2, 3}
-    assert np.array_equal(cut.weights[0], np.eye(3))
+    assert np.array_equal(cut.weights[2], np.eye(3))
     assert (cut.z >= 0.1).all()
     assert (np.abs(cut.xy) <= clip.GUARD * 256).all()
     assert (
         sum(coverage.triangle_mask(xy, 32, 32).astype(int) for xy in cut.xy[cut.face == 3]).tolist() == [[1] * 32] * 32
     )
+
+
+def test_guard_band_of_an_oblong_image():
+    corners = np.array([[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]])
+    view = (2.0, (1.0, 4.0), (64, 20))
+    cut = clip.pieces(corners[None], 0.1, *view)
+    assert np.abs(cut.xy[..., 0]).max() == np.abs(cut.xy[..., 1]).max() == clip.GUARD * 256
+    assert sum(coverage.triangle_mask(xy, 64, 20).astype(int) for xy in cut.xy).tolist() == [[1] * 64] * 20
+    back = transform.project(cut.weights @ corners, *view)
+    assert close(back * 256, cut.xy, rtol=0, atol=0.51)
 
 
 # Coverage
@@ -202,7 +225,7 @@ def test_painter_order_and_tile_lists():
 def test_barycentrics_and_depth_at_the_middle_of_an_edge():
     edges, z = np.array([5, 5, 0]), np.array([1.0, 3.0, 7.0])
     assert shade.barycentrics(edges, z, "affine").tolist() == [0.5, 0.5, 0]
-    assert np.allclose(shade.barycentrics(edges, z, "perspective"), [0.75, 0.25, 0], atol=1e-16)
+    assert close(shade.barycentrics(edges, z, "perspective"), [0.75, 0.25, 0], atol=1e-16)
     assert shade.depth(edges, z) == pytest.approx(1.5, rel=1e-15)  # harmonic mean of 1 and 3
 
 
@@ -215,24 +238,25 @@ def lit(
 
 
 def test_light_closed_forms():
-    assert np.allclose(lit(), 0.1 + 2 * 0.5)  # normal incidence
-    assert np.allclose(lit(l_pos=(math.sqrt(3), 0, 1)), 0.1 + 2 * 0.5 * 0.5)  # 60 degrees
-    assert np.allclose(lit(l_pos=(0, 0, -5), ks=1.0), 0.1)  # from behind: no diffuse, no highlight
-    assert np.allclose(lit(normal=(0, 0, 7), color=(0.5, 1, 2)), [0.6, 1.1, 2.1])
-    assert np.allclose(lit(color=(0.5, 1, 2), tinted=True), [0.55, 1.1, 2.2])
+    assert close(lit(), 0.1 + 2 * 0.5)  # normal incidence
+    assert close(lit(l_pos=(math.sqrt(3), 0, 1)), 0.1 + 2 * 0.5 * 0.5)  # 60 degrees
+    for eye in ((0, 0, 2), (0, 0, -2)):
+        assert close(lit(l_pos=(0, 0, -5), eye=eye, ks=1.0), 0.1)  # from behind: no diffuse, no highlight
+    assert close(lit(normal=(0, 0, 7), color=(0.5, 1, 2)), [0.6, 1.1, 2.1])
+    assert close(lit(color=(0.5, 1, 2), tinted=True), [0.55, 1.1, 2.2])
     # Light at 60 degrees: R.V with the eye on the normal is cos(60); mirrored direction gives 1 for any n.
-    assert np.allclose(lit(l_pos=(math.sqrt(3), 0, 1), kd=0, ks=0.5, n=3), 0.1 + 2 * 0.5 / 8)
-    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(-2, 0, 2), kd=0, ks=0.5, n=1e9), 0.1 + 2 * 0.5)
-    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(2, 0, 1), kd=0, ks=0.5, n=0), 0.1)  # R.V < 0
-    assert np.allclose(lit(l_pos=(1, 0, 1), eye=(-2, 0, 1), kd=0, ks=0.5, n=0), 0.1 + 2 * 0.5)
+    assert close(lit(l_pos=(math.sqrt(3), 0, 1), kd=0, ks=0.5, n=3), 0.1 + 2 * 0.5 / 8)
+    assert close(lit(l_pos=(1, 0, 1), eye=(-2, 0, 2), kd=0, ks=0.5, n=1e9), 0.1 + 2 * 0.5)
+    assert close(lit(l_pos=(1, 0, 1), eye=(2, 0, 1), kd=0, ks=0.5, n=0), 0.1)  # R.V < 0
+    assert close(lit(l_pos=(1, 0, 1), eye=(-2, 0, 1), kd=0, ks=0.5, n=0), 0.1 + 2 * 0.5)
 
 
 def test_light_degenerate_inputs_contribute_zero():
-    assert np.allclose(lit(normal=(0, 0, 0), ks=1.0), 0.1)
-    assert np.allclose(lit(l_pos=(0, 0, 0), ks=1.0), 0.1)
-    assert np.allclose(lit(eye=(0, 0, 0), ks=1.0, n=0), 0.1 + 2 * 0.5)
+    assert close(lit(normal=(0, 0, 0), ks=1.0), 0.1)
+    assert close(lit(l_pos=(0, 0, 0), ks=1.0), 0.1)
+    assert close(lit(eye=(0, 0, 0), ks=1.0, n=0), 0.1 + 2 * 0.5)
     for scale in (1e-200, 1e200):
-        assert np.allclose(lit(l_pos=(0, 0, scale), eye=(0, 0, scale), normal=(0, 0, scale)), 0.1 + 2 * 0.5)
+        assert close(lit(l_pos=(0, 0, scale), eye=(0, 0, scale), normal=(0, 0, scale)), 0.1 + 2 * 0.5)
 
 
 @pytest.mark.parametrize("n", [1, 20, 200, 1e4, 1e9])
@@ -254,10 +278,10 @@ def test_conditioning_budget_and_gate():
     eye, lights = np.zeros(3), np.array([[0.0, 0, -4]])
     point, normal = np.array([[0.0, 0, -5], [0, 0, -4.001]]), np.array([0.0, 0, 1])
     kappa = shade.conditioning(point, np.array([5.0, 5.0]), np.array([1.0, 1.0]), eye, lights)
-    assert np.allclose(kappa, [5, 5000], rtol=1e-9)
+    assert close(kappa, [5, 5000], rtol=1e-9)
     assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
     found = shade.budget(np.array([0.5, 1, 3]), np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3), [[2.0, 2, -2]] * 2)
-    assert np.allclose(found, [2.1, 2.1, 6.1])
+    assert close(found, [2.1, 2.1, 6.1])
     grazing = np.array([[0.0, 0, -4 - 1e-7], [0, 0, -4.1], [0.0, 0, -4]]) + [[1, 0, 0], [1, 0, 0], [0, 0, 0]]
     assert shade.at_gate(grazing, normal, eye, lights).tolist() == [True, False, True]
     assert not shade.at_gate(grazing, np.zeros(3), eye, lights).any()
@@ -273,23 +297,23 @@ def test_texel_centers_and_borders():
     j, i = np.indices((2, 4))
     centers = np.stack([(i + 0.5) / 4, (j + 0.5) / 2], axis=-1)
     for wrap in ("repeat", "clamp", "mirror"):
-        assert np.allclose(texture.bilerp(centers, IMAGE, "standard", wrap), IMAGE, atol=1e-12)
-        assert np.allclose(texture.bilerp([0.5, 0.25], IMAGE, "standard", wrap), (IMAGE[0, 1] + IMAGE[0, 2]) / 2)
+        assert close(texture.bilerp(centers, IMAGE, "standard", wrap), IMAGE, atol=1e-12)
+        assert close(texture.bilerp([0.5, 0.25], IMAGE, "standard", wrap), (IMAGE[0, 1] + IMAGE[0, 2]) / 2)
     corner = {wrap: texture.bilerp([0.0, 0.25], IMAGE, "standard", wrap) for wrap in ("repeat", "clamp", "mirror")}
-    assert np.allclose(corner["repeat"], (IMAGE[0, 0] + IMAGE[0, 3]) / 2)
-    assert np.allclose(corner["clamp"], IMAGE[0, 0])
-    assert np.allclose(corner["mirror"], IMAGE[0, 0])
+    assert close(corner["repeat"], (IMAGE[0, 0] + IMAGE[0, 3]) / 2)
+    assert close(corner["clamp"], IMAGE[0, 0])
+    assert close(corner["mirror"], IMAGE[0, 0])
     beyond = np.array([1 + 1.5 / 4, 0.25])
-    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "repeat"), IMAGE[0, 1])
-    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "mirror"), IMAGE[0, 2])
-    assert np.allclose(texture.bilerp(-beyond + [0, 0.5], IMAGE, "standard", "mirror"), IMAGE[0, 2])
-    assert np.allclose(texture.bilerp(beyond, IMAGE, "standard", "clamp"), IMAGE[0, 3])
+    assert close(texture.bilerp(beyond, IMAGE, "standard", "repeat"), IMAGE[0, 1])
+    assert close(texture.bilerp(beyond, IMAGE, "standard", "mirror"), IMAGE[0, 2])
+    assert close(texture.bilerp(-beyond + [0, 0.5], IMAGE, "standard", "mirror"), IMAGE[0, 2])
+    assert close(texture.bilerp(beyond, IMAGE, "standard", "clamp"), IMAGE[0, 3])
 
 
 def test_course_lookup():
     uv = np.array([[0.0, 0], [1, 1], [1 / 3, 0], [0.5, 0.5], [-7, 9], [1, 0]])
     expected = [IMAGE[0, 0], IMAGE[1, 3], IMAGE[0, 1], IMAGE.mean(axis=(0, 1)), IMAGE[1, 0], IMAGE[0, 3]]
-    assert np.allclose(texture.bilerp(uv, IMAGE, "course"), expected, atol=1e-12)
+    assert close(texture.bilerp(uv, IMAGE, "course"), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("lookup", ["standard", "course"])
@@ -305,4 +329,4 @@ def test_lookup_is_defined_everywhere(lookup, wrap):
         assert np.isfinite(texture.slope(uv, np.ones_like(uv), image, lookup, wrap)).all()
     # In the course's lookup u = 1/6 lies midway between texels 0 and 1: d color / d u = 3 texels * 3 per texel.
     steep = texture.slope(np.array([1 / 6, 0]), np.array([0.5, 0]), IMAGE, "course")
-    assert np.allclose(steep, 0.5 * 3 * 3)
+    assert close(steep, 0.5 * 3 * 3)

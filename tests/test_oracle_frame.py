@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import compare
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from clshade import oracle
+from clshade.oracle import coverage
 from clshade.scene import PRESETS, Camera, Material, Mesh, PointLight, Scene, Settings, Texture
 
 # Seen from (0, 0, 4) with focal = plane the image spans x, y in [-2, 2] at z = 0: a pixel is 1/8 unit wide.
@@ -18,6 +20,10 @@ CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
 LIGHT = PointLight((1.0, 2.0, 3.0), (1.0, 0.5, 0.25))
 QUAD = [[0, 1, 2], [0, 2, 3]]
 QUAD_UVS = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]])
+
+
+def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
+    return np.allclose(found, expected, rtol=rtol, atol=atol)
 
 
 def quad(half: float = 1.0, z: float = 0.0, **fields) -> Mesh:
@@ -37,7 +43,7 @@ def test_triangle_far_beyond_the_screen_covers_all_of_it(far):
         Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), shader="nolight", near=0.1
     )
     assert (frame.id == 1).all()
-    assert np.allclose(frame.Z, 4, rtol=1e-12)
+    assert close(frame.Z, 4, rtol=1e-12)
 
 
 def test_floor_through_the_eye_plane():
@@ -49,7 +55,7 @@ def test_floor_through_the_eye_plane():
     assert not frame.id[:16].any()
     assert (frame.id[16:, 14:18] == 1).all()
     # Snapping moves the edges' ends, and the depth with them, by up to 1/512 px of the 1/2 px to the horizon.
-    assert np.allclose(frame.Z[16:, 16], 1 / below, rtol=1 / 200)
+    assert close(frame.Z[16:, 16], 1 / below, rtol=1 / 200)
     assert np.isfinite(frame.rgb).all()
 
 
@@ -89,7 +95,7 @@ def test_standard_phong_pixels():
     assert (frame.Z[frame.id > 0] == 4).all()
     assert (frame.Z[frame.id == 0] == np.inf).all()
     for row, column in ((8, 8), (8, 23), (23, 8), (13, 20)):
-        assert np.allclose(frame.rgb[row, column], phong(pixel_position(row, column), UP), rtol=1e-12)
+        assert close(frame.rgb[row, column], phong(pixel_position(row, column), UP), rtol=1e-12)
 
 
 def test_course_lights_once_per_triangle():
@@ -97,9 +103,9 @@ def test_course_lights_once_per_triangle():
     frame = draw(quad(), preset="course")
     for row, column in ((8, 9), (22, 20)):
         face = frame.id[row, column] - 1
-        assert np.allclose(frame.rgb[row, column], phong(corners[face].mean(axis=0), UP), rtol=1e-12)
+        assert close(frame.rgb[row, column], phong(corners[face].mean(axis=0), UP), rtol=1e-12)
     assert len(np.unique(frame.rgb[frame.id == 1], axis=0)) <= 3  # one color, to rounding
-    assert np.allclose(draw(quad(), preset="course", shader="gouraud").rgb, frame.rgb, rtol=1e-12)  # flat: the same
+    assert close(draw(quad(), preset="course", shader="gouraud").rgb, frame.rgb, rtol=1e-12)  # flat: the same
 
 
 def test_gouraud_interpolates_the_corners():
@@ -108,7 +114,7 @@ def test_gouraud_interpolates_the_corners():
     point = pixel_position(20, 12)
     a, b, c = (phong(p, UP) for p in triangle.verts)
     s, t = (point[0] + 1) / 2, (point[1] + 1) / 2
-    assert np.allclose(frame.rgb[20, 12], a + s * (b - a) + t * (c - a), rtol=1e-12)
+    assert close(frame.rgb[20, 12], a + s * (b - a) + t * (c - a), rtol=1e-12)
 
 
 def test_interpolation_on_a_slanted_quad():
@@ -117,9 +123,9 @@ def test_interpolation_on_a_slanted_quad():
     mesh = Mesh(verts, QUAD, colors=np.array([[0.0] * 3, [1] * 3, [1] * 3, [0] * 3]))
     middle = {how: draw(mesh, shader="nolight", interpolation=how).rgb[16] for how in ("affine", "perspective")}
     u = (np.arange(32) + 0.5) / 32
-    assert np.allclose(middle["affine"][:, 0], u, atol=1e-12)
-    assert np.allclose(middle["perspective"][:, 0], u / 6 / (u / 6 + (1 - u) / 2), atol=1e-12)
-    assert np.allclose(draw(mesh, shader="nolight").Z[16], 1 / (u / 6 + (1 - u) / 2), rtol=1e-12)
+    assert close(middle["affine"][:, 0], u, atol=1e-12)
+    assert close(middle["perspective"][:, 0], u / 6 / (u / 6 + (1 - u) / 2), atol=1e-12)
+    assert close(draw(mesh, shader="nolight").Z[16], 1 / (u / 6 + (1 - u) / 2), rtol=1e-12)
 
 
 def test_visibility():
@@ -137,6 +143,28 @@ def test_visibility():
     both = draw(slanted).alpha * draw(flat).alpha > 0
     assert set(seen["painter"][both]) == {2}
     assert set(seen["depth"][both]) == {1, 2}
+
+
+def test_clipped_pieces_keep_the_painters_depth():
+    """Depths 6, 6 and -9: the mean 1 lies before the square at 2, the mean of what is left after clipping does not."""
+    straddling = Mesh(np.array([[-3.0, -1, -2], [3, -1, -2], [0, -1, 13]]), [[0, 1, 2]])
+    frame = draw(straddling, quad(2.0, z=2.0), visibility="painter")
+    alone = draw(straddling)
+    assert (frame.id[alone.id > 0] == 1).all()
+    assert (alone.id > 0).sum() > 100
+
+
+def test_batches_change_nothing(monkeypatch):
+    scene = Scene((blob(), blob()), CAMERA, (LIGHT,))
+    samples = coverage.samples
+    for visibility in ("painter", "depth"):
+        settings = Settings(visibility=visibility)
+        monkeypatch.setattr(coverage, "samples", samples)
+        whole = oracle.render(scene, settings)
+        assert whole.id[whole.id > 0].min() > 400  # each face has a twin, the later of which is seen
+        for limit in (150, 3000):
+            monkeypatch.setattr(coverage, "samples", partial(samples, limit=limit))
+            assert np.array_equal(oracle.render(scene, settings).id, whole.id)
 
 
 def test_culling_and_winding():
@@ -163,7 +191,7 @@ def test_orientation_and_faces_of_instances():
 def test_given_normals_are_used_except_by_course_scenes():
     tilted = np.array([[0.6, 0, 0.8]])
     mesh = quad(normals=3 * tilted, normal_faces=np.zeros((2, 3), int))
-    assert np.allclose(draw(mesh).rgb[10, 10], phong(pixel_position(10, 10), tilted[0]), rtol=1e-12)
+    assert close(draw(mesh).rgb[10, 10], phong(pixel_position(10, 10), tilted[0]), rtol=1e-12)
     assert np.array_equal(draw(mesh, preset="course").rgb, draw(quad(), preset="course").rgb)
 
 
@@ -188,18 +216,18 @@ def test_textured_light():
         color = texel * (0.5 if lookup == "standard" else 1.0)
         fields = {"interpolation": "affine", "lighting_at": "position"}
         got = draw(mesh, shader="nolight").rgb[16, 8:24]
-        assert np.allclose(got, color, atol=1e-7)
+        assert close(got, color, atol=1e-7)
         for ambient in ("plain", "tinted"):
             for shader in ("phong", "gouraud"):
                 white = draw(quad(), shader=shader, ambient=ambient, **fields).rgb[16, 8:24]
                 got = draw(mesh, shader=shader, ambient=ambient, **fields).rgb[16, 8:24]
                 base = 0.1 * 0.3
                 expected = white * color if ambient == "tinted" else base + (white - base) * color
-                assert np.allclose(got, expected, atol=1e-7), (lookup, ambient, shader)
+                assert close(got, expected, atol=1e-7), (lookup, ambient, shader)
         at_corners = draw(mesh, shader="nolight", texture_at="vertex", preset="course").rgb[16, 8:24]
         ends = image[0, 0], image[0, 1]
         expected = (ends[0] + u[:, None] * (ends[1] - ends[0])) * (0.5 if lookup == "standard" else 1.0)
-        assert np.allclose(at_corners, expected, atol=1e-7)
+        assert close(at_corners, expected, atol=1e-7)
 
 
 def test_texture_rows_go_up_with_v():
@@ -240,7 +268,7 @@ def test_scale_and_offset_change_nothing(preset):
     for scale, shift in ((1e-20, 0), (1e20, 0), (1, 1e6), (2.0**70, 0)):
         frame = moved(scale, shift)
         assert np.array_equal(frame.id, plain.id)
-        assert np.allclose(frame.rgb, plain.rgb, rtol=0, atol=1e-9)
+        assert close(frame.rgb, plain.rgb, rtol=0, atol=1e-9)
     assert np.array_equal(frame.rgb, plain.rgb)  # a power of two: the same bits
 
 

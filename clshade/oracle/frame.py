@@ -80,10 +80,8 @@ def owners(prepared: Prepared, visibility: str, resolution: tuple[int, int]) -> 
     owner, nearest = np.full(columns * rows, -1), np.full(columns * rows, np.inf)
     for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
         pixel, z = row * columns + column, shade.depth(edges, cut.z[order[k]])
-        before = nearest[pixel]
         np.minimum.at(nearest, pixel, z)
-        owner[pixel[nearest[pixel] < before]] = -1
-        equal = z == nearest[pixel]
+        equal = z == nearest[pixel]  # a later batch holds later pieces only, so the later owner is the right one
         np.maximum.at(owner, pixel[equal], order[k[equal]])
     return owner.reshape(rows, columns)
 

@@ -1,0 +1,511 @@
+"""Finding, trying out and opening devices; cache folders. Uses whatever device there is, or says that there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clshade import device, probing, runtimes
+from clshade.errors import DeviceError
+from clshade.probing import DeviceInfo
+
+ROOT = Path(__file__).resolve().parent.parent
+PYOPENCL = importlib.util.find_spec("pyopencl")
+PYPI_POCL = PYOPENCL is not None and list(Path(PYOPENCL.origin or "").parent.glob(".libs/libpocl*"))
+POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Intel(R) Xeon(R) Processor")
+POCL_GPU = DeviceInfo("0:1", "Portable Computing Language", "NVIDIA H100", is_cpu=False)
+INTEL_FPGA = DeviceInfo("1:0", "Intel(R) FPGA Emulation Platform for OpenCL(TM)", "Intel(R) FPGA Emulation Device")
+INTEL = DeviceInfo("2:0", "Intel(R) OpenCL", "Intel(R) Xeon(R) Processor")
+RUSTICL = DeviceInfo("3:0", "rusticl", "Mesa Intel(R) UHD Graphics", is_cpu=False)
+NVIDIA = DeviceInfo("4:0", "NVIDIA CUDA", "NVIDIA GeForce RTX 3060", is_cpu=False)
+EVERY = [POCL_GPU, POCL, INTEL_FPGA, INTEL, RUSTICL, NVIDIA]
+
+
+def python(
+    code: str, cache: Path | str, *, timeout: float = 60.0, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Runs Python code in a process with hardly any environment; `cache` becomes XDG_CACHE_HOME."""
+    path = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
+    base = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
+    environment = {name: value for name, value in {**base, **variables}.items() if value}
+    return subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=timeout
+    )
+
+
+OPEN = """
+from clshade import device
+from clshade.errors import DeviceError
+try:
+    opened = device.open_device()
+    print("opened", opened.platform)
+except DeviceError as error:
+    print("refused", error)
+"""
+
+
+@pytest.fixture(scope="module")
+def opened() -> device.Device:
+    try:
+        return device.open_device(profiling=True)
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def homeless(opened: device.Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A process that cannot write to its home opens a device: its temporary folder, and what it printed."""
+    folder = tmp_path_factory.mktemp("temporary")
+    code = OPEN + "import os; print(os.environ['XDG_CACHE_HOME'], os.environ['POCL_CACHE_DIR'])"
+    done = python(code, "", HOME="/proc/nowhere", TMPDIR=str(folder), CLSHADE_DEVICE=opened.index)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
+
+
+@pytest.fixture
+def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache root for what this process keeps from now on."""
+    (tmp_path / "clshade").mkdir()
+    monkeypatch.setattr(runtimes, "_home", tmp_path)
+    return tmp_path / "clshade"
+
+
+def probe_that(code: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Replaces the probing process; returns the list to which each tried device's index is added."""
+    tried: list[str] = []
+
+    def command(info: DeviceInfo) -> list[str]:
+        tried.append(info.index)
+        return [sys.executable, "-S", "-c", code]
+
+    monkeypatch.setattr(probing, "probe_command", command)
+    return tried
+
+
+# Which device a name means
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("", [POCL, POCL_GPU, INTEL, RUSTICL, NVIDIA, INTEL_FPGA]),
+        ("pocl", [POCL, POCL_GPU]),
+        ("PoCL", [POCL, POCL_GPU]),
+        ("portable comp", [POCL, POCL_GPU]),
+        ("intel", [INTEL, INTEL_FPGA]),
+        ("fpga", [INTEL_FPGA]),
+        ("nvidia", [NVIDIA]),
+        ("cuda", [NVIDIA]),
+        ("rusticl", [RUSTICL]),
+        ("h100", [POCL_GPU]),
+        ("xeon", [POCL, INTEL]),
+        ("0:1", [POCL_GPU]),
+        (" 2:0 ", [INTEL]),
+        ("9:0", []),
+        ("0:9", []),
+        ("voodoo", []),
+    ],
+)
+def test_candidates(name: str, expected: list[DeviceInfo]) -> None:
+    assert device.candidates(EVERY, name) == expected
+
+
+def test_a_runtime_is_not_looked_for_in_the_names_of_cpus() -> None:
+    assert device.candidates([POCL], "intel") == []
+    assert device.candidates([POCL, RUSTICL], "intel") == [RUSTICL]
+    assert device.candidates([POCL, POCL_GPU], "nvidia") == [POCL_GPU]
+
+
+def test_unknown_name_lists_what_was_found(opened: device.Device) -> None:
+    with pytest.raises(DeviceError, match="no OpenCL device matches 'voodoo'; found: ") as caught:
+        device.open_device("voodoo")
+    assert opened.platform in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_name_from_the_environment(opened: device.Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLSHADE_DEVICE", "voodoo")
+    with pytest.raises(DeviceError, match="voodoo"):
+        device.open_device()
+    assert device.open_device(opened.index).name == opened.name
+
+
+# Opening
+
+
+def test_open_device_runs_a_kernel(opened: device.Device) -> None:
+    import pyopencl as cl
+
+    assert opened.lanes == (16 if opened.is_cpu else 1)
+    assert opened.compute_units >= 1
+    assert opened.memory >= opened.max_allocation > 0
+    assert opened.local_memory > 0
+    assert opened.version.startswith("OpenCL")
+    source = "__kernel void twice(__global float *x) { x[get_global_id(0)] *= 2.0f; }"
+    kernel = cl.Kernel(cl.Program(opened.context, source).build(), "twice")
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    buffer = cl.Buffer(opened.context, flags, hostbuf=np.arange(64, dtype=np.float32))
+    event = kernel(opened.queue, (64,), (16,), buffer)
+    result = np.empty(64, np.float32)
+    cl.enqueue_copy(opened.queue, result, buffer)
+    assert (result == 2.0 * np.arange(64)).all()
+    assert event.profile.end >= event.profile.start > 0
+
+
+def test_programs_are_cached_in_the_claimed_folder(opened: device.Device) -> None:
+    assert opened.context.cache_dir == str(runtimes.prepare().programs)
+
+
+def test_importing_does_not_import_pyopencl(tmp_path: Path) -> None:
+    done = python("import sys, clshade.device; print('pyopencl' in sys.modules, 'numpy' in sys.modules)", tmp_path)
+    assert done.stdout.split() == ["False", "False"], done.stderr
+
+
+# Trying out
+
+
+def test_a_device_that_aborts_gives_one_line(
+    opened: device.Device, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = 'error: unable to execute command: Executable "ld" doesn\'t exist!\\nFinal linking failed.\\n'
+    tried = probe_that(f"import os, sys; sys.stderr.write({text!r}); sys.stderr.flush(); os.abort()", monkeypatch)
+    for times in (1, 2):  # it is tried out again each time
+        with pytest.raises(DeviceError, match="crashes at its first kernel") as caught:
+            device.open_device(opened.index)
+        assert tried == [opened.index] * times
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "SIGABRT" in message
+    assert '"ld" doesn\'t exist' in message
+    if opened.platform == POCL.platform:
+        assert all(word in message for word in ("apt install gcc", 'pip install "clshade[intel]"', "conda-forge"))
+    assert not list(fresh_cache.glob("probe-*"))
+
+
+@pytest.mark.parametrize(
+    ("code", "fault"),
+    [
+        (f"print('{probing.WRONG}')", "computes wrongly"),
+        ("pass", "computes wrongly"),
+        ("raise SystemExit('LogicError: clBuildProgram failed')", "fails at its first kernel (LogicError: clBuild"),
+        ("raise SystemExit(7)", "(exit code 7)"),
+        ("import time; time.sleep(60)", "had not finished a small kernel after 0.3 s"),
+    ],
+)
+def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probing, "PROBE_SECONDS", 0.3 if "sleep" in code else 30.0)
+    probe_that(code, monkeypatch)
+    problem = probing.Probe(POCL).finish()
+    assert problem.startswith(f"{POCL} ")
+    assert fault in problem
+    assert probing.recall(POCL) is False
+
+
+def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cache: Path) -> None:
+    calls: list[str] = []
+    first = device.open_device(opened.index, meanwhile=lambda d: calls.append(d.index))
+    assert calls == [opened.index]
+    assert len(list((fresh_cache / "verdicts").iterdir())) == 1
+    assert not first.profiling
+
+
+def test_verdict_is_remembered_until_the_system_changes(
+    opened: device.Device, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = probe_that(f"print('{probing.RIGHT}')", monkeypatch)
+    device.open_device(opened.index)
+    device.open_device(opened.index, meanwhile=lambda _: pytest.fail("nothing is tried out here"))
+    assert tried == [opened.index]
+    monkeypatch.setenv("PATH", str(fresh_cache))  # no ld
+    device.open_device(opened.index)
+    assert len(tried) == 2
+    (fresh_cache / "ld").touch(mode=0o755)
+    device.open_device(opened.index)
+    assert len(tried) == 3
+    os.utime(fresh_cache / "ld", (1, 1))  # another one
+    device.open_device(opened.index)
+    assert len(tried) == 4
+    for file in (fresh_cache / "verdicts").iterdir():
+        file.write_text("{")
+    device.open_device(opened.index)
+    assert len(tried) == 5
+
+
+def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
+    from dataclasses import replace
+
+    probing.remember(POCL, "")
+    assert probing.recall(POCL)
+    assert probing.recall(replace(POCL, driver="another")) is None
+    assert probing.recall(replace(POCL, platform_version="another")) is None
+
+
+def test_recalling_is_fast(fresh_cache: Path) -> None:
+    probing.remember(POCL, "")
+    times = []
+    for _ in range(10):
+        start = time.perf_counter()
+        assert probing.recall(POCL)
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.005
+
+
+def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = f"import sys; print('{probing.RIGHT}')"
+    tried: list[str] = []
+
+    def command(info: DeviceInfo) -> list[str]:
+        tried.append(info.index)
+        return [sys.executable, "-S", "-c", code if info == INTEL else "import os; os.abort()"]
+
+    monkeypatch.setattr(probing, "probe_command", command)
+    monkeypatch.setattr(device, "_enumerate", lambda name: [(info, info) for info in (INTEL, POCL)])
+    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling: info)
+    meanwhile: list[Any] = []
+    assert device.open_device("", meanwhile=meanwhile.append) == INTEL
+    assert tried == ["0:0", "2:0"]
+    assert meanwhile == [POCL, INTEL]
+    assert device.open_device("") == INTEL
+    assert tried == ["0:0", "2:0"], "the broken one comes last, and a working one is not tried out again"
+    with pytest.raises(DeviceError, match="crashes"):
+        device.open_device("pocl")
+    for file in (fresh_cache / "verdicts").iterdir():
+        os.utime(file, (1, 1))
+    device.open_device("")
+    assert tried[3:] == ["0:0"], "after a day it comes first again"
+
+
+def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device, "_enumerate", lambda name: [(POCL, None)])
+    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling: info)
+
+    def fail(_: object) -> None:
+        raise ValueError("from meanwhile")
+
+    probe_that("import os; os.abort()", monkeypatch)
+    with pytest.raises(DeviceError, match="crashes"):
+        device.open_device("", meanwhile=fail)
+    probe_that(f"print('{probing.RIGHT}')", monkeypatch)
+    with pytest.raises(ValueError, match="from meanwhile"):
+        device.open_device("", meanwhile=fail)
+
+
+@pytest.mark.skipif(not PYPI_POCL, reason="this is not PyPI's PoCL")
+def test_pocl_without_a_linker(homeless: tuple[Path, str]) -> None:
+    # Neither the verdict nor a kernel compiled before, both found in the cache, may hide that the linker is gone.
+    variables = {"HOME": "/proc/nowhere", "TMPDIR": str(homeless[0]), "CLSHADE_DEVICE": "pocl"}
+    done = python(OPEN, "", PATH="/proc/nowhere", **variables)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("refused")
+    assert len(done.stdout.splitlines()) == 1
+    assert all(word in done.stdout for word in ("SIGABRT", '"ld"', "apt install gcc"))
+
+
+# No device at all
+
+
+def test_no_platform(tmp_path: Path) -> None:
+    done = python(OPEN, tmp_path, OCL_ICD_VENDORS=str(tmp_path / "none.icd"))
+    assert done.stdout.startswith("refused no OpenCL device found (OCL_ICD_VENDORS is "), done.stderr
+    assert "install " in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+
+
+def test_no_pyopencl(tmp_path: Path) -> None:
+    done = python("import sys; sys.modules['pyopencl'] = None\n" + OPEN, tmp_path)
+    assert done.stdout.startswith("refused pyopencl cannot be imported"), done.stderr
+    assert "install " in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "words"),
+    [
+        ("linux", "x86_64", ["pyopencl[pocl]", "clshade[intel]", "pocl-opencl-icd", "driver"]),
+        ("linux", "aarch64", ["pocl-opencl-icd", "conda-forge", "no PoCL for aarch64"]),
+        ("darwin", "arm64", ["conda-forge", "driver"]),
+    ],
+)
+def test_install_advice(system: str, machine: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    advice = probing.install_advice()
+    assert all(word in advice for word in words)
+    assert ("clshade[intel]" in advice) == (machine == "x86_64")
+
+
+def test_list_and_format_devices(opened: device.Device, fresh_cache: Path) -> None:
+    infos = device.list_devices()
+    working = [info for info in infos if info.works]
+    assert opened.index in [info.index for info in working]
+    assert all(bool(info.problem) != info.works for info in infos)
+    text = device.format_devices(infos)
+    assert text.count("the default") == 1
+    assert "--device" in text
+
+
+def test_format_devices_that_do_not_work() -> None:
+    text = device.format_devices([])
+    assert "No OpenCL device" in text
+    assert "install" in text
+    broken = DeviceInfo("0:0", "NVIDIA CUDA", "X", is_cpu=False, problem=probing.complaint(NVIDIA, "computes wrongly"))
+    text = device.format_devices([broken])
+    assert "does not work: " in text
+    assert "update its driver" in text
+    assert "To get one" in text
+    assert "the default" not in text
+
+
+# Cache folders
+
+CLAIM = "import os; from clshade import runtimes; print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'])"
+
+
+def test_no_home(homeless: tuple[Path, str]) -> None:
+    home = f"{homeless[0]}/clshade-{os.getuid()}"
+    opened, folders = homeless[1].splitlines()
+    assert opened.startswith("opened ")
+    assert folders == f"{home} {home}/clshade/slot-0/pocl"
+
+
+def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path) -> None:
+    taken = tmp_path / f"clshade-{os.getuid()}"
+    taken.mkdir()
+    taken.chmod(0o777)
+    done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert str(tmp_path / "clshade-") in done.stdout
+    assert str(taken) not in done.stdout
+    assert not list(taken.iterdir())
+
+
+def test_nowhere_to_write(tmp_path: Path) -> None:
+    code = "import tempfile; tempfile.tempdir = '/proc/nowhere'\n" + OPEN
+    done = python(code, "/proc/nowhere")
+    assert done.stdout.startswith("refused no folder for caches can be written"), done.stderr
+
+
+def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
+    code = CLAIM + "; import sys; sys.stdout.flush(); sys.stdin.read()"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    for name in [name for name in environment if "POCL_CACHE_DIR" in name]:
+        del environment[name]
+    running = []
+    try:
+        for expected in ("slot-0", "slot-1"):
+            process = subprocess.Popen(
+                [sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+            running.append(process)
+            assert process.stdout is not None
+            folder, pocl = process.stdout.readline().split()
+            assert folder == str(tmp_path / "clshade" / expected)
+            assert pocl == str(tmp_path / "clshade" / expected / "pocl")
+        # What a process that is killed leaves behind is cleared away by the next, which keeps the compiled kernels.
+        slot = tmp_path / "clshade" / "slot-0"
+        running[0].kill()
+        running[0].wait()
+        (slot / "programs" / "lock").touch()
+        (slot / "pocl" / "tempfile_abc").touch()
+        (slot / "pocl" / "kept").touch()
+        assert python(CLAIM, tmp_path).stdout.split()[0] == str(slot)
+        assert [path.name for path in sorted(slot.rglob("*"))] == ["lock", "pocl", "kept", "programs"]
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+
+
+def test_children_claim_their_own(tmp_path: Path) -> None:
+    code = f"""
+import os, subprocess, sys
+from clshade import runtimes
+from clshade.errors import DeviceError
+held = runtimes.prepare()
+print(held.folder.name, flush=True)
+subprocess.run([sys.executable, "-c", {CLAIM!r}])
+if os.fork() == 0:
+    print(runtimes.prepare().folder.name, os.path.basename(os.path.dirname(os.environ["POCL_CACHE_DIR"])), flush=True)
+    os._exit(0)
+os.wait()
+print(runtimes._take(held.folder))  # still locked
+runtimes.starting()
+if os.fork() == 0:
+    try: runtimes.starting()
+    except DeviceError as error: print(error, flush=True)
+    os._exit(0)
+os.wait()
+"""
+    done = python(code, tmp_path)
+    lines = done.stdout.splitlines()
+    assert lines[0] == "slot-0", done.stderr
+    assert lines[1] == f"{tmp_path}/clshade/slot-1 {tmp_path}/clshade/slot-1/pocl"
+    assert lines[2:4] == ["slot-1 slot-1", "None"]
+    assert "spawn" in lines[4]
+
+
+def test_isolate_cache(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from clshade import runtimes
+from clshade.errors import DeviceError
+runtimes.isolate_cache(sys.argv[1])
+print(runtimes.prepare().folder, os.environ["POCL_CACHE_DIR"], runtimes.isolate_cache(sys.argv[1]))
+runtimes.starting()
+try: runtimes.isolate_cache("elsewhere")
+except DeviceError as error: print(error)
+"""
+    worker = tmp_path / "worker"
+    done = python(code.replace("sys.argv[1]", repr(str(worker))), tmp_path, POCL_CACHE_DIR="/proc/x")
+    assert done.stdout.splitlines()[0] == f"{worker} {worker}/pocl {worker}", done.stderr
+    assert "too late" in done.stdout.splitlines()[1]
+    held = runtimes._lock(worker / "lock")
+    assert held is not None
+    done = python(f"from clshade.runtimes import isolate_cache; isolate_cache({str(worker)!r})", tmp_path)
+    os.close(held)
+    assert "in use by another process" in done.stderr
+
+
+def test_what_the_user_set_is_kept(tmp_path: Path) -> None:
+    code = CLAIM + "; print(os.environ['OCL_ICD_VENDORS'])"
+    done = python(code, tmp_path, POCL_CACHE_DIR="/users/own", OCL_ICD_VENDORS="/users/vendors")
+    assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", "/users/own", "/users/vendors"], done.stderr
+
+
+# Runtimes
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Intel's runtime is pointed to on Linux only")
+def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library, system = tmp_path / "libintelocl.so", tmp_path / "vendors"
+    library.touch()
+    system.mkdir()
+    (system / "mesa.icd").write_text("libMesaOpenCL.so.1\n")
+    (system / "broken.icd").write_text("/opt/anaconda1anaconda2/lib/libintelocl.so")
+    monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", system)
+    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
+    for name in ("OCL_ICD_VENDORS", "CLSHADE_SET_OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
+        monkeypatch.setenv(name, "")
+    for _ in range(2):
+        runtimes.expose_runtimes()
+        folder = Path(os.environ["OCL_ICD_VENDORS"])
+        assert folder.parent == fresh_cache
+        contents = {path.name: path.read_text().strip() for path in folder.iterdir()}
+        assert contents == {"mesa.icd": "libMesaOpenCL.so.1", "clshade-intel.icd": str(library)}
+        assert len(list(fresh_cache.glob("vendors-*"))) == 1
+    # Registered by the system already: nothing has to be done. The variable set above does not pass for the user's.
+    (system / "intel.icd").write_text(str(library))
+    runtimes.expose_runtimes()
+    assert "OCL_ICD_VENDORS" not in os.environ
+    monkeypatch.setenv("OCL_ICD_VENDORS", "/users/own")
+    runtimes.expose_runtimes()
+    assert os.environ["OCL_ICD_VENDORS"] == "/users/own"

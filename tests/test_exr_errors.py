@@ -1,0 +1,171 @@
+"""EXR files when something is wrong: full disks leave the earlier file, bad files give an InputError of one line."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+
+import numpy as np
+import pytest
+
+from clshade import exr
+from clshade.errors import InputError, OutputError
+
+
+def noise(shape):
+    return np.random.default_rng(8).random(shape, np.float32)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.exr"
+
+
+class Failing(io.BytesIO):
+    """A stream that takes `limit` bytes."""
+
+    limit, error = 0, None
+
+    def write(self, data):
+        if self.tell() + len(data) > self.limit:
+            raise self.error
+        return super().write(data)
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_disk_that_is_full_after_any_number_of_bytes(error):
+    """The last bytes count most: OpenEXR goes back and writes its table of offsets at the very end."""
+    import OpenEXR
+
+    def encode(compression, limit, error=None):
+        box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
+        sink = Failing()
+        sink.limit, sink.error = limit, error
+        exr._encode(sink, {"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9)).copy()}, compression)
+        return len(sink.getvalue())
+
+    for compression in ("none", "zip", "zstd"):
+        size = encode(compression, 1 << 30)
+        for limit in [*range(0, size, 97), *range(size - 30, size)]:
+            with pytest.raises(type(error)):
+                encode(compression, limit, error)
+        assert OpenEXR.global_thread_count() == 0
+
+
+def test_a_full_disk_leaves_the_earlier_file(path):
+    resource = pytest.importorskip("resource")
+    exr.write(path, noise((4, 4, 3)))
+    before = path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        for compression in ("none", "zip"):
+            with pytest.raises(OutputError, match=r"a\.exr: cannot be written: File too large$"):
+                exr.write(path, noise((100, 100, 4)), compression=compression)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["a.exr"]
+
+
+def test_ctrl_c_leaves_the_earlier_file(path, monkeypatch):
+    exr.write(path, noise((4, 4, 3)))
+    before, calls = path.read_bytes(), []
+
+    def interrupted(self, data):
+        calls.append(len(data))
+        if len(calls) == 60:
+            raise KeyboardInterrupt
+        return self.file.write(data)
+
+    monkeypatch.setattr(exr._Sink, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        exr.write(path, noise((100, 100, 4)))
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["a.exr"]
+
+
+def test_a_missing_folder(tmp_path):
+    with pytest.raises(OutputError, match="there is no folder"):
+        exr.write(tmp_path / "none" / "a.exr", noise((2, 2, 3)))
+
+
+def bad(path, capfd) -> str:
+    with pytest.raises(InputError) as caught:
+        exr.read(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+    assert capfd.readouterr() == ("", "")
+    return text
+
+
+def test_files_that_are_no_exr(tmp_path, capfd):
+    assert "no such file" in bad(tmp_path / "missing.exr", capfd)
+    assert "folder" in bad(tmp_path, capfd)
+    for content, found in ((b"", "empty"), (b"text", "something else"), (b"\x76\x2f\x31\x01", "expected an OpenEXR")):
+        (tmp_path / "a.exr").write_bytes(content)
+        assert found in bad(tmp_path / "a.exr", capfd)
+    os.mkfifo(tmp_path / "pipe.exr")
+    assert "regular file" in bad(tmp_path / "pipe.exr", capfd)
+
+
+@pytest.mark.parametrize("compression", exr.COMPRESSIONS)
+def test_truncated_files(path, capfd, compression):
+    exr.write(path, noise((40, 9, 3)), compression=compression)
+    data = path.read_bytes()
+    for size in [*range(0, len(data), 61), len(data) - 1]:
+        path.write_bytes(data[:size])
+        bad(path, capfd)
+
+
+@pytest.mark.parametrize("compression", ["zip", "zstd", "pxr24"])
+def test_damaged_files(path, capfd, compression):
+    exr.write(path, np.repeat(noise((40, 3, 3)), 4, axis=1), compression=compression)
+    data = bytearray(path.read_bytes())
+    for k in range(20):
+        data[len(data) // 2 + k] ^= 0x5A
+    path.write_bytes(data)
+    assert "truncated or damaged" in bad(path, capfd)
+
+
+def test_images_of_other_kinds(path, capfd):
+    import OpenEXR
+
+    plane = np.zeros((4, 4), np.float32)
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": plane.copy()}, name) for name in "ab"]
+    OpenEXR.File(parts).write(str(path))
+    assert "one part, found 2 parts" in bad(path, capfd)
+
+    samples = np.empty((2, 2), object)
+    for k in range(4):
+        samples[k // 2, k % 2] = np.zeros(k + 1, np.float32)
+    deep = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    OpenEXR.File(deep, {"Z": samples}).write(str(path))
+    assert "a flat image" in bad(path, capfd)
+
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 3
+    OpenEXR.File({"type": OpenEXR.tiledimage, "tiles": tiles}, {"Y": noise((7, 5)).copy()}).write(str(path))
+    assert np.array_equal(exr.read(path)[0]["Y"], noise((7, 5)))
+
+
+def test_a_subsampled_channel(path, capfd):
+    """OpenEXR's module writes none; two halves a row become one float for every second pixel by a patched header."""
+    exr.write(path, {"Y": np.ones((3, 2)), "RY": np.ones((3, 2))}, compression="none", half=True)
+    data = path.read_bytes()
+    before, after = (b"RY\0" + struct.pack("<4i", *fields) for fields in ((1, 0, 1, 1), (2, 0, 2, 1)))
+    assert data.count(before) == 1
+    path.write_bytes(data.replace(before, after))
+    assert "RY: expected a value for every pixel" in bad(path, capfd)
+
+
+def test_a_header_that_claims_too_many_pixels(path, capfd):
+    exr.write(path, noise((1, 1, 3)), compression="none")
+    data = path.read_bytes()
+    name = b"displayWindow\0box2i\0" + struct.pack("<i", 16)
+    assert data.count(name) == 1
+    start = data.index(name) + len(name)
+    path.write_bytes(data[:start] + struct.pack("<4i", 0, 0, 65535, 65535) + data[start + 16 :])
+    assert "displayWindow: expected 1 to 268435456 pixels" in bad(path, capfd)

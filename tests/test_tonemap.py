@@ -1,0 +1,218 @@
+"""Tone maps: equal to the float64 oracle at every code's threshold, at the extremes and everywhere between."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from clshade import tonemap as tm
+from clshade.errors import InputError
+from clshade.oracle.tonemap import tonemap as oracle
+from clshade.tonemap import OPERATORS, tonemap
+
+EXPOSURES = (0.0, 1.0, -1.0, 0.5, -3.7, 21.3, -18.9)
+TINY, HUGE = np.float32(1e-45), np.finfo(np.float32).max
+
+
+def image(values, dtype=np.float32):
+    """Values of any shape as a gray image one pixel high."""
+    return np.repeat(np.asarray(values, dtype).reshape(1, -1, 1), 3, axis=2)
+
+
+def steps(operator, exposure):
+    """The 255 smallest float32 values of their codes, as (255, 5) with the two nearest floats on either side."""
+    bits = tm._thresholds(operator, exposure, np.float32)
+    return (bits[:, None] + np.arange(-2, 3)).astype(np.int32).view(np.float32)
+
+
+def assert_equals_oracle(pixels, operator, exposure):
+    with np.errstate(invalid="ignore"):  # signaling NaNs
+        expected = oracle(pixels, operator, exposure)
+    found = tonemap(pixels, operator, exposure)
+    assert found.dtype == np.uint8
+    assert found.shape == pixels.shape
+    wrong = np.flatnonzero(found != expected)
+    assert not wrong.size, f"{wrong.size} wrong, first {pixels.flat[wrong[0]]!r}"
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize("exposure", EXPOSURES)
+def test_every_threshold(operator, exposure):
+    """Both sides of all 255 steps, to the last bit; the oracle itself must step there, else they were no steps."""
+    values = steps(operator, exposure)
+    assert oracle(values[:, 2], operator, exposure).tolist() == list(range(1, 256))
+    assert oracle(values[:, 1], operator, exposure).tolist() == list(range(255))
+    assert_equals_oracle(image(values), operator, exposure)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize("exposure", EXPOSURES)
+def test_every_threshold_of_float64(operator, exposure):
+    """Within 1e-13 of a step the formula's own rounding decides: its slope there is below 255 * 4, each of some ten
+    operations rounds by 1e-16, so it crosses a half within 1e-15 / (slope * value) of the step, relative."""
+    values = tm._thresholds64(operator, exposure)
+    assert ((steps(operator, exposure)[:, 1] < values) & (values <= steps(operator, exposure)[:, 2])).all()
+    for factor in (1 - 1e-12, 1 + 1e-12, 1 - 1e-9, 1 + 1e-9):
+        assert_equals_oracle(image(values * factor, np.float64), operator, exposure)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_everything_between(operator):
+    random = np.random.default_rng(7)
+    for exposure in EXPOSURES[::2]:
+        values = np.exp(random.uniform(-14, 9, 90_000)) * 2.0**-exposure * np.where(random.random(90_000) < 0.1, -1, 1)
+        assert_equals_oracle(values.astype(np.float32).reshape(300, 100, 3), operator, exposure)
+        assert_equals_oracle(values[:9000].reshape(30, 100, 3), operator, exposure)
+    bits = random.integers(0, 2**32, 90_000, np.uint32)
+    assert_equals_oracle(bits.view(np.float32).reshape(300, 100, 3), operator, 0.0)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_every_half(operator):
+    halves = np.resize(np.arange(65536, dtype=np.uint16), 65538).view(np.float16).reshape(-1, 1, 3)
+    assert_equals_oracle(halves, operator, 0.25)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_extremes(operator, dtype):
+    nans = np.array([0x7FC00000, 0x7F800001, 0x7F807FFF, 0x7F808000, 0x7FFFFFFF, 0xFF800001, 0xFFFFFFFF], np.uint32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        unknown = nans.view(np.float32) if dtype is np.float32 else np.full(7, np.nan, dtype)
+        blank = np.array([0.0, -0.0, -TINY, -1.0, -HUGE, -np.inf, TINY]).astype(dtype)
+        full = np.array([np.inf, HUGE, 3e4 if dtype is np.float16 else 1e38]).astype(dtype)
+    for exposure in (0.0, 5.0, -5.0, 100.0, -100.0):
+        if abs(exposure) > 5 and dtype is np.float16:
+            continue
+        assert not tonemap(image(unknown, dtype), operator, exposure).any()
+        assert not tonemap(image(blank, dtype), operator, exposure).any()
+        assert (tonemap(image(full, dtype), operator, exposure) == 255).all()
+    if dtype is not np.float16:
+        assert (tonemap(image([np.inf, HUGE], dtype), operator, 300.0) == 255).all()
+        assert (tonemap(image([np.inf, 1.0], dtype), operator, -300.0)[0, :, 0] == [255, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("operator", "value", "code"),
+    # By hand: 127.5 and its neighbor; sRGB(0.5) = 0.73536, sRGB(0.18) = 0.46136, 12.92 * 0.002 = 0.02584;
+    # 1/(1+1) = 0.5; 2 * 5.6 = 11.2, the white of the formula; (2.51+0.03)/(2.43+0.59+0.14) = 0.80380, sRGB 0.90823.
+    [
+        ("none", 0.5, 128),
+        ("none", 0.49999997, 127),
+        ("none", 0.18, 46),
+        ("none", 1.0, 255),
+        ("none", 0.001, 0),
+        ("srgb", 0.5, 188),
+        ("srgb", 0.18, 118),
+        ("srgb", 0.002, 7),
+        ("srgb", 1.0, 255),
+        ("reinhard", 1.0, 188),
+        ("reinhard", 1e6, 255),
+        ("hable", 5.6, 255),
+        ("aces", 1.0, 232),
+    ],
+)
+def test_values_by_hand(operator, value, code):
+    for convert in (tonemap, oracle):
+        assert (convert(image([value]), operator) == code).all()
+
+
+def test_srgb_curve():
+    """Straight up to 0.0031308; from there a power, that meets the line to 3e-8 at the joint."""
+    straight = np.array([0.0, 0.001, 0.003, 0.0031308])
+    assert np.array_equal(tm.srgb_curve(straight), 12.92 * straight)
+    assert tm.srgb_curve(np.array([0.0031309]))[0] == pytest.approx(12.92 * 0.0031309, abs=1e-7)
+    assert tm.srgb_curve(np.array([0.0031309]))[0] != 12.92 * 0.0031309
+    assert tm.srgb_curve(np.array([0.5, 1.0])) == pytest.approx([0.735356983, 1.0], abs=1e-9)
+
+
+def test_exposure_comes_before_the_operator():
+    values = np.linspace(0, 3, 3000).astype(np.float32)
+    for operator in OPERATORS:
+        assert np.array_equal(tonemap(image(values), operator, 2.0), tonemap(image(values * 4), operator, 0.0))
+        assert np.array_equal(tonemap(image(values), operator, -1.0), tonemap(image(values / 2), operator, 0.0))
+    assert (tonemap(image([0.25]), "srgb", 1) == 188).all()
+
+
+def test_red_stays_red_and_rows_stay():
+    pixels = np.zeros((2, 5, 3), np.float32)
+    pixels[0, :, 0], pixels[1, :, 2] = 1.0, 0.5
+    codes = tonemap(pixels)
+    assert codes[0, 2].tolist() == [255, 0, 0]
+    assert codes[1, 2].tolist() == [0, 0, 188]
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 7, 3), (331, 99, 3), (0, 4, 3), (104, 105, 3)])
+def test_sizes_and_layouts(shape):
+    pixels = np.random.default_rng(1).exponential(0.5, shape).astype(np.float32)
+    assert_equals_oracle(pixels, "srgb", 0.0)
+    wide = np.zeros((*shape[:2], 4), np.float32)
+    wide[..., :3] = pixels
+    for view in (pixels[::-1], pixels[:, ::-1], pixels[..., ::-1], pixels.transpose(1, 0, 2), wide[..., :3]):
+        assert_equals_oracle(view, "srgb", 0.0)
+    assert_equals_oracle(pixels.astype(np.float64)[::-1], "aces", 0.0)
+
+
+def test_the_input_is_not_changed():
+    pixels = np.array([[[np.nan, -1.0, 2.0]]], np.float32)
+    pixels.flags.writeable = False
+    tonemap(pixels)
+    assert pixels.tolist()[0][0][1:] == [-1.0, 2.0]
+
+
+def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
+    """Moves one of the 255 thresholds to the next float and sees the test above fail."""
+    right = tm._thresholds
+
+    def planted(*arguments):
+        moved = right(*arguments)
+        moved[99] += 1
+        return moved
+
+    values = steps("srgb", 0.0)
+    monkeypatch.setattr(tm, "_thresholds", planted)
+    tm._table.cache_clear()
+    try:
+        with pytest.raises(AssertionError, match="3 wrong, first"):
+            assert_equals_oracle(image(values), "srgb", 0.0)
+    finally:
+        tm._table.cache_clear()
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_no_table_entry_holds_two_thresholds(operator):
+    """The claim in `_table`, throughout one stop (whole stops only change exponents), and at the ends."""
+    for exposure in [*np.linspace(0, 1, 60), tm._TABLE_EXPOSURE, -tm._TABLE_EXPOSURE]:
+        bits = tm._thresholds(operator, float(exposure), np.float32)
+        assert (np.diff(bits >> tm._LOW_BITS) > 0).all()
+        assert bits[0] >= 0x00800000  # a normal float
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ((np.zeros((2, 2)),), "rgb"),
+        ((np.zeros((2, 2, 4)),), "rgb"),
+        ((np.zeros((2, 2, 3), np.uint8),), "rgb"),
+        ((np.zeros((2, 2, 3)), "filmic"), "operator"),
+        ((np.zeros((2, 2, 3)), "srgb", np.nan), "exposure"),
+        ((np.zeros((2, 2, 3)), "srgb", 301), "exposure"),
+        ((np.zeros((2, 2, 3)), "srgb", "bright"), "exposure"),
+    ],
+)
+def test_refused_arguments(arguments, name):
+    with pytest.raises(InputError, match=f"^tonemap: {name}: expected .*found"):
+        tonemap(*arguments)
+
+
+def test_speed():
+    """About 6 ms on the developers' machine; the bound is for the busiest of others: a formula per pixel takes 60."""
+    pixels = np.random.default_rng(2).exponential(0.4, (600, 800, 3)).astype(np.float32)
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        tonemap(pixels)
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.04
