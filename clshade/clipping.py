@@ -90,9 +90,7 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
     """
     n = len(points)
     weights = np.broadcast_to(np.eye(3), (n, 3, 3))
-    polygons, counts, made = _cut(
-        np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near
-    )
+    polygons, counts, made = _cut(np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near)
     polygons[..., 2] = np.where(made, near, polygons[..., 2])
     height, width = camera.plane
     columns, rows = camera.resolution

@@ -40,6 +40,13 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "near", 1, "scene units"),
         ("double", "scale", 1, "power of two that brings eye-relative positions to about 1"),
     ],
+    "Vertex": [
+        ("double", "depth", 1, "camera z, scene units"),
+        ("int", "x", 1, "snapped, 1/256 px; meaningless before the near plane"),
+        ("int", "y", 1, "snapped, 1/256 px, up"),
+        ("float", "w", 1, "1/depth, scaled"),
+        ("float", "w_low", 1, "what float32 leaves of w"),
+    ],
     "Triangle": [
         ("int", "x", 3, "snapped corners, 1/256 px"),
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
@@ -125,7 +132,9 @@ def _dtype(members: list[tuple[str, str, int, str]]) -> np.dtype:
 
 
 DTYPES: dict[str, np.dtype] = {name: _dtype(members) for name, members in _STRUCTS.items()}
-VIEW, TRIANGLE, BOUNDS, ENTRY, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (DTYPES[name] for name in _STRUCTS)
+VIEW, VERTEX, TRIANGLE, BOUNDS, ENTRY, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (
+    DTYPES[name] for name in _STRUCTS
+)
 
 
 def header(with_double: bool = True) -> str:

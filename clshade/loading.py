@@ -46,13 +46,9 @@ def load(
     Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
     file that is missing, unknown, malformed or too large, and for an argument out of range.
     """
-    try:
-        owner = shown(path)
-        extension = os.path.splitext(os.fspath(path))[1].lower()
-        if not isinstance(extension, str):
-            raise TypeError
-    except TypeError:
-        raise refuse("load", "path", "a path (text)", path) from None
+    if not isinstance(path, (str, os.PathLike)) or isinstance(os.fspath(path), bytes):
+        raise refuse("load", "path", "a path (text)", path)
+    owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
     if extension not in EXTENSIONS:
         size_of(path)  # a missing file or a folder is said to be that
         raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))

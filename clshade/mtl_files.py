@@ -16,6 +16,7 @@ from .reading import beside, complaint, quoted, read_file, within
 from .scene import Material, Texture
 
 MAX_BYTES = 1 << 24  # of a library
+MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
 _COLORS = {"ka": "ka", "kd": "kd", "ks": "ks"}
 # A material that an MTL file defines: nothing shines unless it says so.
 DEFAULTS = {"ka": 1.0, "kd": 0.8, "ks": 0.0, "n": 20.0}
@@ -35,14 +36,19 @@ class Library:
     path: of the OBJ file. references: (line number, text after mtllib). No file outside the OBJ file's folder is
     opened. A file that is not there is left out with a warning.
 
-    Raises InputError for a reference that leads out of the folder, and for numbers that are none.
+    Raises InputError for a reference that leads out of the folder, for numbers that are none, and for images of more
+    than MAX_PIXELS pixels in all.
     """
 
     def __init__(self, path: str, references: list[tuple[int, str]]) -> None:
         self.root, self.owner = os.path.dirname(path) or ".", shown(path)
         self.found: dict[str, _Found] = {}
         self.textures: dict[str, Texture] = {}
+        seen = set()
         for line, text in references:
+            if text in seen:
+                continue
+            seen.add(text)
             where = f"line {line}: mtllib"
             whole = beside(self.root, self.root, text, self.owner, where)
             names = [text] if whole is not None else text.split()
@@ -90,6 +96,9 @@ class Library:
             if found.image not in self.textures:
                 with within(self.owner):
                     self.textures[found.image] = as_texture(found.image, srgb=True)
+                pixels = sum(known.image.shape[0] * known.image.shape[1] for known in self.textures.values())
+                if pixels > MAX_PIXELS:
+                    raise complaint(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
             texture = self.textures[found.image]
         return Material(**found.values, texture=texture, name=name)
 

@@ -234,9 +234,7 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
     gatherer = _Gatherer(scene, settings)
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
-    low, high = (
-        (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
-    )
+    low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
     found: dict[str, Array | None] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features["DIFFUSE"] or features["SPECULAR"]:

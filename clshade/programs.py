@@ -28,26 +28,30 @@ def kernel_folder() -> Path:
     raise DeviceError(f"{package}: the kernel sources are missing; install clshade again")
 
 
+def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:
+    """Appends the lines of a source called `name`; each kernel file it includes is put in once, at its first place."""
+    parts.append(f'#line 1 "{name}"')
+    for number, line in enumerate(text.splitlines(), 2):
+        match = _INCLUDE.match(line)
+        if match is None:
+            parts.append(line)
+            continue
+        if match[1] not in seen:
+            seen.add(match[1])
+            _put_in((kernel_folder() / match[1]).read_text(), match[1], seen, parts)
+        parts.append(f'#line {number} "{name}"')
+
+
 @cache
 def flatten(names: tuple[str, ...]) -> str:
     """The named kernel files with each include put in once, at its first place; #line keeps messages true."""
-    folder, seen, parts = kernel_folder(), set(), []
+    return flatten_text("\n".join(f'#include "{name}"' for name in names))
 
-    def take(name: str) -> None:
-        if name in seen:
-            return
-        seen.add(name)
-        parts.append(f'#line 1 "{name}"')
-        for number, line in enumerate((folder / name).read_text().splitlines(), 2):
-            match = _INCLUDE.match(line)
-            if match:
-                take(match[1])
-                parts.append(f'#line {number} "{name}"')
-            else:
-                parts.append(line)
 
-    for name in names:
-        take(name)
+def flatten_text(text: str, name: str = "text") -> str:
+    """The same for a source that is no file; `name` is what messages call it."""
+    parts: list[str] = []
+    _put_in(text, name, set(), parts)
     return "\n".join(parts) + "\n"
 
 
@@ -67,28 +71,33 @@ class Program:
 _built: dict[tuple, Program] = {}
 
 
-def source_of(files: tuple[str, ...], device: Device) -> str:
-    return "#pragma OPENCL FP_CONTRACT OFF\n" + header(device.has_fp64) + flatten(files)
-
-
 def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
     """The program of `files` for this device and feature mask; built at most once in a process.
 
     lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device.
     Raises DeviceError with the compiler's first error.
     """
+    return _build(device, features, flatten(files), lanes or device.lanes)
+
+
+def build_text(device: Device, features: Features, text: str, *, lanes: int | None = None) -> Program:
+    """The same for OpenCL C of one's own, whose `#include`s name kernel files: a few lines reach any device function."""
+    return _build(device, features, flatten_text(text), lanes or device.lanes)
+
+
+def _build(device: Device, features: Features, flat: str, lanes: int) -> Program:
     import pyopencl as cl
 
-    lanes = lanes or device.lanes
+    source = "#pragma OPENCL FP_CONTRACT OFF\n" + header(device.has_fp64) + flat
     run = 256 if device.is_cpu else 1
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)
-    key = (device.context.int_ptr, features.values, files, lanes)
+    key = (device.context.int_ptr, features.values, source, lanes)
     if key not in _built:
         start = time.perf_counter()
         try:
-            program = cl.Program(device.context, source_of(files, device)).build(options)
+            program = cl.Program(device.context, source).build(options)
         except cl.RuntimeError as error:
             lines = [line for line in str(error).splitlines() if "error" in line.lower()]
             raise DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}") from error

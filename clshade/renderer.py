@@ -77,12 +77,20 @@ class Renderer:
         packed = packing.pack(self.scene, self.settings, everything=not specialize)
         self.features = packed.features
         packed_at = time.perf_counter()
-        self.device = device if isinstance(device, Device) else open_device(device, profiling=True)
+        shader = "phong.cl" if self.features["PHONG"] else "gouraud.cl"
+        files = (*BASE_FILES, shader)
+
+        def build_meanwhile(tried: Device) -> None:
+            if tried.has_fp64:
+                build(tried, self.features, files, lanes=lanes)
+
+        if not isinstance(device, Device):
+            device = open_device(device, profiling=True, meanwhile=build_meanwhile)
+        self.device = device
         if not self.device.has_fp64:
             raise DeviceError(f"{self.device.name}: has no float64, which the projection needs")
         opened_at = time.perf_counter()
-        shader = "phong.cl" if self.features["PHONG"] else "gouraud.cl"
-        program = build(self.device, self.features, (*BASE_FILES, shader), lanes=lanes)
+        program = build(self.device, self.features, files, lanes=lanes)
         built_at = time.perf_counter()
         self.stages = Stages(self.device, program)
         self._pool = Pool(self.device)
@@ -245,7 +253,7 @@ class Renderer:
         """Exact painter's depth and face of triangles given by index."""
         depth, face = np.empty(len(index)), index.astype(np.int64)
         whole = index < self._face_count
-        z = self._vertices.depths.to_host()[self._faces.array[index[whole]]]
+        z = self._vertices.projected.to_host()["depth"][self._faces.array[index[whole]]]
         depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
         if not whole.all() and self._pieces is not None:
             pieces = self._pieces.array[index[~whole].astype(np.int64) - self._face_count]
@@ -279,7 +287,7 @@ class Renderer:
 
     def _draw(self, visible: int, starts: Buffer, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
         triangles = self._made.triangles
-        surface = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.w_low)
+        surface = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
         surface = (*surface, *self._attributes, self._lights, self._image)
         tile = (self._lists, starts, rgba, owners, self._made.counters)
         tiles = int(self._image.array[0]["tiles"])
@@ -341,8 +349,20 @@ class Renderer:
 
     def _stats(self, counters: Any, events: dict[str, Any], times: dict[str, float], camera: Camera) -> dict[str, Any]:
         if self.device.profiling:
-            times = {**{name: (event.profile.end - event.profile.start) / 1e6 for name, event in events.items()}, **times}
-        names = ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+            times = {
+                **{name: (event.profile.end - event.profile.start) / 1e6 for name, event in events.items()},
+                **times,
+            }
+        names = (
+            "visible",
+            "to_clip",
+            "behind",
+            "off_screen",
+            "between_samples",
+            "zero_area",
+            "back_facing",
+            "saturated",
+        )
         counts = {name: int(counters[name]) for name in names}
         counts["clipped"] = counts.pop("to_clip")
         return {

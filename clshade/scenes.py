@@ -35,9 +35,9 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
 def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
     """Newell's teapot, blue and white porcelain on a marble floor, under a white, an orange and a blue light.
 
-    level: cells along each side of a patch, 1 to 500; the pot has 64*level**2 triangles, the floor 4248.
+    level: cells along each side of a patch, 2 to 500; the pot has 64*level**2 triangles, the floor 4248.
     """
-    parts = newell.parts(integer("teapot", "level", level, 1, 500))
+    parts = newell.parts(integer("teapot", "level", level, 2, 500))
     lights = _lights(
         ((1.6, 4.6, 8.8), (0.90, 0.87, 0.80)),
         ((-7.5, 4.0, -0.5), (2.1, 0.62, 0.07)),
@@ -76,9 +76,9 @@ def _grid_faces(rows: int, columns: int) -> Array:
 def _grid_uvs(positions: Array, turns: float = 1.0) -> Array:
     """u from 0 to `turns` along the columns, v from 0 to 1 by length along the first column."""
     steps = np.sqrt((np.diff(positions[:, 0], axis=0) ** 2).sum(axis=1))
-    down = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    down = np.concatenate([[0.0], np.cumsum(steps)])
     right = np.linspace(0.0, turns, positions.shape[1])
-    return np.stack(np.broadcast_arrays(right, down[:, None]), axis=-1)
+    return np.stack(np.broadcast_arrays(right, down[:, None] / down[-1]), axis=-1)
 
 
 def _welded(positions: Array) -> tuple[Array, Array, Array]:
@@ -313,7 +313,7 @@ def box_room(divisions: int = 16, resolution: Resolution = (800, 600)) -> Scene:
 
 
 def _wall(name: str, middle: Any, along_rows: Any, along_columns: Any, color: Any, divisions: int) -> Mesh:
-    """A rectangle of divisions x divisions cells, darker in corners, facing (along rows) x (along columns)."""
+    """A rectangle of divisions x divisions cells along two axes, darker at its borders, facing rows x columns."""
     step = np.linspace(-1.0, 1.0, divisions + 1)
     a, b = np.array(along_rows), np.array(along_columns)
     verts = (np.array(middle) + step[:, None, None] * a + step[:, None] * b).reshape(-1, 3)
@@ -323,7 +323,7 @@ def _wall(name: str, middle: Any, along_rows: Any, along_columns: Any, color: An
         verts,
         faces,
         colors=(dark_a[:, None] * dark_b).reshape(-1, 1) * np.array(color),
-        normals=np.cross(a, b)[None],
+        normals=np.sign(np.cross(a, b))[None],
         normal_faces=np.zeros_like(faces),
         material=Material(ka=0.12, kd=0.85, ks=0.05, n=8.0, name=name),
         name=name,
@@ -356,10 +356,10 @@ def course(level: int = 8, resolution: Resolution = (512, 512)) -> Scene:
     """A scene as the course sets it: one mesh, seen through the course's camera, under its three lights.
 
     The object is the teapot, 2 units long, with vertex colors and a texture that takes their place.
-    level: cells along each side of a patch, 1 to 500; 64*level**2 triangles.
+    level: cells along each side of a patch, 2 to 500; 64*level**2 triangles.
     """
     verts, faces, uvs, uv_faces = (np.empty((0, k), t) for k, t in ((3, float), (3, int), (2, float), (3, int)))
-    for positions, _ in newell.parts(integer("course", "level", level, 1, 500)).values():
+    for positions, _ in newell.parts(integer("course", "level", level, 2, 500)).values():
         more, among_verts, among_uvs = _welded(positions)
         faces, uv_faces = np.append(faces, among_verts + len(verts), 0), np.append(uv_faces, among_uvs + len(uvs), 0)
         verts, uvs = np.append(verts, more, 0), np.append(uvs, _grid_uvs(positions).reshape(-1, 2), 0)

@@ -29,7 +29,9 @@ class Buffer:
         self.array = np.ascontiguousarray(array)
         size = self.array.nbytes
         if size > device.max_allocation:
-            raise DeviceError(f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}")
+            raise DeviceError(
+                f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}"
+            )
         try:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
@@ -102,9 +104,7 @@ class Stages:
         return self._launch(name, (-(-count // 64) * 64,), (64,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event:
-        return self._per_item(
-            "project", count, positions, view, vertices.snapped, vertices.depths, vertices.relative, vertices.w_low
-        )
+        return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
 
     def setup(
         self, faces: Buffer, vertices: VertexBuffers, view: Buffer, image: Buffer, made: TriangleBuffers, count: int
@@ -112,7 +112,7 @@ class Stages:
         run = 256 if self.device.is_cpu else 1
         items = -(-count // run)
         local = 1 if self.device.is_cpu else 64
-        inputs = (faces, vertices.snapped, vertices.depths, vertices.relative, view, image)
+        inputs = (faces, vertices.projected, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
         return self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
 
@@ -168,13 +168,11 @@ class Stages:
 
 
 class VertexBuffers:
-    """What `project` writes, per vertex: snapped (V, 2) int32, depths (V,) float64, relative (V, 4), w_low (V,) float32."""
+    """What `project` writes per vertex: projected (V,) layout.VERTEX, relative (V, 4) float32."""
 
     def __init__(self, device: Device, count: int) -> None:
-        self.snapped = Buffer.empty(device, (count, 2), np.int32)
-        self.depths = Buffer.empty(device, count, np.float64)
+        self.projected = Buffer.empty(device, count, layout.VERTEX)
         self.relative = Buffer.empty(device, (count, 4), np.float32)
-        self.w_low = Buffer.empty(device, count, np.float32)
 
 
 class TriangleBuffers:

@@ -73,11 +73,11 @@ def parts(level: int) -> dict[str, Grids]:
 
 
 def _bernstein(count: int) -> tuple[Array, Array]:
-    """The four cubic Bernstein polynomials and their slopes at 0, 1/count ... 1, (count+1, 4) each."""
+    """Cubic Bernstein polynomials and their slopes at 0, 1/count ... 1, (count+1, 4) each; exactly symmetric."""
     t = np.arange(count + 1) / count
     s = t[::-1]
     return (
-        np.stack([s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t], axis=1),
+        np.stack([s * s * s, 3.0 * s * s * t, 3.0 * t * t * s, t * t * t], axis=1),
         np.stack([-3.0 * s * s, 3.0 * s * (s - 2.0 * t), 3.0 * t * (2.0 * s - t), 3.0 * t * t], axis=1),
     )
 

@@ -36,6 +36,7 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
         own[tile] = 0;
     int end = min((chunk + 1) * chunk_size, count);
     for (int i = chunk * chunk_size; i < end; ++i) {
+        PREFETCH(bounds + order[min(i + 16, end - 1)]);
         Bounds b = bounds[order[i]];
         sorted[i] = b;
         FOR_TILES_OF(b, tile)

@@ -17,10 +17,8 @@ int snap(double pixels)
 
 kernel void project(global const position_t *positions,  // V x 3, world space
                     global const View *view,             // 1
-                    global int2 *snapped,                // V, 1/256 px; meaningless before the near plane
-                    global double *depths,               // V, camera z, scene units
-                    global float4 *relative,             // V, xyz: eye-relative, world axes, scaled; w: 1/depth, scaled
-                    global float *w_low,                 // V, what float32 leaves of w
+                    global Vertex *vertices,             // V
+                    global float4 *relative,             // V, eye-relative, world axes, scaled
                     int count)                           // V
 {
     int i = get_global_id(0);
@@ -33,16 +31,14 @@ kernel void project(global const position_t *positions,  // V x 3, world space
     double x = (dx * m[0] + dy * m[1]) + dz * m[2];
     double y = (dx * m[3] + dy * m[4]) + dz * m[5];
     double z = (dx * m[6] + dy * m[7]) + dz * m[8];
-    int2 at = (int2)(0, 0);
-    double w = 0.0;
+    Vertex v = {z, 0, 0, 0.0f, 0.0f};
     if (z >= view->near) {
-        at.x = snap(((view->focal * x) / (z * view->plane_width) + 0.5) * view->columns);
-        at.y = snap(((view->focal * y) / (z * view->plane_height) + 0.5) * view->rows);
-        w = 1.0 / (z * view->scale);
+        v.x = snap(((view->focal * x) / (z * view->plane_width) + 0.5) * view->columns);
+        v.y = snap(((view->focal * y) / (z * view->plane_height) + 0.5) * view->rows);
+        double w = 1.0 / (z * view->scale);
+        v.w = (float)w;
+        v.w_low = (float)(w - (double)v.w);
     }
-    snapped[i] = at;
-    depths[i] = z;
-    relative[i] = (float4)((float)(dx * view->scale), (float)(dy * view->scale), (float)(dz * view->scale),
-                           (float)w);
-    w_low[i] = (float)(w - (double)(float)w);
+    vertices[i] = v;
+    relative[i] = (float4)((float)(dx * view->scale), (float)(dy * view->scale), (float)(dz * view->scale), 0.0f);
 }

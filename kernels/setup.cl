@@ -74,9 +74,7 @@ void add_culled(global Counters *counters, Counters counted)
 
 // A work-item takes SETUP_RUN faces and appends their keys in one piece; the sort makes the order of pieces irrelevant.
 kernel void setup(global const int *faces,         // F x 3, vertices
-                  global const int2 *snapped,      // V, from project
-                  global const double *depths,     // V, from project
-                  global const float4 *relative,   // V, from project
+                  global const Vertex *vertices,   // V, from project
                   global const View *view,         // 1
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
@@ -99,12 +97,11 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         int behind = 0, beyond = 0;
         int above = 1, below = 1, right = 1, left = 1;
         for (int k = 0; k < 3; ++k) {
-            int v = faces[3 * face + k];
-            int2 at = snapped[v];
-            depth[k] = depths[v];
+            Vertex at = vertices[faces[3 * face + k]];
+            depth[k] = at.depth;
             t.x[k] = at.x;
             t.y[k] = at.y;
-            t.w[k] = relative[v].w;
+            t.w[k] = at.w;
             behind += depth[k] < view->near;
             beyond |= abs(at.x) == SNAP_LIMIT || abs(at.y) == SNAP_LIMIT;
             left &= at.x < 0;

@@ -301,8 +301,8 @@ def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.skipif(not PYPI_POCL, reason="this is not PyPI's PoCL")
 def test_pocl_without_a_linker(homeless: tuple[Path, str]) -> None:
     # Neither the verdict nor a kernel compiled before, both found in the cache, may hide that the linker is gone.
-    variables = {"HOME": "/proc/nowhere", "TMPDIR": str(homeless[0]), "CLSHADE_DEVICE": "pocl"}
-    done = python(OPEN, "", PATH="/proc/nowhere", **variables)
+    nowhere = "/proc/nowhere"
+    done = python(OPEN, "", HOME=nowhere, PATH=nowhere, TMPDIR=str(homeless[0]), CLSHADE_DEVICE="pocl")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("refused")
     assert len(done.stdout.splitlines()) == 1

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
 import struct
 import subprocess
 import sys
@@ -298,7 +301,12 @@ def test_a_child_made_by_fork_can_write(path):
         "if child: sys.exit(os.waitpid(child, 0)[1])\n"
         "os._exit(0)"
     )
-    subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=20)
+    process = subprocess.Popen([sys.executable, "-c", code, str(path)], start_new_session=True)
+    try:
+        assert process.wait(timeout=20) == 0
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # a child that waits forever goes, too
     assert (path.parent / "a.exrTrue").read_bytes() == (path.parent / "a.exrFalse").read_bytes()
 
 

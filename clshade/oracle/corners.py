@@ -8,7 +8,7 @@ import numpy as np
 
 from ..scene import Mesh, Scene, Settings
 from .normals import placed_normals, vertex_normals
-from .texture import bilerp, slope
+from .texture import bilerp
 from .transform import world_vertices
 from .vectors import Array
 
@@ -70,14 +70,13 @@ def textured(mesh: Mesh) -> bool:
     return mesh.material.texture is not None and mesh.uvs is not None
 
 
-def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Array) -> tuple[Array, Array]:
-    """Colors at the corners of faces `face` (U,), and how steep the lookup is there: both (U, 3, 3).
+def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Array) -> Array:
+    """Colors at the corners of faces `face` (U,): (U, 3, 3).
 
     With texture_at=vertex the texel replaces (course lookup) or multiplies the vertex color; with texture_at=pixel a
     course texture leaves white, to be multiplied by the texel later.
     """
     colors = corners.colors[face].copy()
-    steep = np.zeros_like(colors)
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
         if not textured(mesh):
@@ -88,30 +87,22 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Arra
             colors[mine] = 1.0
         if settings.texture_at == "vertex":
             uv = corners.uvs[face[mine]]
-            reach = np.where(np.isfinite(uv), np.abs(uv), 0.0)
-            steep[mine] = np.abs(colors[mine]) * slope(uv, reach, texture.image, texture.lookup, texture.wrap)
             colors[mine] = colors[mine] * bilerp(uv, texture.image, texture.lookup, texture.wrap)
-    return colors, steep
+    return colors
 
 
-def texels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> tuple[Array, Array]:
-    """Texels of pixels on faces `face` (K,) with corner weights (K, 3), and how steep they are: both (K, 3).
-
-    1 and 0 where nothing is looked up per pixel.
-    """
-    texel, steep = np.ones((len(face), 3)), np.zeros((len(face), 3))
+def texels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> Array:
+    """Texels of pixels on faces `face` (K,) with corner weights (K, 3): (K, 3), 1 where none is looked up per pixel."""
+    texel = np.ones((len(face), 3))
     if settings.texture_at == "vertex":
-        return texel, steep
+        return texel
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
         if not textured(mesh):
             continue
         texture = mesh.material.texture
         mine = np.flatnonzero(corners.mesh[face] == index)
-        corner_uvs = corners.uvs[face[mine]]
         with np.errstate(invalid="ignore", over="ignore"):
-            uv = (weights[mine][:, :, None] * corner_uvs).sum(axis=1)
-        reach = np.where(np.isfinite(corner_uvs), np.abs(corner_uvs), 0.0).max(axis=1)
+            uv = (weights[mine][:, :, None] * corners.uvs[face[mine]]).sum(axis=1)
         texel[mine] = bilerp(uv, texture.image, texture.lookup, texture.wrap)
-        steep[mine] = slope(uv, reach, texture.image, texture.lookup, texture.wrap)
-    return texel, steep
+    return texel

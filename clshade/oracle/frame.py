@@ -24,7 +24,7 @@ class OracleFrame:
     id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
     budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
         its own absolute value.
-    kappa: (M, N) amplification of rounding errors by the light's geometry. texture_kappa: by texture lookup, else 0.
+    kappa: (M, N) amplification of rounding errors by the light's geometry.
     gate: (M, N) bool, True where a highlight may be decided either way.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud the measures are those of the worst corner of the triangle.
@@ -36,7 +36,6 @@ class OracleFrame:
     Z: Array
     budget: Array
     kappa: Array
-    texture_kappa: Array
     gate: Array
     exponent: Array
 
@@ -126,7 +125,6 @@ def _background(scene: Scene, count: int) -> OracleFrame:
         Z=np.full(count, np.inf),
         budget=np.tile(np.abs(color), (count, 1)),
         kappa=np.ones(count),
-        texture_kappa=np.zeros(count),
         gate=np.zeros(count, bool),
         exponent=np.ones(count),
     )

@@ -16,12 +16,11 @@ ORIGIN = np.zeros(3)  # the eye: everything here is relative to it
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Per pixel: rgb and budget (K, 3); kappa, texture_kappa, gate and exponent (K,). See frame.OracleFrame."""
+    """Per pixel: rgb and budget (K, 3); kappa, gate and exponent (K,). See frame.OracleFrame."""
 
     rgb: Array
     budget: Array
     kappa: Array
-    texture_kappa: Array
     gate: Array
     exponent: Array
 
@@ -66,23 +65,12 @@ def blend(weights: Array, values: Array) -> Array:
     return (weights[:, :, None] * values).sum(axis=1)
 
 
-def texture_conditioning(steep: Array, factor: Array, budget: Array, n: Array) -> Array:
-    """(K,): the part of kappa that belongs to texture lookup, 0 without one.
-
-    An error of 2^-24 in the texture coordinates changes the color by steep*2^-24 and the pixel by `factor` times that,
-    (K, 3) both. Divided by what the bound of a color holds already, so the two are compared like with like.
-    """
-    change = steep * np.abs(factor)
-    unit = budget * np.sqrt(np.maximum(n, 1.0))[:, None]
-    return np.divide(change, unit, out=np.zeros_like(change), where=unit > 0.0).max(axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class Batch:
     """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel, steep: (K, 3) per pixel. tinted: does the color multiply the ambient light?
+    texel: (K, 3) per pixel. tinted: does the color multiply the ambient light?
     """
 
     points: Array
@@ -95,15 +83,13 @@ class Batch:
     where: Array
     weights: Array
     texel: Array
-    steep: Array
 
 
 def shade_pixels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners."""
     used, where = np.unique(face, return_inverse=True)
-    colors, corner_steep = corner_colors(scene, settings, corners, used)
-    texel, texel_steep = texels(scene, settings, corners, face, weights)
-    steep = np.abs(texel) * corner_steep.max(axis=1)[where] + np.abs(colors).max(axis=1)[where] * texel_steep
+    colors = corner_colors(scene, settings, corners, used)
+    texel = texels(scene, settings, corners, face, weights)
     points = corners.world[used] - scene.camera.eye
     extent = np.abs(points).max(axis=(1, 2))
     if settings.lighting_at == "centroid":
@@ -119,7 +105,6 @@ def shade_pixels(scene: Scene, settings: Settings, corners: Corners, face: Array
         where=where,
         weights=weights,
         texel=texel,
-        steep=steep,
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong}[settings.shader](batch)
 
@@ -128,8 +113,7 @@ def _nolight(batch: Batch) -> Shaded:
     """The color itself."""
     rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel
     budget, ones = np.maximum(np.abs(rgb), 1.0), np.ones(len(rgb))
-    texture_kappa = texture_conditioning(batch.steep, np.ones_like(rgb), budget, ones)
-    return Shaded(rgb, budget, ones, texture_kappa, np.zeros(len(rgb), bool), ones)
+    return Shaded(rgb, budget, ones, np.zeros(len(rgb), bool), ones)
 
 
 def _gouraud(batch: Batch) -> Shaded:
@@ -146,8 +130,7 @@ def _gouraud(batch: Batch) -> Shaded:
     gate = shade.at_gate(points, normals, ORIGIN, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
     worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities)
-    texture_kappa = texture_conditioning(batch.steep, np.abs(factor).max(axis=1)[where], budget, pixel.n)
-    return Shaded(rgb, budget, kappa[where], texture_kappa, gate[where], pixel.n)
+    return Shaded(rgb, budget, kappa[where], gate[where], pixel.n)
 
 
 def _phong(batch: Batch) -> Shaded:
@@ -165,5 +148,4 @@ def _phong(batch: Batch) -> Shaded:
     kappa = shade.conditioning(point, batch.extent[where], normal_length, ORIGIN, lights.positions)
     gate = shade.at_gate(point, normal, ORIGIN, lights.positions) & (surface.ks != 0.0).any(axis=1)
     budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities)
-    texture_kappa = texture_conditioning(batch.steep, factor, budget, surface.n)
-    return Shaded(rgb, budget, kappa, texture_kappa, gate, surface.n)
+    return Shaded(rgb, budget, kappa, gate, surface.n)

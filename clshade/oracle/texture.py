@@ -55,21 +55,3 @@ def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str = "repea
     below = image[low, left] * (1.0 - fx) + image[low, right] * fx
     above = image[high, left] * (1.0 - fx) + image[high, right] * fx
     return below * (1.0 - fy) + above * fy
-
-
-def slope(uv: Array, reach: Array, image: Array, lookup: str = "standard", wrap: str = "repeat") -> Array:
-    """How much the lookup amplifies an error of its coordinates: (..., 3), |d color / d uv| times `reach` (..., 2).
-
-    `reach` is the magnitude of the coordinates that uv is made of, so the result times 2^-24 is about the change of
-    color that rounding uv to float32 causes. Differences over a sixteenth of a texel to either side, so that the
-    steeper of two neighboring cells counts near their border.
-    """
-    uv = np.asarray(uv, dtype=np.float64)
-    center = bilerp(uv, image, lookup, wrap)
-    total = np.zeros_like(center)
-    for axis, size in enumerate((image.shape[1], image.shape[0])):
-        step = np.zeros(2)
-        step[axis] = 1.0 / (16 * size)
-        sides = [np.abs(bilerp(uv + sign * step, image, lookup, wrap) - center) for sign in (1.0, -1.0)]
-        total += np.maximum(*sides) / step[axis] * reach[..., axis, None]
-    return total

@@ -1,0 +1,267 @@
+"""Command line: arguments to calls, exit codes, one-line errors. Whatever is slow to import is imported where used."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from .errors import ClshadeError, InputError
+
+if TYPE_CHECKING:
+    from .frame import Frame
+    from .scene import Scene
+
+DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage in front."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(REFUSED, f"{self.prog}: {' '.join(message.split())}\n")
+
+
+def _numbers(kind: type, count: int | None, form: str) -> Any:
+    def parse(text: str) -> tuple:
+        try:
+            values = tuple(kind(part) for part in text.split(",")) if text else ()
+        except ValueError:
+            values = ()
+        if not values or (count is not None and len(values) != count):
+            raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}")
+        return values
+
+    return parse
+
+
+def _names(allowed: Sequence[str]) -> Any:
+    def parse(text: str) -> tuple[str, ...]:
+        values = tuple(part.strip() for part in text.split(",") if part.strip())
+        for value in values:
+            if value not in allowed:
+                raise argparse.ArgumentTypeError(f"expected names of {', '.join(allowed)}, found {value!r}")
+        return values
+
+    return parse
+
+
+COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
+
+
+def _scene_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("scene")
+    group.add_argument(
+        "scene", nargs="?", default="teapot", help="a file (.npy course scene, .obj), or a built-in scene (teapot)"
+    )
+    group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
+    group.add_argument("--focal", type=float, help="focal length of a course file, scene units")
+    group.add_argument("--lights", type=_numbers(int, None, "indices such as 0,2"), help="use these lights only: 0,2")
+    group.add_argument("--components", type=_names(tuple(COMPONENTS)), help="use these only: ambient,diffuse,specular")
+    group.add_argument(
+        "--resolution", type=_numbers(int, 2, "two whole numbers such as 800,600"), metavar="W,H", help="pixels"
+    )
+
+
+def _setting_options(parser: argparse.ArgumentParser) -> None:
+    from . import scene
+
+    group = parser.add_argument_group("settings (default: those of the preset)")
+    group.add_argument("--preset", choices=scene.PRESETS, help="course for course files, else standard")
+    group.add_argument("--shader", choices=scene.SHADERS)
+    group.add_argument("--visibility", choices=scene.VISIBILITIES)
+    group.add_argument("--lighting-at", choices=scene.LIGHTING_AT)
+    group.add_argument("--interpolation", choices=scene.INTERPOLATIONS)
+    group.add_argument("--texture-at", choices=scene.TEXTURE_AT)
+    group.add_argument("--ambient", choices=scene.AMBIENTS)
+    group.add_argument("--layers", type=_names(scene.LAYERS), help=f"further layers: {','.join(scene.LAYERS)}")
+    group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
+    group.add_argument("--near", type=float, help="near plane, scene units (default: 1e-4 of the scene's radius)")
+    group.add_argument("--precision", choices=("float32",))
+
+
+def _device_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--device",
+        help="pocl, intel, nvidia, rusticl, part of a platform's name, or P:D (default: CLSHADE_DEVICE, PoCL)",
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    from . import __version__
+
+    parser = _Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
+    parser.add_argument("--version", action="version", version=f"clshade {__version__}")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    render = commands.add_parser("render", help="render a scene to OUT.exr and OUT.png")
+    _scene_options(render)
+    _setting_options(render)
+    output = render.add_argument_group("output")
+    output.add_argument(
+        "-o", "--output", default="out", metavar="OUT", help="writes OUT.exr and OUT.png (default: out)"
+    )
+    output.add_argument("--tonemap", choices=("none", "srgb", "reinhard", "hable", "aces"), help="of the PNG")
+    output.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
+    output.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
+    output.add_argument("--compression", default="zip", help="of the EXR (default: zip)")
+    output.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    output.add_argument("--stats", action="store_true", help="print all figures as JSON")
+    _device_option(render)
+    render.set_defaults(run=_render)
+    devices = commands.add_parser("devices", help="what OpenCL devices were found, and which work")
+    devices.set_defaults(run=_devices)
+    inspect = commands.add_parser("inspect", help="statistics per channel of an EXR, and an exposure ladder")
+    inspect.add_argument("file", metavar="FILE.exr")
+    inspect.add_argument("-o", "--output", metavar="PNG", help="exposure ladder (default: FILE-ladder.png)")
+    inspect.set_defaults(run=_inspect)
+    return parser
+
+
+# Commands
+
+
+def load_scene(arguments: argparse.Namespace) -> Scene:
+    """The scene of the command line: a file, or a built-in one where no such file exists."""
+    from . import loading, scenes
+
+    name = arguments.scene
+    if name in scenes.BUILTINS and not Path(name).exists():
+        for option in ("texture", "focal"):
+            if getattr(arguments, option) is not None:
+                raise InputError(f"--{option}: expected a scene file to apply it to, found the built-in scene {name!r}")
+        scene = scenes.builtin(name)
+    else:
+        scene = loading.load(name, texture=arguments.texture, focal=arguments.focal)
+    if arguments.lights is not None:
+        for index in arguments.lights:
+            if not 0 <= index < len(scene.lights):
+                expected = (
+                    f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
+                )
+                raise InputError(f"--lights: expected {expected}, found {index}")
+        scene = replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(arguments.lights)))
+    if arguments.components is not None:
+        off = {name: 0.0 for component, name in COMPONENTS.items() if component not in arguments.components}
+        meshes = tuple(replace(mesh, material=replace(mesh.material, **off)) for mesh in scene.meshes)
+        scene = replace(scene, meshes=meshes)
+    return scene
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from threading import Thread
+
+    from .scene import Settings
+
+    # The writers' imports cost as much as the rendering: they happen beside it.
+    warming = Thread(target=_import_writers, daemon=True)
+    warming.start()
+    given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    scene = load_scene(arguments)
+    _check_writable(Path(arguments.output))
+    from . import renderer
+
+    frame = renderer.render(
+        scene, preset=arguments.preset, device=arguments.device, resolution=arguments.resolution, **chosen
+    )
+    warming.join()
+    for warning in frame.save(
+        arguments.output,
+        tonemap=arguments.tonemap,
+        exposure=arguments.exposure,
+        half=arguments.half,
+        compression=arguments.compression,
+        deterministic=arguments.deterministic,
+    ):
+        print(f"clshade: warning: {warning}", file=sys.stderr)
+    if arguments.stats:
+        import json
+
+        print(json.dumps(frame.stats, indent=2))
+    else:
+        print(summary(frame, arguments.output))
+    return DONE
+
+
+def _import_writers() -> None:
+    import OpenEXR  # noqa: F401
+    import PIL.Image  # noqa: F401
+
+
+def _check_writable(output: Path) -> None:
+    """Complains before the rendering about a folder that is not there."""
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: --output: expected a file in an existing folder, found no folder {output.parent}")
+
+
+def summary(frame: Frame, output: str) -> str:
+    """What was drawn, on what, how long each stage took, and the files: a few lines."""
+    stats = frame.stats
+    times = dict(stats["times_ms"])
+    columns, rows = stats["resolution"]
+    whole = times.pop("frame")
+    fixed = {name: times.pop(name) for name in ("pack", "open", "build", "upload")}
+    stem = Path(output).with_suffix("") if Path(output).suffix.lower() in (".exr", ".png") else Path(output)
+    files = [stem.with_name(stem.name + suffix) for suffix in (".exr", ".png")]
+    shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in files)
+
+    def listed(values: dict[str, float]) -> str:
+        return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
+
+    return "\n".join(
+        [
+            f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
+            f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
+            f"device  {stats['device']}",
+            f"once    {listed(fixed)} ms",
+            f"frame   {whole:.2f} ms: {listed(times)}",
+            f"wrote   {shown}",
+        ]
+    )
+
+
+def _devices(arguments: argparse.Namespace) -> int:
+    from . import device
+
+    infos = device.list_devices()
+    print(device.format_devices(infos))
+    return DONE if any(info.works for info in infos) else FAILED
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    from . import inspecting
+
+    path = Path(arguments.file)
+    print(inspecting.format_statistics(inspecting.statistics(path)))
+    picture = Path(arguments.output) if arguments.output else path.with_name(path.stem + "-ladder.png")
+    inspecting.exposure_ladder(path, picture)
+    print(f"wrote {picture}")
+    return DONE
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line (default: the process's own); returns its exit code: 0 done, 1 a check failed, 2 bad usage or
+    input, 130 interrupted."""
+    try:
+        parsed = _parser().parse_args(arguments)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else REFUSED
+    try:
+        return parsed.run(parsed)
+    except ClshadeError as error:
+        if parsed.debug:
+            raise
+        print(f"clshade: {' '.join(str(error).split())}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("clshade: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def entry() -> NoReturn:
+    """The console script."""
+    sys.exit(main())

@@ -1,0 +1,238 @@
+"""Kernels on arrays of a test's own: feature masks by keyword, probes of single device functions, and single stages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from clshade import layout
+from clshade.device import Device
+from clshade.features import CHOICES, OPTIONAL, Features
+from clshade.oracle import transform
+from clshade.programs import build, build_text
+from clshade.scene import Camera
+from clshade.sorting import front_to_back
+from clshade.stages import Buffer, Stages, TriangleBuffers, VertexBuffers
+
+LANES = (1, 4, 8, 16)
+Array = np.ndarray
+
+
+def mask(**overrides: int) -> Features:
+    """Every feature 0 but the ones named."""
+    unknown = set(overrides) - {*CHOICES, *OPTIONAL}
+    assert not unknown, f"no such feature: {unknown}"
+    return Features(tuple((name, int(overrides.get(name, 0))) for name in CHOICES + OPTIONAL))
+
+
+def bits(array: Array) -> Array:
+    """The bits of a float32 array, so that comparisons see signs of zeros and NaNs."""
+    return np.ascontiguousarray(array, np.float32).view(np.uint32)
+
+
+def float32(values: Any) -> Array:
+    return np.asarray(values, np.float32)
+
+
+def split(values: Array) -> tuple[Array, Array]:
+    """float64 as two float32: rounded, and what that leaves."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        high = float32(values)
+        return high, float32(np.asarray(values, np.float64) - high)
+
+
+class Probe:
+    """Kernels of a few lines of OpenCL C that call device functions of the kernel files they include.
+
+    Each kernel takes pointers only: inputs, then one output of the first input's length, each (K,) or (K, width).
+    A work-item handles LANES elements; arrays are padded with copies of their last row.
+    """
+
+    def __init__(self, device: Device, text: str, *, lanes: int | None = None, **features: int) -> None:
+        self._device, self._program = device, build_text(device, mask(**features), text, lanes=lanes)
+
+    def __call__(self, name: str, *inputs: Array, width: int | None = None, dtype: Any = np.float32) -> Array:
+        """The output, (K,) or, of a width, (K, width)."""
+        count = len(inputs[0])
+        padded = [np.concatenate([a, np.repeat(a[-1:], -len(a) % 16, axis=0)]) for a in inputs]
+        shape = (len(padded[0]),) if width is None else (len(padded[0]), width)
+        out = Buffer(self._device, np.zeros(shape, dtype))
+        buffers = [*(Buffer(self._device, a) for a in padded), out]
+        kernel = self._program[name]
+        kernel.set_args(*(buffer.memory for buffer in buffers))
+        size = (len(padded[0]) // self._program.lanes,)
+        cl.enqueue_nd_range_kernel(self._device.queue, kernel, size, (1,))
+        return out.to_host()[:count].copy()
+
+
+def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
+    """layout.VIEW of a camera; the axes are the oracle's."""
+    view = np.zeros(1, layout.VIEW)
+    view["eye"], view["focal"] = camera.eye, camera.focal
+    view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
+    view["plane_height"], view["plane_width"] = camera.plane
+    view["columns"], view["rows"] = camera.resolution
+    view["near"], view["scale"] = near, scale
+    return Buffer(device, view)
+
+
+def image_of(device: Device, resolution: tuple[int, int], **fields: Any) -> Buffer:
+    """layout.IMAGE of a resolution (N, M); `fields` set its other members."""
+    image = np.zeros(1, layout.IMAGE)
+    columns, rows = resolution
+    image["columns"], image["rows"] = columns, rows
+    image["tiles_x"] = -(-columns // layout.TILE_SIZE)
+    image["tiles"] = image["tiles_x"] * -(-rows // layout.TILE_SIZE)
+    image["unscale"] = 1.0
+    for name, value in fields.items():
+        image[name] = value
+    return Buffer(device, image)
+
+
+def project(device: Device, positions: Array, camera: Camera, near: float, scale: float = 1.0) -> VertexBuffers:
+    """What the stage `project` makes of world positions (V, 3), float32 or float64."""
+    features = mask(DOUBLE_POSITIONS=int(positions.dtype == np.float64))
+    stages = Stages(device, build(device, features, ("project.cl",)))
+    vertices = VertexBuffers(device, len(positions))
+    stages.project(Buffer(device, positions), view_of(device, camera, near, scale), vertices, len(positions))
+    vertices.projected.to_host()
+    vertices.relative.to_host()
+    return vertices
+
+
+def vertices_at(device: Device, xy: Array, z: Array, relative: Array | None = None) -> VertexBuffers:
+    """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
+    made = VertexBuffers(device, len(z))
+    projected = made.projected.array
+    projected["x"], projected["y"] = np.asarray(xy).T
+    projected["depth"] = z
+    with np.errstate(divide="ignore"):
+        projected["w"], projected["w_low"] = split(1.0 / np.asarray(z, np.float64))
+    made.relative.array[:] = 0.0
+    if relative is not None:
+        made.relative.array[:, :3] = relative
+    made.projected.to_device()
+    made.relative.to_device()
+    return made
+
+
+class Pipeline:
+    """The stages from set-up on. Each method runs one and keeps its buffers for the next.
+
+    files: the kernel files to build. resolution: (N, M). image: further members of layout.IMAGE.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        files: tuple[str, ...],
+        resolution: tuple[int, int],
+        *,
+        lanes: int | None = None,
+        image: dict[str, Any] | None = None,
+        **features: int,
+    ) -> None:
+        self.device, self.features = device, mask(**features)
+        self.stages = Stages(device, build(device, self.features, files, lanes=lanes))
+        self.resolution = resolution
+        self.image = image_of(device, resolution, **(image or {}))
+        self.tiles = int(self.image.array["tiles"][0])
+
+    def set_up(self, vertices: VertexBuffers, faces: Array, near: float = 0.0) -> Any:
+        """Runs `setup`; returns the counters."""
+        self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
+        self.made = TriangleBuffers(self.device, len(faces), 0)
+        view = np.zeros(1, layout.VIEW)
+        view["near"] = near
+        self.stages.setup(self.faces, vertices, Buffer(self.device, view), self.image, self.made, len(faces))
+        self.counters = self.made.counters.to_host()[0].copy()
+        self.visible = int(self.counters["visible"])
+        return self.counters
+
+    def sort(self, exact: Any = None) -> Array:
+        """Visible triangles nearest first, by the keys of `setup`."""
+        order = front_to_back(self.made.keys.to_host(self.visible).copy(), exact)
+        return self.ordered(order)
+
+    def ordered(self, order: Array) -> Array:
+        """Lets the following stages take the triangles in this order."""
+        self.visible = len(order)
+        self.order = Buffer(self.device, np.asarray(order, np.uint32))
+        return order
+
+    def bin(self, chunk: int | None = None) -> list[Array]:
+        """Fills the tile lists, `chunk` triangles at a time; returns the triangles of each tile."""
+        chunk = chunk or max(self.visible, 1)
+        chunks = -(-self.visible // chunk)
+        self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
+        if not self.visible:
+            self.lists = Buffer.empty(self.device, 0, layout.ENTRY)
+            return [np.zeros(0, np.int32)] * self.tiles
+        counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
+        self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
+        table = counts.to_host()
+        # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
+        begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
+        self.starts.array[:] = begin[::chunks]
+        table[:] = begin[:-1].reshape(self.tiles, chunks).T
+        self.lists = Buffer.empty(self.device, int(begin[-1]), layout.ENTRY)
+        counts.to_device()
+        self.starts.to_device()
+        self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
+        return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
+
+    def surface(self, **arrays: Array) -> tuple:
+        """The arguments SURFACE_PARAMETERS (kernels/surface.clh): arrays by name, the stages' own buffers added."""
+        names = ("normals", "normal_faces", "colors", "uvs", "uv_faces", "face_materials")
+        names += ("materials", "textures", "texels", "lights")
+        assert set(arrays) <= {*names}, set(arrays) - {*names}
+        given = [Buffer(self.device, arrays[name]) if name in arrays else None for name in names]
+        own = (self.made.triangles, None, self.faces, self.vertices.relative, self.vertices.projected)
+        return (*own, *given, self.image)
+
+    def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
+        """Runs the pixel stage: (M, N, 4) rgba and, with OWNERS, (M, N) triangles, both with row 0 at the TOP."""
+        columns, rows = self.resolution
+        rgba = Buffer(self.device, np.full((rows, columns, 4), np.nan, np.float32))
+        self.owners = Buffer(self.device, np.full((rows, columns), -2, np.int32))
+        self.made.counters.array[:] = 0
+        self.made.counters.to_device()
+        tile = (self.lists, self.starts, rgba, self.owners, self.made.counters)
+        if self.features["PHONG"]:
+            self.stages.phong(self.surface(**arrays), tile, self.tiles)
+        else:
+            self.stages.gouraud(self.surface(**arrays), tile, corner_light, self.tiles)
+        self.counters = self.made.counters.to_host()[0].copy()
+        return rgba.to_host(), self.owners.to_host()
+
+    def whole(self, vertices: VertexBuffers, faces: Array, **arrays: Array) -> tuple[Array, Array]:
+        """Set-up, sort, bin and the pixel stage."""
+        self.set_up(vertices, faces)
+        self.sort()
+        self.bin()
+        return self.draw(**arrays)
+
+
+def material_rows(count: int = 1, **fields: Any) -> Array:
+    """layout.MATERIAL rows with the given members; kd and ks are 1 and n is 1 unless told."""
+    rows = np.zeros(count, layout.MATERIAL)
+    rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
+    for name, value in fields.items():
+        rows[name] = value
+    return rows
+
+
+def light_rows(positions: Array, intensities: Array) -> Array:
+    """layout.LIGHT rows."""
+    rows = np.zeros(len(positions), layout.LIGHT)
+    rows["position"], rows["intensity"] = positions, intensities
+    return rows
+
+
+def four(vectors: Array) -> Array:
+    """(K, 3) or (K, 2) as (K, 4) float32, the rest 0."""
+    wide = np.zeros((len(vectors), 4), np.float32)
+    wide[:, : np.shape(vectors)[1]] = vectors
+    return wide

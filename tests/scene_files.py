@@ -1,0 +1,112 @@
+"""Small scene files for the tests of loading, and what a refusal must look like."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clshade.errors import InputError
+from clshade.loading import load
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+def course_dict(**changes: Any) -> dict[str, Any]:
+    """A course file's dict: four vertices, two faces, three uvs, 3xN; a change to None leaves the key out."""
+    content = {
+        "verts": np.array([[0, 1, 0, 1], [0, 0, 1, 1], [0, 0.5, 0, 0.25]], np.float32),
+        "vertex_colors": np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4),
+        "face_indices": np.array([[0, 1], [1, 3], [2, 2]]),
+        "uvs": np.array([[0, 1, 0.25], [0, 0.5, 1]], np.float32),
+        "face_uv_indices": np.array([[0, 1], [1, 2], [2, 0]]),
+        "depth": np.ones(4, np.float32),
+        "cam_eye": np.array([0, 0, 5], np.float32),
+        "cam_up": np.array([0, 1, 0], np.float32),
+        "cam_lookat": np.zeros(3, np.float32),
+        "ka": 0.1,
+        "kd": 0.8,
+        "ks": 0.5,
+        "n": 7,
+        "light_positions": [np.array([0.0, 0, 5]), np.array([1.0, 2, 3])],
+        "light_intensities": [np.ones(3), np.array([1.0, 0.5, 0.25])],
+        "Ia": np.array([0.2, 0.3, 0.4]),
+        "M": 48,
+        "N": 64,
+        "W": 4,
+        "H": 3,
+        "bg_color": np.array([1.0, 0.9, 0.8]),
+        "focal": 2,
+    }
+    content.update(changes)
+    return {key: value for key, value in content.items() if value is not None}
+
+
+def transposed(content: dict[str, Any]) -> dict[str, Any]:
+    keys = ("verts", "vertex_colors", "face_indices", "uvs", "face_uv_indices")
+    return {key: value.T if key in keys else value for key, value in content.items()}
+
+
+def save_npy(path, content: Any) -> str:
+    np.save(path, np.array(content, dtype=object), allow_pickle=True)
+    return str(path)
+
+
+def npy_of_pickle(path, pickled: bytes) -> str:
+    """A .npy file with the header of a course file and any pickle."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": "|O", "fortran_order": False, "shape": ()})
+    path.write_bytes(buffer.getvalue() + pickled)
+    return str(path)
+
+
+def pickled_array(content: Any) -> bytes:
+    return pickle.dumps(np.array(content, dtype=object), protocol=4)
+
+
+def write(path, text: str | bytes) -> str:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return str(path)
+
+
+def refusal(path, *parts: str, **options: Any) -> str:
+    """The text of the refusal to load a file: one line that names the file and the given parts."""
+    with pytest.raises(InputError) as caught:
+        load(path, **options)
+    text = str(caught.value)
+    assert text.isprintable()
+    for part in (*parts, "expected", "found"):
+        assert part in text, text
+    return text
+
+
+def png16(pixels: np.ndarray) -> bytes:
+    """A PNG with 16 bits a channel from (h, w, 1..4) uint16, by the format's own rules: all five filters occur."""
+    height, width, channels = pixels.shape
+    rows = pixels.astype(">u2").reshape(height, -1).view(np.uint8).astype(np.int32)
+    step = 2 * channels
+    before = np.zeros_like(rows[0])
+    lines = []
+    for y, row in enumerate(rows):
+        left = np.concatenate([np.zeros(step, np.int32), row[:-step]])
+        corner = np.concatenate([np.zeros(step, np.int32), before[:-step]])
+        estimate = left + before - corner
+        far = np.abs(np.stack([estimate - left, estimate - before, estimate - corner]))
+        paeth = np.choose(far.argmin(axis=0), [left, before, corner])
+        guess = (np.zeros_like(row), left, before, (left + before) // 2, paeth)[y % 5]
+        lines.append(bytes([y % 5]) + ((row - guess) % 256).astype(np.uint8).tobytes())
+        before = row
+
+    def part(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    color = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    head = struct.pack(">IIBBBBB", width, height, 16, color, 0, 0, 0)
+    data = zlib.compress(b"".join(lines))
+    return b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", data) + part(b"IEND", b"")

@@ -1,0 +1,151 @@
+"""Real scenes, and malformed and hostile files, in the folder that CLSHADE_DATA names."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from clshade.loading import load
+
+FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
+needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")
+pytestmark = needs_data
+
+# The valid files of bad/ by number of triangles; the others of these types must be refused, with these words.
+VALID = {
+    "self_ok.npy": 1,
+    "self_offset_1e6.npy": 1,
+    "self_behind.npy": 1,
+    "self_straddle.npy": 1,
+    "self_light_at_vertex.npy": 1,
+    "self_neg_ok.obj": 1,
+    "self_crlf_bom.obj": 1,
+    "self_tex_1x1.obj": 1,
+    "self_repeat_verts.obj": 6,
+    "trimesh_noimg.obj": 1000,
+    "trimesh_nancolor.obj": 12,
+    "self_collinear.obj": 2,
+    "self_coords_1e38.obj": 1,
+    "self_nan_uv.obj": 1,
+}
+REFUSED = {
+    "assimp_malformed.obj": ("line ", ": f: "),
+    "self_M0.npy": (": M: ",),
+    "self_Mhuge.npy": (": M: ",),
+    "self_PWN_in_dict.npy": (": pickle: ", "system"),
+    "self_PWN_pickle.npy": (": pickle: ", "system"),
+    "self_binary_garbage.obj": ("line 1: ",),
+    "self_cam_eq_lookat.npy": (": cam_lookat: ",),
+    "self_devzero.obj": ("line 1: mtllib: ", "/dev/zero"),
+    "self_empty.npy": (": file: ", "empty"),
+    "self_empty.obj": (": file: ", "empty"),
+    "self_float_faces.npy": (": face_indices: ", "float64"),
+    "self_int64_wrap.npy": (": face_indices: ", "4294967298"),
+    "self_lights_mismatch.npy": (": light_intensities: ",),
+    "self_n_nan.npy": (": n: ", "nan"),
+    "self_nan_vertex.obj": ("line 1: v: ", "nan"),
+    "self_no_verts_key.npy": (": verts: ",),
+    "self_npy_hugeshape.npy": (": header: ", "1000000000000"),
+    "self_oob.npy": (": face_indices: ", "3"),
+    "self_tex_bomb.obj": ("self_tex_bomb.png: image: ", "pixels"),
+    "self_up_parallel.npy": (": cam_up: ",),
+    "self_zero_index.obj": ("line 4: f: ",),
+    "tinyobj_issue-140-zero-face-idx.obj": ("line 16: f: ",),
+    "tinyobj_test-nan.obj": (": v: ",),
+}
+LOAD_ALL = """
+import json, os, resource, sys, time, warnings
+from clshade.errors import InputError
+from clshade.loading import load
+warnings.simplefilter("ignore")
+for path in sys.argv[1:]:
+    started = time.perf_counter()
+    try:
+        verdict = load(path).face_count
+    except InputError as error:
+        verdict = str(error)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps([os.path.basename(path), verdict, time.perf_counter() - started, peak]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def verdicts(tmp_path_factory):
+    """By file of bad/: number of triangles or refusal, seconds, peak memory of the process in MiB."""
+    folder = tmp_path_factory.mktemp("bad")
+    paths = sorted(str(path.resolve()) for path in (FOLDER / "bad").iterdir() if path.suffix in (".npy", ".obj"))
+    root = str(pathlib.Path(__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": root}
+    done = subprocess.run(
+        [sys.executable, "-c", LOAD_ALL, *paths],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert os.listdir(folder) == []  # no PWNED, nothing else
+    assert not (FOLDER / "bad" / "PWNED").exists()
+    return {name: rest for name, *rest in map(json.loads, done.stdout.splitlines())}
+
+
+def test_every_file_is_listed(verdicts):
+    assert set(verdicts) == set(VALID) | set(REFUSED)
+
+
+def test_valid_files_load_and_others_are_refused(verdicts):
+    for name, faces in VALID.items():
+        assert verdicts[name][0] == faces, name
+    for name, parts in REFUSED.items():
+        text = verdicts[name][0]
+        assert isinstance(text, str), name
+        assert text.isprintable()
+        for part in (f"{name}: ", "expected ", "found ", *parts):
+            assert part in text, text
+
+
+def test_within_time_and_memory(verdicts):
+    assert max(seconds for _, seconds, _ in verdicts.values()) < 5
+    assert max(peak for _, _, peak in verdicts.values()) < 1024
+
+
+def test_warnings_of_valid_files():
+    for name, part in {"trimesh_noimg.obj": "material_0", "trimesh_nancolor.obj": "not finite"}.items():
+        with pytest.warns(UserWarning, match=part) as caught:
+            scene = load(FOLDER / "bad" / name)
+        assert len(caught) == 1
+        assert scene.meshes[0].colors is None or np.isfinite(scene.meshes[0].colors).all()
+
+
+def test_the_cat():
+    scene = load(FOLDER / "cat.npy", texture=FOLDER / "cat_diff.png")
+    (mesh,) = scene.meshes
+    assert (mesh.verts.shape, mesh.faces.shape, mesh.uvs.shape) == ((2248, 3), (3954, 3), (2220, 2))
+    assert mesh.verts.dtype == np.float32
+    assert mesh.material.texture.image.shape == (1024, 512, 3)
+    assert [light.position.tolist() for light in scene.lights] == [[0, 0, 5], [-7, 0, 0], [0, 5, 0]]
+    assert (scene.camera.resolution, scene.camera.plane, scene.camera.focal) == ((512, 512), (15.0, 15.0), 70.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "verts", "faces"), [("teapot", 3644, 6320), ("beetle-alt", 19887, 38656), ("spot/spot", 2930, 5856)]
+)
+def test_meshes(name, verts, faces):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = load(FOLDER / f"{name}.obj")
+    (mesh,) = scene.meshes
+    assert (mesh.verts.shape, mesh.faces.shape) == ((verts, 3), (faces, 3))
+    if name == "spot/spot":
+        assert mesh.uvs.shape == (3225, 2)
+        assert mesh.material.texture.image.shape == (1024, 1024, 3)
+        assert (mesh.material.n, mesh.material.ks.tolist()) == (32.0, [0.2] * 3)

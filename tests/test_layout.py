@@ -1,0 +1,55 @@
+"""Every struct of layout.py has the same size and the same offsets on the device, every constant the same value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernels import Probe
+
+from clshade import layout
+
+
+def struct_text(name: str, dtype: np.dtype) -> str:
+    """A kernel that writes the size of a struct, then each member's offset."""
+    lines = ["out[0] = sizeof(struct_t);"]
+    for i, member in enumerate(dtype.names, 1):
+        lines.append(f"out[{i}] = (int)((private char *)&s.{member} - (private char *)&s);")
+    body = " ".join(lines).replace("struct_t", name)
+    return f"kernel void {name.lower()}(global const float *unused, global int *out) {{ {name} s; {body} }}\n"
+
+
+@pytest.fixture(scope="module")
+def probe(device):
+    text = "".join(struct_text(name, dtype) for name, dtype in layout.DTYPES.items())
+    values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(layout.CONSTANTS))
+    return Probe(device, text + f"kernel void constants(global const float *unused, global int *out) {{ {values} }}")
+
+
+def single(probe, name: str, count: int) -> list[int]:
+    """What a single work-item writes: all of them write the same."""
+    return probe(name, np.zeros(32, np.float32), dtype=np.int32)[:count].tolist()
+
+
+@pytest.mark.parametrize("name", layout.DTYPES)
+def test_sizes_and_offsets(probe, name):
+    dtype = layout.DTYPES[name]
+    offsets = [dtype.fields[member][1] for member in dtype.names]
+    assert single(probe, name.lower(), 1 + len(offsets)) == [dtype.itemsize, *offsets]
+
+
+def test_constants(probe):
+    assert single(probe, "constants", len(layout.CONSTANTS)) == list(layout.CONSTANTS.values())
+
+
+@pytest.mark.parametrize("name", layout.DTYPES)
+def test_rows_keep_their_alignment(name):
+    """Row k of a table begins at k * itemsize: a multiple of 8 where a member is."""
+    dtype = layout.DTYPES[name]
+    assert dtype.itemsize % (8 if any(dtype[member].base == np.float64 for member in dtype.names) else 4) == 0
+
+
+def test_a_header_for_devices_without_double():
+    header = layout.header(with_double=False)
+    assert "double" not in header
+    assert "} Triangle;" in header
+    assert "} View;" not in header

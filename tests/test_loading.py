@@ -1,0 +1,153 @@
+"""`load`: which files it takes, its options, and the camera and lights that meshes get."""
+
+from __future__ import annotations
+
+import math
+import os
+import pathlib
+
+import numpy as np
+import pytest
+from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
+
+import clshade
+from clshade import framing, geometry
+from clshade.errors import InputError
+from clshade.loading import EXTENSIONS, load
+
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "f 1 2 4 3\nf 5 6 8 7\n"
+
+
+@pytest.fixture
+def cube(tmp_path):
+    return write(tmp_path / "cube.obj", CUBE)
+
+
+def test_it_is_public(cube):
+    assert clshade.load is load
+    assert len(clshade.load(pathlib.Path(cube)).meshes[0].faces) == 4
+
+
+def test_files_that_are_none(tmp_path):
+    refusal(str(tmp_path / "none.obj"), "none.obj: file: expected an existing file, found no such file")
+    refusal(str(tmp_path / "none.xyz"), "none.xyz: file: expected an existing file")
+    refusal(str(tmp_path), "a folder")
+    os.mkdir(tmp_path / "folder.obj")
+    refusal(str(tmp_path / "folder.obj"), "folder.obj: file: expected a regular file, found a folder")
+    os.mkfifo(tmp_path / "pipe.obj")
+    refusal(str(tmp_path / "pipe.obj"), "pipe.obj: file: expected a regular file")
+    refusal(str(tmp_path / "a\0.obj"), "file: ", "null")
+    refusal(write(tmp_path / "a.obj" / "b.obj", "") + "/c.obj", "file: ")
+    refusal(write(tmp_path / "two\nlines.obj", ""), "two\\nlines.obj", "an empty file")
+    for name in ("empty.npy", "empty.obj", "empty"):
+        refusal(write(tmp_path / name, ""), f"{name}: file: expected content, found an empty file")
+
+
+def test_unknown_extensions_are_told_the_known_ones(tmp_path):
+    for name in ("a.xyz", "a", "a.obj.gz", ".obj"):
+        refusal(write(tmp_path / name, CUBE), f"{name}: extension: ", *EXTENSIONS)
+    assert load(write(tmp_path / "A.OBJ", CUBE)).name == "A"
+
+
+@pytest.mark.parametrize("path", [None, 3, b"cube.obj", ["cube.obj"]])
+def test_paths_that_are_none(path):
+    with pytest.raises(InputError, match="load: path: expected a path"):
+        load(path)
+
+
+def test_errors_are_value_errors(tmp_path):
+    with pytest.raises(ValueError):
+        load(tmp_path / "none.obj")
+
+
+@pytest.mark.parametrize("resolution", [(0, 5), (5, 16385), (5,), 5, "ab", (1.5, 2), (math.nan, 2)])
+def test_refused_resolutions(tmp_path, cube, resolution):
+    refusal(cube, "load: resolution", resolution=resolution)
+    refusal(save_npy(tmp_path / "a.npy", course_dict()), "load: resolution", resolution=resolution)
+
+
+def test_focal_is_for_course_files(cube):
+    refusal(cube, "load: focal: ", focal=70)
+
+
+def test_lights_are_kept_in_the_order_asked_for(cube):
+    lights = load(cube).lights
+    assert len(lights) == 3
+    positions = [light.position.tolist() for light in lights]
+    assert [light.position.tolist() for light in load(cube, lights=[2, 0]).lights] == [positions[2], positions[0]]
+    assert [light.position.tolist() for light in load(cube, lights=np.array([1])).lights] == [positions[1]]
+    assert load(cube, lights=()).lights == ()
+    for lights in ([3], [-1], [0, 0], [0.0], ["0"], 1, "0", [None], [[0]]):
+        refusal(cube, "load: lights: ", "3 lights", lights=lights)
+
+
+def corners_in_image(scene) -> np.ndarray:
+    """Image coordinates of the corners of the bounding box, pixels."""
+    low, high = geometry.bounding_box(scene)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
+    camera = scene.camera
+    x, y, z = geometry.look_at(camera.eye, camera.lookat, camera.up) @ (corners - camera.eye[:, None])
+    columns, rows = camera.resolution
+    height, width = camera.plane
+    return np.array([(camera.focal * x / (z * width) + 0.5) * columns, (camera.focal * y / (z * height) + 0.5) * rows])
+
+
+@pytest.mark.parametrize("resolution", [(800, 600), (100, 700), (700, 100), (64, 64)])
+def test_the_camera_sees_all_and_fills_the_image(tmp_path, resolution):
+    text = "v 10 20 30\nv 14 20 30\nv 10 22 30\nv 10 20 29\nf 1 2 3\nf 1 3 4\n"
+    camera = (scene := load(write(tmp_path / "a.obj", text), resolution=resolution)).camera
+    assert camera.resolution == resolution
+    assert camera.plane[0] / camera.plane[1] == pytest.approx(resolution[1] / resolution[0])
+    assert camera.plane[0] == pytest.approx(2 * math.tan(math.radians(framing.FOV / 2)))
+    assert camera.lookat.tolist() == [12, 21, 29.5]
+    assert camera.eye[1] > 21  # from above
+    assert camera.up.tolist() == [0, 1, 0]
+    # The bounding sphere touches the narrower field of view but for the margin.
+    radius = geometry.bounding_radius(scene)
+    half = math.atan(min(camera.plane) / 2)
+    distance = np.linalg.norm(camera.eye - camera.lookat)
+    assert distance * math.sin(half) == pytest.approx(framing.MARGIN * radius)
+    inside = corners_in_image(scene)
+    assert (inside > 0).all()
+    assert (inside < np.array(resolution)[:, None]).all()
+    assert np.ptp(inside, axis=1).max() > 0.4 * min(resolution)
+
+
+def test_lights_stand_outside_in_front_and_behind(cube):
+    scene = load(cube)
+    radius = geometry.bounding_radius(scene)
+    towards = scene.camera.eye / np.linalg.norm(scene.camera.eye)
+    heights = [light.position @ towards for light in scene.lights]
+    assert [h > 0 for h in heights] == [True, True, False]
+    for light in scene.lights:
+        assert np.linalg.norm(light.position) > 2 * radius
+        assert (light.intensity > 0).all()
+        assert light.intensity.max() < 1
+
+
+@pytest.mark.parametrize("exponent", [-60, 20, 60])
+def test_framing_scales_with_the_scene(tmp_path, exponent):
+    def scaled(scale: float) -> str:
+        verts = np.array([[0.25, 1, 2], [3, 1, 0], [1, 4, 1]]) * scale
+        return "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in verts.tolist()) + "f 1 2 3\n"
+
+    one = load(write(tmp_path / "a.obj", scaled(1.0)))
+    two = load(write(tmp_path / "b.obj", scaled(2.0**exponent)))
+    assert np.array_equal(two.camera.eye, np.ldexp(one.camera.eye, exponent))
+    for a, b in zip(one.lights, two.lights, strict=True):
+        assert np.array_equal(b.position, np.ldexp(a.position, exponent))
+    assert two.camera.plane == one.camera.plane
+
+
+def test_degenerate_and_extreme_extents(tmp_path):
+    for text in ("v 0 0 0\nf 1 1 1\n", "v 1e6 2 -3\nf 1 1 1\n", "v -3e38 0 0\nv 3e38 0 0\nv 0 3e38 0\nf 1 2 3\n"):
+        scene = load(write(tmp_path / "a.obj", text))
+        assert np.isfinite(scene.camera.eye).all()
+        assert (scene.camera.eye != scene.camera.lookat).any()
+    refusal(write(tmp_path / "b.obj", "v 1e308 0 0\nv -1e308 0 0\nv 0 1e308 0\nf 1 2 3\n"), "b.obj: Camera: eye: ")
+
+
+def test_unused_vertices_do_not_move_the_camera(tmp_path):
+    one = load(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"))
+    two = load(write(tmp_path / "b.obj", TRIANGLE + "v 1e9 1e9 1e9\nf 1 2 3\n"))
+    assert np.array_equal(one.camera.eye, two.camera.eye)

@@ -1,0 +1,393 @@
+"""Wavefront OBJ: what is read, against a plain parser and by hand, and what is refused, with its line."""
+
+from __future__ import annotations
+
+import os
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+from scene_files import TRIANGLE, refusal, write
+
+from clshade import geometry, mtl_files, obj_lines, obj_text
+from clshade.images import srgb_to_linear
+from clshade.loading import load
+from clshade.obj_text import parse_obj
+
+
+def told(path, **options):
+    """The scene and the warnings of loading it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(path, **options)
+    messages = [str(warning.message) for warning in caught]
+    assert all(message.isprintable() for message in messages)
+    return scene, messages
+
+
+def corners(text: str) -> list:
+    """The corners' v/vt/vn, by face, as the parser has them."""
+    return parse_obj(text.encode(), "x.obj").indices.tolist()
+
+
+def test_positions_uvs_and_normals_keep_their_own_indices(tmp_path):
+    text = TRIANGLE + "vt 0 0\nvt 0.25 1\nvn 0 0 2\nf 1/2/1 2/1/1 3/2/1\n"
+    scene, messages = told(write(tmp_path / "a.obj", text))
+    assert messages == []
+    (mesh,) = scene.meshes
+    assert mesh.verts.dtype == np.float64
+    assert mesh.verts.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert mesh.uv_faces.tolist() == [[1, 0, 1]]
+    assert mesh.normal_faces.tolist() == [[0, 0, 0]]
+    assert mesh.normals.tolist() == [[0, 0, 2]]
+    assert mesh.uvs.tolist() == [[0, 1], [0.25, 0]]  # v = 0 is the bottom in the file, row 0 of the image here
+    assert (scene.preset, scene.name, mesh.name) == ("standard", "a", "a")
+
+
+@pytest.mark.parametrize(
+    ("face", "expected"),
+    [
+        ("f 1 2 3", [[0, -1, -1], [1, -1, -1], [2, -1, -1]]),
+        ("f 1/1 2/2 3/3", [[0, 0, -1], [1, 1, -1], [2, 2, -1]]),
+        ("f 1//3 2//2 3//1", [[0, -1, 2], [1, -1, 1], [2, -1, 0]]),
+        ("f 1/ 2/ 3/", [[0, -1, -1], [1, -1, -1], [2, -1, -1]]),
+        ("f 1// 2// 3//", [[0, -1, -1], [1, -1, -1], [2, -1, -1]]),
+        ("f 1/2/ 2/2/ 3/2/", [[0, 1, -1], [1, 1, -1], [2, 1, -1]]),
+        ("f -3/-1/-3 -2/-2/-2 -1/-3/-1", [[0, 2, 0], [1, 1, 1], [2, 0, 2]]),
+        ("f +1 2 3", [[0, -1, -1], [1, -1, -1], [2, -1, -1]]),
+    ],
+)
+def test_forms_of_a_corner(face, expected):
+    text = TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\n" + "vn 0 0 1\n" * 3
+    assert corners(text + face) == [expected]
+
+
+def test_polygons_become_fans_in_the_order_of_the_file():
+    text = "v 0 0 0\n" * 6 + "f 1 2 3\nf 1 2 3 4 5\nf 6 5 4 3\n"
+    assert [[corner[0] for corner in face] for face in corners(text)] == [
+        [0, 1, 2],
+        *([0, 1, 2], [0, 2, 3], [0, 3, 4]),
+        *([5, 4, 3], [5, 3, 2]),
+    ]
+
+
+def test_relative_indices_count_from_their_line():
+    text = TRIANGLE + "f -3 -2 -1\n" + TRIANGLE + "f -3 -2 -1\nf 1 -1 6\n"
+    assert [[corner[0] for corner in face] for face in corners(text)] == [[0, 1, 2], [3, 4, 5], [0, 5, 5]]
+
+
+def test_zero_area_faces_stay(tmp_path):
+    scene = load(write(tmp_path / "a.obj", TRIANGLE + "f 1 1 1\nf 1 2 3\nf 2 2 3 3\n"))
+    assert scene.meshes[0].faces.tolist() == [[0, 0, 0], [0, 1, 2], [1, 1, 2], [1, 2, 2]]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff" + TRIANGLE + "f 1 2 3\n",
+        TRIANGLE.replace("\n", "\r\n") + "f 1 2 3\r\n",
+        TRIANGLE.replace("\n", "\r") + "f 1 2 3\r",
+        "# c\n" + TRIANGLE + "\n \t\n  f  1\t2   3  # v 9 9 9\n",
+        TRIANGLE + "f 1 2 3",
+        TRIANGLE + "f 1 2\\\n 3\n",
+        TRIANGLE + "f 1 \\\r\n2 \\\r\n3\n",
+        "v 0 0 0 1.0\nv 1.0e0 -0 .0 1\nv 0. +1 0e9 1\nf 1 2 3",
+        TRIANGLE + "s off\nl 1 2\np 1\nvp 1 2\nmg 1 2\nshadow_obj x\n#f 9 9 9\nf 1 2 3\n",
+        TRIANGLE + "# C:\\folder\\\nf 1 2 3\n",
+        "f 1 2 3\n" + TRIANGLE,
+    ],
+)
+def test_forms_of_the_text(tmp_path, text):
+    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
+    assert mesh.verts.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "parts"),
+    [
+        ("v 0 0\n", 1, ["v: expected 3 numbers", "found 2"]),
+        ("v 0 0 0 0 0\n", 1, ["v: ", "found 5"]),
+        ("v\n", 1, ["v: ", "found 0"]),
+        (TRIANGLE + "v 0 x 0\n", 4, ["v: expected numbers, found 'x'"]),
+        ("\n\nv 0 0 1.#IND\n", 3, ["v: ", "1.#IND"]),
+        ("v 1_0 0 0\n", 1, ["v: ", "1_0"]),
+        ("v 0x1 0 0\n", 1, ["v: ", "0x1"]),
+        ("v 1-2 3\n", 1, ["v: "]),
+        ("v 1-2 3 4\n", 1, ["v: expected numbers, found '1-2'"]),
+        ("v 1,5 3 4\n", 1, ["v: expected numbers, found '1,5'"]),
+        ("v 1\u00a02 3 4\n", 1, ["v: expected numbers"]),
+        ("v 1\x002 3 4\n", 1, ["v: expected numbers"]),
+        ("v nan 0 0\n", 1, ["v: expected finite"]),
+        ("v 0 -inf 0\n", 1, ["v: expected finite"]),
+        ("v 0 1e999 0\n", 1, ["v: expected finite"]),
+        ("vn 0 nan 0\n", 1, ["vn: expected finite"]),
+        ("vn 0 1\n", 1, ["vn: expected 3 numbers"]),
+        ("vt\n", 1, ["vt: expected 1 to 3 numbers, found 0"]),
+        ("vt a\n", 1, ["vt: expected numbers, found 'a'"]),
+        (TRIANGLE + "f 1 2\n", 4, ["f: expected at least 3 corners, found 2"]),
+        (TRIANGLE + "f\n", 4, ["f: expected at least 3"]),
+        (TRIANGLE + "f 1 2 3\nf 0 1 2\n", 5, ["f: expected indices from 1", "'0'"]),
+        (TRIANGLE + "f 1 2 4\n", 4, ["f: expected v indices up to 3, found 4"]),
+        (TRIANGLE + "f 1 2 -4\n", 4, ["f: expected v indices up to the 3 so far, found '-4'"]),
+        ("f -1 -1 -1\n" + TRIANGLE, 1, ["f: expected v indices up to the 0 so far"]),
+        (TRIANGLE + "f 1 2 4294967298\n", 4, ["f: ", "4294967298"]),
+        (TRIANGLE + "f 1 2 99999999999999999999\n", 4, ["f: ", "99999999999999999999"]),
+        (TRIANGLE + "f 1 2 3.0\n", 4, ["f: expected corners of whole numbers", "'3.0'"]),
+        (TRIANGLE + "f 1 2 3/\u00b2\n", 4, ["f: expected corners"]),
+        (TRIANGLE + "f 1 2 1e0\n", 4, ["f: expected corners", "'1e0'"]),
+        (TRIANGLE + "f 1 2 nan\n", 4, ["f: expected corners", "'nan'"]),
+        (TRIANGLE + "f 1 2 1-1\n", 4, ["f: expected corners", "'1-1'"]),
+        (TRIANGLE + "f 1/1/1/1 2 3\n", 4, ["f: expected corners", "'1/1/1/1'"]),
+        (TRIANGLE + "f 1 2 3////\n", 4, ["f: expected corners", "'3////'"]),
+        (TRIANGLE + "f 1 2 /3\n", 4, ["f: ", "'/3'"]),
+        (TRIANGLE + "f 1 2 /\n", 4, ["f: ", "'/'"]),
+        (TRIANGLE + "f 1/1 2/1 3/1\n", 4, ["f: expected vt indices up to 0, found 1"]),
+        (TRIANGLE + "vt 0 0\nf 1/1 2/2 3/1\n", 5, ["f: expected vt indices up to 1, found 2"]),
+        (TRIANGLE + "vn 0 0 1\nf 1//1 2//1 3//2\n", 5, ["f: expected vn indices up to 1, found 2"]),
+        (TRIANGLE + "vt 0 0\nf 1/1 2/0 3/1\n", 5, ["f: expected indices from 1", "'2/0'"]),
+        (TRIANGLE + "vt 0 0\nf 1/1 2 3/1\n", 5, ["f: expected vt at all corners or none, found 2 of 3"]),
+        (TRIANGLE + "f 1 2 \\\n3 \\\n9\n", 4, ["f: ", "found 9"]),
+        ("# \\\nv 0 0\n", 2, ["v: "]),
+        ("solid x\nfacet-normal 0 0 1\n", 2, ["keyword: ", "'facet-normal'"]),
+        ("v 0 0 0\nvertex" + "x" * 99, 2, ["keyword: "]),
+        ("\xff\xfe v 0 0 0\n", 1, ["keyword: "]),
+    ],
+)
+def test_refused_lines(tmp_path, text, line, parts):
+    refusal(write(tmp_path / "bad.obj", text), f"bad.obj: line {line}: ", *parts)
+
+
+def test_refused_files(tmp_path):
+    refusal(write(tmp_path / "bad.obj", TRIANGLE), "bad.obj: f: expected at least one face, found none")
+    refusal(write(tmp_path / "bad.obj", "\n\n# nothing\n"), "bad.obj: f: ")
+    refusal(write(tmp_path / "bad.obj", ""), "bad.obj: file: ", "empty")
+    refusal(write(tmp_path / "bad.obj", "\0" * 5000), "bad.obj: line 1: keyword: ")
+
+
+def test_limits(tmp_path, monkeypatch):
+    monkeypatch.setattr(obj_lines, "CHUNK", 100)
+    monkeypatch.setattr(obj_lines, "MAX_LINE", 1000)
+    refusal(write(tmp_path / "bad.obj", "1 " * 600), "bad.obj: line: expected lines of at most 1000 bytes")
+    refusal(write(tmp_path / "bad.obj", "f 1 \\\n" * 600), "bad.obj: line: expected lines of at most 1000 bytes")
+    monkeypatch.setattr(obj_text, "MAX_FACES", 20)
+    load(write(tmp_path / "good.obj", TRIANGLE + "f 1 2 3 1 2 3\n" * 5))
+    many = TRIANGLE + "f 1 2 3 1 2 3\n" * 5 + "f 1 2 3\n"
+    refusal(write(tmp_path / "bad.obj", many), "bad.obj: f: expected at most 20 triangles")
+
+
+def plain(text: str) -> tuple[list, list, list, list]:
+    """The obvious parser: positions, uvs, normals and fanned corners of a file without faults."""
+    found: dict[str, list] = {"v": [], "vt": [], "vn": []}
+    faces = []
+    for line in text.splitlines():
+        words = line.split("#")[0].split()
+        if words and words[0] in found:
+            found[words[0]].append([float(word) for word in words[1:]])
+        elif words and words[0] == "f":
+            polygon = []
+            for word in words[1:]:
+                numbers = [int(part or "0") for part in (word + "//").split("/")[:3]]
+                lists = (found["v"], found["vt"], found["vn"])
+                polygon.append(
+                    [n - 1 if n > 0 else -1 if n == 0 else len(of) + n for n, of in zip(numbers, lists, strict=True)]
+                )
+            faces += [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
+    return found["v"], found["vt"], found["vn"], faces
+
+
+def random_text(rng: np.random.Generator) -> str:
+    """A file of all forms mixed; every index is valid where it stands."""
+    lines, counts = [], [0, 0, 0]
+    for _ in range(rng.integers(5, 120)):
+        kind = rng.integers(0, 8)
+        if kind < 3 or 0 in counts:
+            which = kind if kind < 3 else counts.index(0)
+            numbers = [f"{x:.{rng.integers(0, 17)}{rng.choice(['f', 'e', 'g'])}}" for x in rng.standard_normal(3)]
+            lines.append(("v", "vt", "vn")[which] + " " + " ".join(numbers[: 2 if which == 1 else 3]))
+            counts[which] += 1
+        elif kind < 7:
+            form, words = rng.integers(0, 4), []
+            for _ in range(rng.integers(3, 7)):
+                n = [int(rng.integers(1, c + 1)) - (c + 1) * int(rng.integers(0, 2)) for c in counts]
+                words.append((f"{n[0]}", f"{n[0]}/{n[1]}", f"{n[0]}//{n[2]}", f"{n[0]}/{n[1]}/{n[2]}")[form])
+            lines.append("f " + (" ", "  ", "\t")[rng.integers(0, 3)].join(words))
+        else:
+            lines.append(("", "# f 1 2 3", "g a b", "s 1", "usemtl x#1", "  ")[rng.integers(0, 6)])
+    return "\n".join([*lines, *(f"{k} 1 2 3" for k in ("v", "vt", "vn")), "f 1 1 1", ""])
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 100, 1 << 20])
+def test_against_the_obvious_parser(monkeypatch, chunk):
+    monkeypatch.setattr(obj_lines, "CHUNK", chunk)
+    rng = np.random.default_rng(chunk)
+    for _ in range(12):
+        text = random_text(rng)
+        verts, uvs, normals, faces = plain(text)
+        found = parse_obj(text.encode(), "x.obj")
+        assert found.verts.tolist() == verts
+        assert found.uvs.tolist() == [uv[:2] for uv in uvs]
+        assert found.normals.tolist() == normals
+        assert found.indices.tolist() == faces
+
+
+def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr(obj_lines, "CHUNK", 10)
+    text = TRIANGLE + "f 1 2 3\n" * 50
+    refusal(write(tmp_path / "a.obj", text + "f 1 2 7\n" + "f 1 2 3\n" * 9), "line 54: f: ")
+    refusal(write(tmp_path / "a.obj", text + "v 1 2 q\n"), "line 54: v: ")
+    refusal(write(tmp_path / "a.obj", text + "?\n"), "line 54: keyword: ")
+
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n"
+
+
+def test_materials_and_objects_make_meshes_in_the_order_of_the_file(tmp_path):
+    write(tmp_path / "m.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
+    body = "usemtl a\nf 1 2 3\nusemtl b\nf 2 4 3\nusemtl a\nf 4 1 2\nusemtl a\nf 1 2 4\no part\nf 1 1 1\n"
+    scene, messages = told(write(tmp_path / "a.obj", "mtllib m.mtl\n" + SQUARE + body))
+    assert messages == []
+    assert [mesh.material.kd.tolist() for mesh in scene.meshes] == [[1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0, 0]]
+    assert [mesh.name for mesh in scene.meshes] == ["a", "a", "a", "part"]
+    assert scene.meshes[0].material is scene.meshes[2].material
+    positions = np.concatenate([mesh.verts[mesh.faces] for mesh in scene.meshes])
+    expected = parse_obj((SQUARE + body).encode(), "x")
+    assert np.array_equal(positions, expected.verts[expected.indices[:, :, 0]])
+    # Without normals in the file they are those of all faces, so that no seam shows.
+    normals = geometry.vertex_normals(expected.verts, expected.indices[:, :, 0])
+    got = np.concatenate([mesh.normals[mesh.faces] for mesh in scene.meshes])
+    assert np.array_equal(got, normals[expected.indices[:, :, 0]])
+    assert len(scene.meshes[1].verts) == 3
+
+
+def test_groups_do_not_split_and_name_what_has_no_object(tmp_path):
+    text = SQUARE + "g left\nf 1 2 3\ng right\nf 2 4 3\n"
+    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
+    assert (mesh.name, len(mesh.faces)) == ("left", 2)
+
+
+def test_faces_with_and_without_uvs_and_normals(tmp_path):
+    text = SQUARE + "vt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1 2/2 3/1\nf 2 4 3\nf 4//1 1//1 2//1\nf 1/1/1 2/2/1 4/1/1\n"
+    meshes = load(write(tmp_path / "a.obj", text), texture=np.ones((2, 2, 3))).meshes
+    assert [mesh.uvs is not None for mesh in meshes] == [True, False, False, True]
+    assert [mesh.normal_faces is not None for mesh in meshes] == [False, False, True, True]
+    assert [mesh.material.texture is not None for mesh in meshes] == [True, False, False, True]
+    assert meshes[3].uvs[meshes[3].uv_faces].tolist() == [[[0, 1], [1, 0], [0, 1]]]
+
+
+def test_vertex_colors(tmp_path):
+    text = "v 0 0 0 0.5 0.25 1\nv 1 0 0\nv 0 1 0 nan 0 0\nf 1 2 3\n"
+    scene, messages = told(write(tmp_path / "a.obj", text))
+    assert scene.meshes[0].colors.tolist() == [[0.5, 0.25, 1], [1, 1, 1], [1, 1, 1]]
+    assert len(messages) == 1
+    assert messages[0].endswith("a.obj: v: 1 colors that are not finite became white")
+    assert load(write(tmp_path / "b.obj", TRIANGLE + "f 1 2 3\n")).meshes[0].colors is None
+
+
+def test_uvs_of_any_kind(tmp_path):
+    text = TRIANGLE + "vt nan inf\nvt 1e30 -1e30 5\nvt 0.5\nf 1/1 2/2 3/3\n"
+    uvs = load(write(tmp_path / "a.obj", text)).meshes[0].uvs
+    assert np.isnan(uvs[0, 0])
+    assert uvs[:, 1].tolist() == [-np.inf, 1e30, 1.0]
+
+
+TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
+
+
+def test_material_values_and_texture(tmp_path):
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3) * 10
+    write(tmp_path / "maps" / "x.txt", "")
+    Image.fromarray(pixels).save(tmp_path / "maps" / "my image.png")
+    mtl = "# c\nnewmtl m\n\tKa 0.5 0.5 0.5\nKd .25 0.5 1 # c\nKs 0.125\nNs 32\nillum 2\nmap_Kd maps\\my image.png\n"
+    write(tmp_path / "a.mtl", mtl)
+    scene, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    assert messages == []
+    material = scene.meshes[0].material
+    assert (material.ka.tolist(), material.kd.tolist()) == ([0.5] * 3, [0.25, 0.5, 1])
+    assert (material.ks.tolist(), material.n, material.name) == ([0.125] * 3, 32.0, "m")
+    assert material.texture.lookup == "standard"
+    assert np.array_equal(material.texture.image, srgb_to_linear(pixels / 255).astype(np.float32))
+    other = load(tmp_path / "a.obj", texture=pixels).meshes[0].material
+    assert np.array_equal(other.texture.image, (pixels / 255).astype(np.float32))
+    assert other.n == 32.0
+
+
+def test_what_is_missing_is_told(tmp_path):
+    _, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    assert len(messages) == 2
+    assert "a.obj: line 1: mtllib: there is no file 'a.mtl'" in messages[0]
+    assert "usemtl: no library defines the material 'm'" in messages[1]
+    write(tmp_path / "a.mtl", "newmtl m\nmap_Kd none.png\n")
+    scene, messages = told(tmp_path / "a.obj")
+    assert len(messages) == 1
+    assert "a.mtl: line 2: map_Kd: there is no file 'none.png'" in messages[0]
+    assert scene.meshes[0].material.texture is None
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../a.png", "sub/../../a.png", "C:\\a.png", "c:a.png", "\\\\host\\a"])
+def test_references_out_of_the_folder(tmp_path, name):
+    folder = tmp_path / "scene"
+    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    refusal(write(folder / "b.obj", TEXTURED.replace("a.mtl", name)), "b.obj: line 1: mtllib: ", "scene's folder")
+    path = write(folder / "a.obj", TEXTURED)
+    write(folder / "a.mtl", f"newmtl m\nmap_Kd {name}\n")
+    refusal(path, "a.obj: ", "a.mtl: line 2: map_Kd: expected a file in the scene's folder")
+
+
+def test_links_devices_and_folders(tmp_path):
+    folder = tmp_path / "scene"
+    path = write(folder / "a.obj", TEXTURED)
+    write(folder / "a.mtl", "newmtl m\nmap_Kd image.png\n")
+    Image.new("RGB", (2, 2)).save(tmp_path / "image.png")
+    os.symlink("../image.png", folder / "image.png")
+    refusal(path, "map_Kd: ", "a link out of it")
+    os.unlink(folder / "image.png")
+    os.symlink("/dev/zero", folder / "image.png")
+    refusal(path, "map_Kd: ", "a link out of it")
+    os.unlink(folder / "image.png")
+    os.mkfifo(folder / "image.png")
+    refusal(path, "map_Kd: expected a regular file")
+    os.unlink(folder / "image.png")
+    os.mkdir(folder / "image.png")
+    refusal(path, "map_Kd: expected a regular file")
+    os.rmdir(folder / "image.png")
+    Image.new("RGB", (2, 3)).save(folder / "other.png")
+    os.symlink("other.png", folder / "image.png")
+    assert load(path).meshes[0].material.texture.image.shape == (3, 2, 3)
+
+
+@pytest.mark.parametrize(
+    "line", ["Kd 1 1", "Kd x", "Kd nan 0 0", "Ks spectral a.rfl 1", "Ns -1", "Ns 1 2", "Ka 1 1 1 1"]
+)
+def test_refused_materials(tmp_path, line):
+    path = write(tmp_path / "a.obj", TEXTURED)
+    write(tmp_path / "a.mtl", "newmtl m\n" + line + "\n")
+    refusal(path, "a.obj: ", f"a.mtl: line 2: {line.split()[0]}: ")
+
+
+def test_an_image_that_is_not_used_is_not_decoded(tmp_path):
+    write(tmp_path / "bad.png", "no image")
+    write(tmp_path / "a.mtl", "newmtl other\nmap_Kd bad.png\nnewmtl m\nKd 1 1 1\n")
+    assert load(write(tmp_path / "a.obj", TEXTURED)).meshes[0].material.texture is None
+    write(tmp_path / "a.mtl", "newmtl m\nmap_Kd bad.png\n")
+    refusal(tmp_path / "a.obj", "a.obj: ", "bad.png: image: ")
+    assert load(tmp_path / "a.obj", texture=np.ones((1, 1, 3))).meshes[0].material.texture is not None
+
+
+def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
+    _, messages = told(write(tmp_path / "b.obj", "mtllib none.mtl\n" * 50 + TRIANGLE + "f 1 2 3\n"))
+    assert len(messages) == 1
+    Image.new("RGB", (8, 8)).save(tmp_path / "one.png")
+    Image.new("RGB", (8, 8)).save(tmp_path / "two.png")
+    write(tmp_path / "a.mtl", "newmtl m\nmap_Kd one.png\nnewmtl n\nmap_Kd two.png\nnewmtl o\nmap_Kd one.png\n")
+    path = write(tmp_path / "a.obj", TEXTURED + "usemtl n\nf 1/1 2/2 3/3\nusemtl o\nf 1/1 2/2 3/3\n")
+    meshes = load(path).meshes
+    assert meshes[0].material.texture is meshes[2].material.texture
+    monkeypatch.setattr(mtl_files, "MAX_PIXELS", 100)
+    refusal(path, "a.obj: map_Kd: ", "at most 100 pixels")
+
+
+def test_a_texture_needs_uvs(tmp_path):
+    refusal(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"), "a.obj: vt: ", texture=np.ones((1, 1, 3)))
