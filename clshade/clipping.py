@@ -39,21 +39,19 @@ def snap(positions: Array) -> Array:
     return np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
 
 
-def _canonical_first(a: Array, b: Array) -> Array:
-    """Whether point a comes before b by x, then y, then z: both faces at an edge cut it from the same end."""
-    result = a[:, 2] <= b[:, 2]
-    for axis in (1, 0):
-        result = np.where(a[:, axis] == b[:, axis], result, a[:, axis] < b[:, axis])
-    return result
-
-
 def _crossings(a: Array, b: Array, da: Array, db: Array) -> Array:
-    """Where the edges from rows of a to rows of b (position and weights side by side) meet the plane."""
-    first = _canonical_first(a, b)[:, None]
-    low, high = np.where(first, a, b), np.where(first, b, a)
-    d_low = np.where(first[:, 0], da, db)
-    d_high = np.where(first[:, 0], db, da)
-    return low + (d_low / (d_low - d_high))[:, None] * (high - low)
+    """Where the edges from rows of a to rows of b (position and weights side by side) meet the plane.
+
+    Each is computed from the end nearer the plane (then by x, y, z), whichever way round its edge is run: faces that
+    share the edge share the point, and an end 1e38 away costs no digits.
+    """
+    first = a[:, 2] <= b[:, 2]
+    for axis in (1, 0):
+        first = np.where(a[:, axis] == b[:, axis], first, a[:, axis] < b[:, axis])
+    first = np.where(np.abs(da) == np.abs(db), first, np.abs(da) < np.abs(db))
+    start, end = np.where(first[:, None], a, b), np.where(first[:, None], b, a)
+    d_start, d_end = np.where(first, da, db), np.where(first, db, da)
+    return start + (d_start / (d_start - d_end))[:, None] * (end - start)
 
 
 def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array, Array]:
@@ -85,7 +83,7 @@ def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array,
 def clip(points: Array, camera: Camera, near: float) -> Pieces:
     """Clips triangles, (n, 3, 3) camera space, to z >= near and, where they leave it, to the guard band.
 
-    Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in canonical order, so
+    Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in one order, so
     that faces which share an edge share the new corner. Each polygon left is cut into a fan from its first corner.
     """
     n = len(points)

@@ -87,12 +87,11 @@ def look_at(eye: Any, lookat: Any, up: Any) -> Array:
     z = _normalized((lookat * 0.5 - eye * 0.5)[None])[0]
     if not z.any():
         raise refuse("look_at", "lookat", "a point other than eye", lookat.tolist())
-    unit_up = _normalized(up[None])[0]
-    y = unit_up - (unit_up @ z) * z
+    up = np.ldexp(up, -_exponent(up))
+    y = up - ((up[0] * z[0] + up[1] * z[1]) + up[2] * z[2]) * z
     if np.abs(y).max() <= 1e-12:
         raise refuse("look_at", "up", "a vector not parallel to lookat - eye", up.tolist())
     y = _normalized(y[None])[0]
-    y = _normalized((y - (y @ z) * z)[None])[0]  # once more: where up was nearly parallel, little of it was left
     return np.stack([np.cross(z, y), y, z])
 
 

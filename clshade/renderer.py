@@ -130,8 +130,7 @@ class Renderer:
         self._lights = Buffer(device, np.zeros(max(len(lights), 1), layout.LIGHT))
         self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
         self._light_count = len(lights)
-        if lights:
-            self._lights.array["intensity"] = packing.to_float32(np.array([light.intensity for light in lights]))
+        self._light_intensities = packing.to_float32(np.array([light.intensity for light in lights]).reshape(-1, 3))
         self._pieces: Buffer | None = None
         self._lists = Buffer.empty(device, 0, layout.ENTRY)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
@@ -161,39 +160,39 @@ class Renderer:
         self._scale = 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
         distance = float(np.linalg.norm(camera.lookat - camera.eye))
         self._near = self.settings.near or 1e-4 * (self._radius or distance)
-        view = self._view.array[0]
-        view["eye"] = camera.eye
-        view["axes"] = look_at(camera.eye, camera.lookat, camera.up).reshape(-1)
-        view["focal"] = camera.focal
-        view["plane_height"], view["plane_width"] = camera.plane
-        view["columns"], view["rows"] = camera.resolution
-        view["near"], view["scale"] = self._near, self._scale
-        self._view.to_device()
+        with self._view.writing() as table:
+            view = table[0]
+            view["eye"] = camera.eye
+            view["axes"] = look_at(camera.eye, camera.lookat, camera.up).reshape(-1)
+            view["focal"] = camera.focal
+            view["plane_height"], view["plane_width"] = camera.plane
+            view["columns"], view["rows"] = camera.resolution
+            view["near"], view["scale"] = self._near, self._scale
         if self._light_count:
             relative = (self._light_positions - camera.eye) * self._scale
             # A light beyond 2^60 keeps its direction only.
             largest = np.abs(relative).max(axis=1, keepdims=True)
             relative *= np.minimum(1.0, 2.0**60 / np.maximum(largest, 1.0))
-            self._lights.array["position"] = relative
-            self._lights.to_device()
+            with self._lights.writing() as table:
+                table["position"], table["intensity"] = relative, self._light_intensities
 
     def _set_image(self, camera: Camera) -> None:
         columns, rows = camera.resolution
-        image = self._image.array[0]
-        image["columns"], image["rows"] = columns, rows
-        image["tiles_x"] = -(-columns // layout.TILE_SIZE)
-        image["tiles"] = image["tiles_x"] * -(-rows // layout.TILE_SIZE)
-        image["lights"] = self._light_count
-        if self.scene.background is not None:
-            image["background"] = packing.to_float32(self.scene.background)
-        image["unscale"] = 1.0 / self._scale
-        self._image.to_device()
+        with self._image.writing() as table:
+            image = table[0]
+            image["columns"], image["rows"] = columns, rows
+            image["tiles_x"] = -(-columns // layout.TILE_SIZE)
+            image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
+            image["lights"] = self._light_count
+            if self.scene.background is not None:
+                image["background"] = packing.to_float32(self.scene.background)
+            image["unscale"] = 1.0 / self._scale
 
     def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
         """Projects and sets up; returns the number of visible triangles, whose keys are written."""
         made = self._made
-        made.counters.array[:] = 0
-        made.counters.to_device()
+        with made.counters.writing() as table:
+            table[:] = 0
         if not self._face_count:
             return 0
         events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
@@ -246,8 +245,9 @@ class Renderer:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
         keys = self._made.keys.to_host(visible)
         exact = None if self.features["DEPTH_TEST"] else self._painter_depths
-        self._order.array[:visible] = front_to_back(keys, exact)
-        self._order.to_device(visible)
+        order = front_to_back(keys, exact)
+        with self._order.writing(visible) as rows:
+            rows[:] = order
 
     def _painter_depths(self, index: Array) -> tuple[Array, Array]:
         """Exact painter's depth and face of triangles given by index."""
@@ -273,15 +273,16 @@ class Renderer:
         start = time.perf_counter()
         ends = np.cumsum(table.T.reshape(-1), dtype=np.uint32)
         starts = self._pool.take((tiles + 1,), np.uint32)
-        starts.array[0] = 0
-        starts.array[1:] = ends[chunks - 1 :: chunks]
-        table[:] = ends.reshape(tiles, chunks).T - table
+        with starts.writing() as rows:
+            rows[0] = 0
+            rows[1:] = ends[chunks - 1 :: chunks]
+        cursors = ends.reshape(tiles, chunks).T - table
+        with counts.writing() as rows:
+            rows[:] = cursors
         total = int(ends[-1])
         self._host["scan"] = (time.perf_counter() - start) * 1e3
         if len(self._lists.array) < total:
             self._lists = Buffer.empty(self.device, total + total // 2, layout.ENTRY)
-        counts.to_device()
-        starts.to_device()
         events["bin_fill"] = self.stages.bin_fill(self._made, self._image, counts, self._lists, chunk, visible)
         return starts
 
@@ -290,7 +291,7 @@ class Renderer:
         surface = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
         surface = (*surface, *self._attributes, self._lights, self._image)
         tile = (self._lists, starts, rgba, owners, self._made.counters)
-        tiles = int(self._image.array[0]["tiles"])
+        tiles = self._tiles
         if self.features["PHONG"]:
             events["phong"] = self.stages.phong(surface, tile, tiles)
             return
@@ -330,7 +331,7 @@ class Renderer:
         sorting = time.perf_counter()
         self._sort(visible)
         self._host["sort"] = (time.perf_counter() - sorting) * 1e3
-        starts = self._bin(visible, int(self._image.array[0]["tiles"]), events)
+        starts = self._bin(visible, self._tiles, events)
         rgba = self._pool.take((rows, columns, 4), np.float32)
         owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
         self._draw(visible, starts, rgba, owners, events)

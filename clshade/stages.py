@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ _FLAGS = cl.mem_flags
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
-    On a CPU the kernels work in the array itself (no copy); on other devices `to_device` and `to_host` copy.
+    On a CPU the kernels work in the array itself (no copy); on other devices `writing` and `to_host` copy.
     """
 
     def __init__(self, device: Device, array: Array) -> None:
@@ -46,30 +48,33 @@ class Buffer:
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
         return cls(device, np.empty(shape, dtype))
 
-    def _map(self, count: int, flags: int) -> None:
-        size = count * self.array[:1].nbytes
-        mapped, _ = cl.enqueue_map_buffer(self._queue, self.memory, flags, 0, (size,), np.uint8)
-        mapped.base.release(self._queue)
+    def _map(self, count: int, flags: int) -> Array:
+        shape = (count, *self.array.shape[1:])
+        return cl.enqueue_map_buffer(self._queue, self.memory, flags, 0, shape, self.array.dtype)[0]
 
-    def to_device(self, count: int | None = None) -> None:
-        """Makes the first `count` rows (all by default) of the array visible to kernels enqueued from now on."""
+    @contextlib.contextmanager
+    def writing(self, count: int | None = None) -> Iterator[Array]:
+        """The first `count` rows (all by default), to be written over by the host before the next kernel is enqueued."""
         count = len(self.array) if count is None else count
-        if self.array.nbytes == 0 or count == 0:
+        if not self._shared or count == 0:
+            yield self.array[:count]
+            if count:
+                cl.enqueue_copy(self._queue, self.memory, self.array[:count], is_blocking=False)
             return
-        if self._shared:
-            self._map(count, cl.map_flags.WRITE)
-        else:
-            cl.enqueue_copy(self._queue, self.memory, self.array[:count])
+        mapped = self._map(count, cl.map_flags.WRITE_INVALIDATE_REGION)
+        try:
+            yield mapped
+        finally:
+            mapped.base.release(self._queue)
 
     def to_host(self, count: int | None = None) -> Array:
         """The first `count` rows (all by default), once the kernels enqueued so far are done."""
         count = len(self.array) if count is None else count
-        if self.array.nbytes == 0 or count == 0:
-            return self.array[:0]
-        if self._shared:
-            self._map(count, cl.map_flags.READ)
-        else:
-            cl.enqueue_copy(self._queue, self.array[:count], self.memory)
+        if self.array.nbytes and count:
+            if self._shared:
+                self._map(count, cl.map_flags.READ).base.release(self._queue)
+            else:
+                cl.enqueue_copy(self._queue, self.array[:count], self.memory)
         return self.array[:count]
 
 

@@ -13,13 +13,15 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     Inputs inputs = SURFACE_ARGUMENTS;
     const Inputs *in = &inputs;
     int first = get_global_id(0) * LANES;
-    Surface surface = no_surface();
+    Surface surface = surface_of(in->materials);
     int taken[LANES], face[LANES];
     ints lane_index = LANE_ROWS * BLOCK_WIDTH + LANE_COLUMNS;
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
+#if MATERIALS
         put_surface(&surface, lane_index == lane, material_of(in, face[lane]));
+#endif
     }
     for (int k = 0; k < 3; ++k) {
         float p[3][LANES], n[3][LANES], c[3][LANES];
@@ -55,7 +57,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 colors3 light_block(const Inputs *in, ints owner, int column, int row, global const float4 *corner_light)
 {
     colors3 color = {1.0f, 1.0f, 1.0f};
-    Surface surface = no_surface();
+    Surface surface = surface_of(in->materials);
     Texels texels = no_texels();
     ints todo = owner != NOBODY;
     while (any_lane(todo)) {
@@ -68,7 +70,9 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
         Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
         global const float4 *c = corner_light + 3 * index;
         put_color(&color, mine, mix_vectors(m, c[0], c[1], c[2]));
+#if MATERIALS
         put_surface(&surface, mine, material_of(in, face));
+#endif
 #elif VERTEX_COLORS || CORNER_COLORS
         Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
         put_color(&color, mine,

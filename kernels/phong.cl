@@ -6,7 +6,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
 {
     reals3 point = {0.0f, 0.0f, 0.0f}, normal = {0.0f, 0.0f, 0.0f};
     colors3 color = {1.0f, 1.0f, 1.0f};
-    Surface surface = no_surface();
+    Surface surface = surface_of(in->materials);
     Texels texels = no_texels();
     ints todo = owner != NOBODY;
     while (any_lane(todo)) {
@@ -32,7 +32,9 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
                   mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
                               in->colors[color_index(in, face, 2)]));
 #endif
+#if MATERIALS
         put_surface(&surface, mine, material_of(in, face));
+#endif
         put_texels(&texels, mine, in, t, column, row);
     }
     color = times_texel(color, &texels, in);

@@ -44,7 +44,10 @@ def clip_polygon(points: Array, weights: Array, distance: Array) -> tuple[Array,
         if distance[i] >= 0.0:
             kept.append((points[i], weights[i], False))
         if (distance[i] >= 0.0) != (distance[j] >= 0.0):
-            a, b = (i, j) if points[i].tolist() <= points[j].tolist() else (j, i)
+            # From the end nearer the plane, whichever way round the edge is run: faces that share it share the point,
+            # and an end 1e38 away costs no digits.
+            first = (abs(distance[i]), points[i].tolist()) <= (abs(distance[j]), points[j].tolist())
+            a, b = (i, j) if first else (j, i)
             t = distance[a] / (distance[a] - distance[b])
             kept.append((points[a] + t * (points[b] - points[a]), weights[a] + t * (weights[b] - weights[a]), True))
     if not kept:

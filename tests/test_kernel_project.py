@@ -1,0 +1,127 @@
+"""project.cl: snapped positions and depths equal the float64 oracle's, bit for bit; what is beyond limits is marked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernels import project
+
+from clshade import geometry, layout
+from clshade.oracle import transform
+from clshade.scene import Camera
+
+GUARD = layout.GUARD_PIXELS
+
+
+def cameras() -> list[Camera]:
+    """Odd view directions, oblong pixels, a far-off and a huge scene."""
+    return [
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217)),
+        Camera((1e6, 1e6, 1e6 + 4), (1e6, 1e6, 1e6), (0.0, 1.0, 0.0), 70.0, (15.0, 15.0), (512, 512)),
+        Camera((2e20, -1e20, 3e20), (1e19, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5, (2.0, 3.0), (16384, 1)),
+    ]
+
+
+def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:
+    """Points before, beside and behind the eye."""
+    rng = np.random.default_rng(1)
+    distance = np.linalg.norm(camera.lookat - camera.eye)
+    spread = np.exp2(rng.uniform(-6.0, 3.0, (count, 1)))
+    points = camera.lookat + distance * spread * rng.normal(size=(count, 3))
+    return np.ascontiguousarray(points, dtype)
+
+
+def expected(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Camera-space depths (V,) and image positions (V, 2) of the oracle."""
+    axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
+    at = transform.to_camera(points, camera.eye, axes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return at[:, 2], transform.project(at, camera.focal, camera.plane, camera.resolution)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("camera", cameras(), ids=["near", "offset", "huge"])
+def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
+    points = around(camera, dtype=dtype)
+    near = 1e-3 * np.linalg.norm(camera.lookat - camera.eye)
+    found = project(device, points, camera, near).projected.array
+    depth, uv = expected(points, camera)
+    assert np.array_equal(found["depth"], depth)
+    before = depth >= near
+    inside = before[:, None] & (np.abs(uv) <= GUARD)
+    assert 0.2 < before.mean() < 0.9
+    assert inside.sum() > 1000
+    snapped = np.stack([found["x"], found["y"]], axis=1)
+    assert np.array_equal(snapped[inside], transform.snap(uv[inside]))
+    beyond = before[:, None] & ~inside
+    limit = np.where(uv > 0.0, layout.SNAP_LIMIT, -layout.SNAP_LIMIT)
+    assert np.array_equal(snapped[beyond], limit[beyond])
+    assert not snapped[~before].any()
+    assert not found["w"][~before].any()
+
+
+@pytest.mark.parametrize("camera", cameras(), ids=["near", "offset", "huge"])
+def test_inverse_depth_and_relative_positions(device, camera):
+    """1/depth to 48 bits in two float32 (each rounding leaves at most 2^-24 of its value); positions rounded once."""
+    points = around(camera)
+    distance = np.linalg.norm(camera.lookat - camera.eye)
+    near, scale = 1e-3 * distance, 2.0 ** -np.ceil(np.log2(distance))
+    made = project(device, points, camera, near, scale)
+    depth, _ = expected(points, camera)
+    before = depth >= near
+    w, low = (made.projected.array[name][before].astype(np.float64) for name in ("w", "w_low"))
+    exact = 1.0 / (depth[before] * scale)
+    assert np.array_equal(w, exact.astype(np.float32))
+    assert (np.abs(w + low - exact) <= 2.0**-48 * exact).all()
+    relative = made.relative.array
+    assert np.array_equal(relative[:, :3], ((points - camera.eye) * scale).astype(np.float32))
+    assert not relative[:, 3].any()
+
+
+# Seen from (0, 0, 4) with focal = plane, a pixel is 1/8 unit wide at z = 0, where the image spans -2 to 2.
+CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
+
+
+def test_halves_are_snapped_to_even(device):
+    steps = np.array([0.5, 1.5, 2.5, -0.5, -1.5, 0.25, 0.75])  # in 1/256 px: 1/2048 unit at z = 0
+    points = np.zeros((len(steps), 3))
+    points[:, 0], points[:, 1] = steps / 2048, -steps / 2048
+    found = project(device, points, CAMERA, 0.1).projected.array
+    assert (found["x"] - 16 * 256).tolist() == [0, 2, 2, 0, -2, 0, 1]
+    assert (found["y"] - 16 * 256).tolist() == [0, -2, -2, 0, 2, 0, -1]
+
+
+def test_guard_band_ends_exactly_at_its_limit(device):
+    """At z = 0 pixel p lies at x = (p - 16)/8: the limit itself is inside, a float64 step beyond it is not."""
+    at = np.array([GUARD, -GUARD, np.nextafter(GUARD, np.inf), -np.nextafter(GUARD, np.inf), 1e12, -1e300])
+    points = np.zeros((len(at), 3))
+    points[:, 0] = (at - 16) / 8
+    points[2, 0], points[3, 0] = np.nextafter(points[0, 0], np.inf), np.nextafter(points[1, 0], -np.inf)
+    found = project(device, points, CAMERA, 0.1).projected.array["x"]
+    inside, limit = GUARD * layout.CONSTANTS["TILE_SIZE"] * 16, layout.SNAP_LIMIT
+    assert inside == GUARD * 256
+    # u itself is rounded: whether a step beyond shows in it is the oracle's to say.
+    _, uv = expected(points, CAMERA)
+    beyond = np.abs(uv[:, 0]) > GUARD
+    assert beyond[4:].all()
+    assert not beyond[:2].any()
+    assert found.tolist() == np.where(beyond, np.sign(at) * limit, np.sign(at) * inside).astype(int).tolist()
+
+
+def test_the_near_plane_itself_is_before_the_eye(device):
+    near = 0.25
+    z = np.array([near, np.nextafter(near, 0.0), 0.0, -0.0, -near, np.nextafter(near, 1.0)])
+    camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
+    points = np.zeros((6, 3))
+    points[:, 0], points[:, 2] = z / 8, z
+    found = project(device, points, camera, near).projected.array
+    assert (found["w"] > 0.0).tolist() == [True, False, False, False, False, True]
+    assert (found["x"] != 0).tolist() == [True, False, False, False, False, True]
+
+
+def test_the_hosts_camera_axes_are_the_oracles():
+    """The renderer uploads geometry.look_at's axes, the oracle has its own: equal to the rounding of a unit vector."""
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        eye, lookat, up = rng.normal(size=(3, 3)) * np.exp2(rng.uniform(-20, 20, (3, 1)))
+        assert np.abs(geometry.look_at(eye, lookat, up) - transform.camera_frame(eye, lookat, up)).max() <= 2.0**-51
