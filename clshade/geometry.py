@@ -6,6 +6,7 @@ gives the same bits, and squares neither overflow nor underflow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -84,15 +85,25 @@ def look_at(eye: Any, lookat: Any, up: Any) -> Array:
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
     eye, lookat, up = (vector("look_at", name, v) for name, v in (("eye", eye), ("lookat", lookat), ("up", up)))
-    z = _normalized((lookat * 0.5 - eye * 0.5)[None])[0]
-    if not z.any():
+    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye.tolist(), lookat.tolist(), strict=True)))
+    if not any(z):
         raise refuse("look_at", "lookat", "a point other than eye", lookat.tolist())
-    up = np.ldexp(up, -_exponent(up))
-    y = up - ((up[0] * z[0] + up[1] * z[1]) + up[2] * z[2]) * z
-    if np.abs(y).max() <= 1e-12:
+    u = np.ldexp(up, -_exponent(up)).tolist()
+    along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
+    across = [a - along * b for a, b in zip(u, z, strict=True)]
+    if max(map(abs, across)) <= 1e-12:
         raise refuse("look_at", "up", "a vector not parallel to lookat - eye", up.tolist())
-    y = _normalized(y[None])[0]
-    return np.stack([np.cross(z, y), y, z])
+    y = _unit(*across)
+    x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
+    return np.array([x, y, z])
+
+
+def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """`_normalized` of one vector, without NumPy's cost of a call: a frame needs two of them."""
+    exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
+    x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
+    length = math.sqrt(x * x + y * y + z * z) or 1.0
+    return x / length, y / length, z / length
 
 
 def bounding_box(scene: Scene) -> tuple[Array, Array]:

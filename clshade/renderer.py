@@ -22,7 +22,7 @@ from .scene import Array, Camera, Scene, Settings, refuse
 from .sorting import front_to_back
 from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers, VertexBuffers
 
-_MOST_CHUNKS = 64
+_MOST_CHUNKS = 16
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the binning's counters: 16 MiB
 
 
@@ -151,9 +151,9 @@ class Renderer:
     # Per frame
 
     def _set_view(self, camera: Camera) -> None:
-        corners = np.array([np.where([i & 1, i & 2, i & 4], self._high, self._low) for i in range(8)])
         with np.errstate(over="ignore"):
-            extent = float(np.abs(corners - camera.eye).max()) if self._face_count else 1.0
+            farthest = np.maximum(np.abs(self._low - camera.eye), np.abs(self._high - camera.eye))
+            extent = float(farthest.max()) if self._face_count else 1.0
         if not math.isfinite(extent):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         # A power of two: it changes no bit of a direction, and keeps squares within float32.
@@ -311,7 +311,7 @@ class Renderer:
                 events["layer_id"] = self.stages.layer_id(owners, self._made.triangles, buffer, rows * columns)
             else:
                 events["layer_z"] = self.stages.layer_z(
-                    owners, self._made.triangles, self._image, buffer, camera.resolution
+                    owners, self._made.triangles, self._image, buffer, rows * columns
                 )
             found[name] = buffer.to_host()[:]
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from .layout import KEY_INDEX_BITS
 from .scene import Array
 
-_INDEX = np.uint64((1 << KEY_INDEX_BITS) - 1)
+_INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)
 
 
 def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> Array:
@@ -21,7 +22,8 @@ def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | N
     Returns (T,) uint32.
     """
     keys.sort()
-    order = (~keys & _INDEX).astype(np.uint32)
+    low_words = keys.view(np.uint32)[0 if sys.byteorder == "little" else 1 :: 2]
+    order = ~low_words & _INDEX
     if exact is None or len(keys) < 2:
         return order
     depth_bits = keys >> np.uint64(KEY_INDEX_BITS)

@@ -164,12 +164,8 @@ class Stages:
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
 
-    def layer_z(
-        self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, resolution: tuple[int, int]
-    ) -> cl.Event:
-        wide, high = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}[self.program.lanes]
-        blocks = (-(-resolution[0] // wide), -(-resolution[1] // high))
-        return self._launch("layer_z", blocks, (1, 1), owners, triangles, image, depths)
+    def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, count: int) -> cl.Event:
+        return self._per_item("layer_z", count, owners, triangles, image, depths)
 
 
 class VertexBuffers:

@@ -12,7 +12,7 @@ int snap(double pixels)
 {
     if (!(fabs(pixels) <= (double)GUARD_PIXELS))
         return pixels > 0.0 ? SNAP_LIMIT : -SNAP_LIMIT;
-    return convert_int_rte(pixels * (1 << SUBPIXEL_BITS));
+    return (int)((pixels * (1 << SUBPIXEL_BITS) + 0x1.8p52) - 0x1.8p52);  // 1.5 * 2^52 has no fraction bits
 }
 
 kernel void project(global const position_t *positions,  // V x 3, world space

@@ -104,17 +104,14 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
 
 def vertices_at(device: Device, xy: Array, z: Array, relative: Array | None = None) -> VertexBuffers:
     """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
-    made = VertexBuffers(device, len(z))
-    projected = made.projected.array
+    projected = np.zeros(len(z), layout.VERTEX)
     projected["x"], projected["y"] = np.asarray(xy).T
     projected["depth"] = z
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         projected["w"], projected["w_low"] = split(1.0 / np.asarray(z, np.float64))
-    made.relative.array[:] = 0.0
-    if relative is not None:
-        made.relative.array[:, :3] = relative
-    made.projected.to_device()
-    made.relative.to_device()
+    made = VertexBuffers(device, 0)
+    made.projected = Buffer(device, projected)
+    made.relative = Buffer(device, four(np.zeros((len(z), 3)) if relative is None else relative))
     return made
 
 
@@ -166,8 +163,8 @@ class Pipeline:
         """Fills the tile lists, `chunk` triangles at a time; returns the triangles of each tile."""
         chunk = chunk or max(self.visible, 1)
         chunks = -(-self.visible // chunk)
-        self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
         if not self.visible:
+            self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
             self.lists = Buffer.empty(self.device, 0, layout.ENTRY)
             return [np.zeros(0, np.int32)] * self.tiles
         counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
@@ -175,11 +172,10 @@ class Pipeline:
         table = counts.to_host()
         # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
-        self.starts.array[:] = begin[::chunks]
-        table[:] = begin[:-1].reshape(self.tiles, chunks).T
+        self.starts = Buffer(self.device, begin[::chunks].astype(np.uint32))
+        with counts.writing() as rows:
+            rows[:] = begin[:-1].reshape(self.tiles, chunks).T
         self.lists = Buffer.empty(self.device, int(begin[-1]), layout.ENTRY)
-        counts.to_device()
-        self.starts.to_device()
         self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
@@ -197,8 +193,8 @@ class Pipeline:
         columns, rows = self.resolution
         rgba = Buffer(self.device, np.full((rows, columns, 4), np.nan, np.float32))
         self.owners = Buffer(self.device, np.full((rows, columns), -2, np.int32))
-        self.made.counters.array[:] = 0
-        self.made.counters.to_device()
+        with self.made.counters.writing() as table:
+            table[:] = 0
         tile = (self.lists, self.starts, rgba, self.owners, self.made.counters)
         if self.features["PHONG"]:
             self.stages.phong(self.surface(**arrays), tile, self.tiles)

@@ -1,0 +1,105 @@
+"""bin.cl: each tile's list holds every triangle with a pixel in it, none whose box misses it, in the order given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernels import Pipeline, vertices_at
+
+from clshade import layout
+from clshade.oracle import coverage
+
+TILE = layout.TILE_SIZE
+FILES = ("setup.cl", "bin.cl")
+
+
+def triangles(seed: int, count: int = 1500) -> np.ndarray:
+    """Snapped corners (F, 3, 2): mostly small, some across the image, some needles, some reaching far out."""
+    rng = np.random.default_rng(seed)
+    size = np.exp2(rng.uniform(7.0, 15.0, (count, 1, 1)))
+    xy = rng.uniform(-30, 200, (count, 1, 2)) * 256 + size * rng.uniform(-1, 1, (count, 3, 2))
+    xy[::9, 2] = xy[::9, 1] + rng.uniform(-300, 300, (len(xy[::9]), 2))
+    far = rng.uniform(-1, 1, (len(xy[::50]), 2))
+    xy[::50, 0] = 256 * layout.GUARD_PIXELS * far
+    return np.rint(np.clip(xy, -256 * layout.GUARD_PIXELS, 256 * layout.GUARD_PIXELS)).astype(np.int64)
+
+
+def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
+    """The pipeline, a random order of the visible triangles, and all boxes."""
+    pipeline = Pipeline(device, FILES, resolution)
+    z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
+    pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
+    return pipeline, pipeline.sort(), coverage.setup(xy, *resolution).box
+
+
+def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution: tuple[int, int]) -> list[set[int]]:
+    """Per tile the triangles that cover a pixel of it, exactly."""
+    across = -(-resolution[0] // TILE)
+    found: list[set[int]] = [set() for _ in range(across * -(-resolution[1] // TILE))]
+    for k, column, row, _ in coverage.samples(xy[order], boxes[order]):
+        for pair in np.unique(np.stack([row // TILE * across + column // TILE, order[k]]), axis=1).T.tolist():
+            found[pair[0]].add(pair[1])
+    return found
+
+
+@pytest.mark.parametrize("resolution", [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)])
+def test_lists_hold_what_is_drawn_and_keep_the_order(device, resolution):
+    xy = triangles(1)
+    pipeline, order, boxes = set_up(device, xy, resolution)
+    lists = pipeline.bin()
+    drawn = tiles_drawn(xy, boxes, order, resolution)
+    by_box = coverage.tile_lists(order, boxes, TILE, *resolution)
+    assert len(lists) == len(by_box) == len(drawn)
+    rank = np.empty(len(xy), np.int64)
+    rank[order] = np.arange(len(order))
+    for tile, (found, boxed, needed) in enumerate(zip(lists, by_box, drawn, strict=True)):
+        assert (np.diff(rank[found]) > 0).all(), tile  # in order, none twice
+        assert set(found.tolist()) <= set(boxed.tolist()), tile
+        assert needed <= set(found.tolist()), tile
+    assert any(drawn)
+
+
+def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
+    """A needle along the diagonal of 10 x 10 tiles meets the 28 on and next to it; its box holds all 100."""
+    xy = np.array([[[0, 0], [160 * 256, 160 * 256 - 100], [160 * 256 - 100, 160 * 256]]])
+    pipeline, _, _ = set_up(device, xy, (160, 160))
+    tiles = np.array([len(found) for found in pipeline.bin()]).reshape(10, 10)
+    distance = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
+    assert (tiles[distance == 0] == 1).all()
+    assert not tiles[distance > 1].any()
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 7, 64, 1000, 10**6])
+def test_chunks_change_nothing(device, chunk):
+    xy = triangles(2, 400)
+    pipeline, _, _ = set_up(device, xy, (90, 70))
+    whole = pipeline.bin()
+    entries, starts = pipeline.lists.array.copy(), pipeline.starts.array.copy()
+    assert sum(map(len, whole)) > 500
+    pipeline.bin(min(chunk, pipeline.visible))
+    assert np.array_equal(pipeline.starts.array, starts)
+    assert np.array_equal(pipeline.lists.array, entries)
+
+
+def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
+    resolution = (163, 119)
+    xy = triangles(3)
+    pipeline, _, boxes = set_up(device, xy, resolution)
+    lists = pipeline.bin()
+    entries = pipeline.lists.to_host()
+    tile = np.repeat(np.arange(len(lists)), [len(found) for found in lists])
+    corner = np.stack([tile % -(-resolution[0] // TILE), tile // -(-resolution[0] // TILE)], axis=1) * TILE
+    expected = np.clip(boxes[entries["index"]] - np.tile(corner, 2), 0, TILE - 1)
+    assert np.array_equal(entries["box"][:, None] >> np.array([0, 8, 16, 24]) & 0xFF, expected)
+    bounds = pipeline.made.bounds.to_host()
+    assert np.array_equal(entries["nearest"], bounds["nearest"][entries["index"]])
+
+
+def test_the_given_order_is_kept_whatever_it_is(device):
+    """Binning does not look at depths: a reversed order gives reversed lists."""
+    xy = triangles(4, 300)
+    pipeline, order, _ = set_up(device, xy, (90, 70))
+    forth = pipeline.bin()
+    pipeline.ordered(order[::-1])
+    back = pipeline.bin(13)
+    assert all(np.array_equal(a, b[::-1]) for a, b in zip(forth, back, strict=True))

@@ -1,0 +1,200 @@
+"""setup.cl against the oracle: areas, boxes, culls and their counters, faces left to the clipper, the order of keys."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernels import Pipeline, vertices_at
+
+from clshade import layout
+from clshade.oracle import coverage, transform
+from clshade.sorting import front_to_back
+from clshade.stages import Buffer, TriangleBuffers
+
+COLUMNS, ROWS = 61, 43
+LIMIT = layout.SNAP_LIMIT
+FILES = ("setup.cl",)
+
+
+def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+    """Snapped corners (F, 3, 2) of all sizes in and about the image, many of them without area or between samples;
+    depths (F, 3)."""
+    rng = np.random.default_rng(1)
+    size = np.exp2(rng.uniform(0.0, 16.0, (count, 1, 1)))
+    middle = rng.uniform(-20, 80, (count, 1, 2)) * 256
+    xy = np.rint(middle + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
+    xy[::10, 2] = 2 * xy[::10, 1] - xy[::10, 0]  # on a line
+    xy[5::100, 1] = xy[5::100, 0]  # repeated
+    xy[1::7] = xy[1::7] // 128 * 128  # corners on pixel centers and edges
+    xy = np.clip(xy, -layout.GUARD_PIXELS * 256, layout.GUARD_PIXELS * 256)
+    return xy, np.exp2(rng.uniform(-3, 3, (count, 3)))
+
+
+def separate(device, pipeline: Pipeline, xy: np.ndarray, z: np.ndarray, near: float = 0.0):
+    """Sets up triangles that share no vertex."""
+    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
+    return pipeline.set_up(vertices, np.arange(len(xy) * 3).reshape(-1, 3), near)
+
+
+def aside(xy: np.ndarray) -> np.ndarray:
+    """Wholly to one side of the image."""
+    return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * 256).all(axis=1)).any(axis=1)
+
+
+@pytest.mark.parametrize("cull", [0, 1])
+def test_areas_boxes_and_culls(device, cull):
+    xy, z = triangles()
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), CULL=cull)
+    counters = separate(device, pipeline, xy, z)
+    expected = coverage.setup(xy, COLUMNS, ROWS, cull=bool(cull))
+    # The oracle culls by the box alone; a triangle to one side has none either.
+    assert expected.culled[aside(xy)].all()
+    visible = np.flatnonzero(~expected.culled)
+    assert 300 < len(visible) < 1500
+    assert counters["visible"] == len(visible)
+    assert sorted(pipeline.sort()) == visible.tolist()
+    bounds = pipeline.made.bounds.to_host()[visible]
+    assert np.array_equal(bounds["box"], expected.box[visible])
+    assert np.array_equal(bounds["index"], visible)
+    made = pipeline.made.triangles.to_host()[visible]
+    assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
+    assert np.array_equal(made["orientation"], np.sign(expected.area[visible]))
+    assert np.array_equal(made["inverse_area"], np.float32(256) / np.abs(expected.area[visible]).astype(np.float32))
+    assert np.array_equal(made["w"], (1.0 / z[visible]).astype(np.float32))
+    assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
+    assert np.array_equal(made["face"], visible)
+    assert (made["piece"] == -1).all()
+
+
+@pytest.mark.parametrize("cull", [0, 1])
+def test_counters_say_why(device, cull):
+    """Each face counts once: wholly aside before all else, then area, winding, samples, and last the image's border."""
+    xy, z = triangles()
+    counters = separate(device, Pipeline(device, FILES, (COLUMNS, ROWS), CULL=cull), xy, z)
+    area, _, _ = coverage.setup(xy, COLUMNS, ROWS)
+    first, last = -((128 - xy.min(axis=1)) // 256), (xy.max(axis=1) - 128) // 256
+    reasons = {
+        "off_screen": aside(xy),
+        "zero_area": area == 0,
+        "back_facing": (area < 0) & bool(cull),
+        "between_samples": (first > last).any(axis=1),
+    }
+    left = np.ones(len(xy), bool)
+    for name, reason in reasons.items():
+        expected = np.count_nonzero(left & reason)
+        left &= ~reason
+        if name == "off_screen":
+            beside = expected
+        else:
+            assert counters[name] == expected, name
+            assert expected > 0 or (name == "back_facing" and not cull)
+    missed = left & ((last < 0) | (first > [COLUMNS - 1, ROWS - 1])).any(axis=1)
+    assert counters["off_screen"] == beside + np.count_nonzero(missed)
+    assert missed.any()
+    assert counters["visible"] == np.count_nonzero(left & ~missed)
+    assert counters["to_clip"] == counters["behind"] == 0
+
+
+def test_faces_that_cross_are_left_to_the_clipper(device):
+    """One or two corners behind the near plane, or one beyond the guard band; never what lies to one side anyway."""
+    inside = [[10 * 256, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
+    far = [[-LIMIT, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
+    left = [[-LIMIT, 10 * 256], [-5, 10 * 256], [-5, 30 * 256]]
+    edge = [[0, 10 * 256], [-5, 10 * 256], [-5, 30 * 256]]
+    high = [[10 * 256, LIMIT], [40 * 256, ROWS * 256 + 1], [20 * 256, ROWS * 256 + 1]]
+    xy = np.array([inside] * 5 + [far, left, edge, high, far])
+    z = np.full((10, 3), 2.0)
+    z[1, 0], z[2, :2], z[3], z[4, 1], z[9] = 0.5, 0.5, 0.5, -1.0, 0.5
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS))
+    counters = separate(device, pipeline, xy, z, near=1.0)
+    assert sorted(pipeline.made.to_clip.to_host(int(counters["to_clip"])).tolist()) == [1, 2, 4, 5]
+    assert sorted(pipeline.sort().tolist()) == [0]
+    assert counters["behind"] == 2  # faces 3 and 9
+    assert counters["off_screen"] == 2  # left and high
+    assert counters["zero_area"] == 0
+    assert counters["between_samples"] == 1  # edge
+
+
+def test_the_near_plane_itself_is_before_the_eye(device):
+    xy = np.array([[[0, 0], [9000, 0], [0, 9000]]] * 2)
+    z = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, np.nextafter(1.0, 0.0)]])
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS))
+    counters = separate(device, pipeline, xy, z, near=1.0)
+    assert (counters["visible"], counters["to_clip"]) == (1, 1)
+
+
+DEPTHS = (0.0, -0.0, 5e-324, 1e-30, np.nextafter(1.0, 0), 1.0, np.nextafter(1.0, 2), 1e6, 1e6 + 2**-33, 1e30, 1e300)
+
+
+def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
+    """Visible triangles of these depths (F, 3), set up with the near plane far behind."""
+    xy = np.tile(np.array([[[0, 0], [9000, 0], [0, 9000]]]), (len(z), 1, 1))
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), **features)
+    assert separate(device, pipeline, xy, z, near=-np.inf)["visible"] == len(z)
+    return pipeline, z
+
+
+def test_painters_keys_order_mean_depths(device):
+    """Mean depths an ulp apart, equal ones and -0.0: with exact depths for equal keys, the oracle's order to the last."""
+    rng = np.random.default_rng(2)
+    z = rng.choice(np.array(DEPTHS), (1500, 1)) + np.zeros(3)
+    z[::3] = rng.uniform(1, 2, (500, 3))
+    pipeline, z = deep(device, z)
+    found = pipeline.sort(lambda index: (transform.painter_depth(z[index]), index.astype(np.int64)))
+    assert np.array_equal(found, coverage.painter_order(z, np.ones(len(z), bool)))
+
+
+def test_painters_keys_alone_order_by_40_bits(device):
+    """A depth's first 40 bits: sign, exponent and 28 of the mantissa; depths further apart than 2^-28 are in order."""
+    rng = np.random.default_rng(3)
+    depth = np.exp2(rng.uniform(-40, 40, 4000)) * rng.choice([-1.0, 1.0], 4000)
+    pipeline, z = deep(device, depth[:, None] + np.zeros(3))
+    ordered = transform.painter_depth(z)[pipeline.sort()]
+    assert (np.diff(ordered) > -(2.0**-28) * np.abs(ordered[1:])).all()
+
+
+def test_depth_keys_order_nearest_corners(device):
+    rng = np.random.default_rng(4)
+    pipeline, z = deep(device, np.exp2(rng.uniform(-10, 10, (4000, 3))), DEPTH_TEST=1)
+    ordered = z.min(axis=1)[pipeline.sort()]
+    assert (np.diff(ordered) > -(2.0**-28) * ordered[1:]).all()
+    mean_order = np.argsort(z.mean(axis=1))
+    assert not np.array_equal(pipeline.sort(), mean_order)  # the two kinds of key differ here
+
+
+def test_shared_vertices_and_a_count_that_fills_no_run(device):
+    """Faces through an index buffer; 256 faces a work-item, so 257 leave one for the next."""
+    for count in (1, 255, 256, 257, 1000):
+        xy = np.array([[0, 0], [9000, 0], [0, 9000], [9000, 9000]])
+        faces = np.tile(np.array([[0, 1, 2], [1, 3, 2]]), (count, 1))[:count]
+        pipeline = Pipeline(device, FILES, (COLUMNS, ROWS))
+        counters = pipeline.set_up(vertices_at(device, xy, np.arange(1.0, 5.0)), faces)
+        assert counters["visible"] == count
+        assert sorted(pipeline.sort().tolist()) == list(range(count))
+        made = pipeline.made.triangles.to_host()
+        assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[faces])
+
+
+def test_setup_pieces(device):
+    """Pieces follow the faces, with their own depth as the key and their face's index kept."""
+    xy, z = triangles(400)
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS))
+    face_count = 7
+    made = TriangleBuffers(device, face_count, len(xy))
+    table = np.zeros(len(xy), layout.PIECE)
+    table["x"], table["y"] = xy[..., 0], xy[..., 1]
+    table["w"] = 1.0 / z
+    table["key_depth"] = z[:, 1]
+    table["face"] = np.arange(len(xy)) % face_count
+    pipeline.stages.setup_pieces(Buffer(device, table), pipeline.image, made, face_count, len(xy))
+    counters = made.counters.to_host()[0]
+    expected = coverage.setup(xy, COLUMNS, ROWS)
+    visible = np.flatnonzero(~expected.culled)
+    assert counters["visible"] == len(visible)
+    rows = made.triangles.to_host()[face_count + visible]
+    assert np.array_equal(rows["face"], visible % face_count)
+    assert np.array_equal(rows["piece"], visible)
+    assert np.array_equal(made.bounds.to_host()["box"][face_count + visible], expected.box[visible])
+    assert np.array_equal(made.bounds.to_host()["index"][face_count + visible], face_count + visible)
+    order = front_to_back(made.keys.to_host(len(visible)).copy())
+    assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])

@@ -1,0 +1,96 @@
+"""The host's depth sort against NumPy's lexsort in full precision."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clshade.layout import KEY_INDEX_BITS
+from clshade.sorting import front_to_back
+
+# Values that 40 bits of a float64 tell apart, and ones they do not: 1, an ulp on both sides, and 2^-28 above.
+NEAR_ONE = (1.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 1.0 + 2.0**-40, 1.0 + 2.0**-28)
+DEPTHS = (*NEAR_ONE, -1.0, -1.0 - 2.0**-40, 0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e300, 2.0, 1e6, 1e6 + 2.0**-30)
+
+
+def keys_of(depth: np.ndarray) -> np.ndarray:
+    """Keys as documented in sorting.py, made one by one: order of the float, 40 bits of it, index complemented."""
+    keys = []
+    for index, value in enumerate(depth):
+        (raw,) = np.array([value + 0.0]).view(np.uint64).tolist()
+        ordered = raw + (1 << 63) if raw < 1 << 63 else (1 << 64) - 1 - raw
+        low = 1 << KEY_INDEX_BITS
+        keys.append(ordered // low * low + (low - 1 - index))
+    return np.array(keys, np.uint64).reshape(-1)
+
+
+def sort(depth: np.ndarray, face: np.ndarray, seed: int = 0) -> np.ndarray:
+    """The order found from shuffled keys: `setup` appends them in any order."""
+    keys = np.random.default_rng(seed).permutation(keys_of(depth))
+    return front_to_back(keys, lambda index: (depth[index], face[index]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.sampled_from(DEPTHS), max_size=40), st.integers(0, 99))
+def test_nearest_first_then_the_later_face(values, seed):
+    depth = np.array(values, np.float64)
+    face = np.arange(len(depth))
+    assert sort(depth, face, seed).tolist() == np.lexsort((-face, depth)).tolist()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(NEAR_ONE), st.integers(0, 5)), max_size=30))
+def test_pieces_are_ordered_by_their_face(rows):
+    """A clipped face's pieces have indices of their own; among equal depths the face decides, not the index."""
+    depth = np.array([row[0] for row in rows])
+    face = np.array([row[1] for row in rows], np.int64)
+    order = sort(depth, face)
+    expected = np.lexsort((-face, depth))
+    assert depth[order].tolist() == depth[expected].tolist()
+    assert face[order].tolist() == face[expected].tolist()
+
+
+def test_many_depths_within_a_run_and_apart():
+    rng = np.random.default_rng(1)
+    depth = np.concatenate([rng.uniform(1, 2, 3000), 1.5 + rng.integers(0, 99, 3000) * 2.0**-52, np.full(500, 1.25)])
+    depth = rng.permutation(depth)
+    face = np.arange(len(depth))
+    assert np.array_equal(sort(depth, face), np.lexsort((-face, depth)))
+
+
+def test_exact_depths_are_asked_for_only_where_keys_are_equal():
+    depth = np.array([3.0, 1.0, np.nextafter(1.0, 0.0), 2.0, 1.0 - 2.0**-52])
+    asked = []
+
+    def exact(index):
+        asked.extend(index.tolist())
+        return depth[index], index.astype(np.int64)
+
+    # Just below 1 the float's exponent is another: 1.0 itself is alone in its run.
+    assert front_to_back(keys_of(depth), exact).tolist() == [4, 2, 1, 3, 0]
+    assert sorted(asked) == [2, 4]
+
+
+@pytest.mark.parametrize("exact", [None, "given"])
+def test_few(exact):
+    for values in ([], [1.0], [-0.0, 0.0]):
+        depth = np.array(values)
+        found = front_to_back(keys_of(depth), exact and (lambda i: (depth[i], i.astype(np.int64))))  # noqa: B023
+        assert found.dtype == np.uint32
+        assert found.tolist() == list(range(len(values)))[::-1]
+
+
+def test_without_exact_depths_runs_are_in_order_of_40_bits():
+    rng = np.random.default_rng(2)
+    depth = rng.uniform(-4, 4, 2000)
+    keys = keys_of(depth)
+    order = front_to_back(keys.copy())
+    assert sorted(order.tolist()) == list(range(2000))
+    assert (np.diff((keys[order] >> np.uint64(KEY_INDEX_BITS)).astype(np.int64)) >= 0).all()
+
+
+def test_without_negative_zero_the_later_face_wins_and_with_it_too():
+    for values in ([0.0, -0.0, 0.0], [-0.0, 0.0, -0.0]):
+        assert sort(np.array(values), np.arange(3)).tolist() == [2, 1, 0]
