@@ -145,8 +145,11 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
                 raise InputError(f"--lights: expected {expected}, found {index}")
         scene = replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(arguments.lights)))
     if arguments.components is not None:
-        off = {name: 0.0 for component, name in COMPONENTS.items() if component not in arguments.components}
-        meshes = tuple(replace(mesh, material=replace(mesh.material, **off)) for mesh in scene.meshes)
+        off: dict[str, Any] = {
+            name: 0.0 for component, name in COMPONENTS.items() if component not in arguments.components
+        }
+        changed = {id(mesh.material): replace(mesh.material, **off) for mesh in scene.meshes}
+        meshes = tuple(replace(mesh, material=changed[id(mesh.material)]) for mesh in scene.meshes)
         scene = replace(scene, meshes=meshes)
     return scene
 

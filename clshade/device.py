@@ -199,6 +199,18 @@ def open_device(
     raise DeviceError(problems[chosen[0]] + others)
 
 
+_shared: dict[tuple[int, str], Device] = {}
+
+
+def shared_device() -> Device:
+    """The default device, opened once in a process (and for each CLSHADE_DEVICE that is asked for on the way), so that
+    programs built for it are found again. Raises DeviceError like `open_device`."""
+    key = (os.getpid(), os.environ.get("CLSHADE_DEVICE", "").strip())
+    if key not in _shared:
+        _shared[key] = open_device()
+    return _shared[key]
+
+
 class _Broken(DeviceError):
     """The device does not work; another one may."""
 

@@ -80,6 +80,25 @@ def _any_nonzero(values: Iterable[np.ndarray]) -> int:
     return int(any(value.any() for value in values))
 
 
+def _terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, tuple[int, str]]:
+    """Which terms of the reflection model are needed, and why one would not be. shining: whether some light does."""
+    specular = int(shining) & _any_nonzero(m.ks for m in materials)
+    return {
+        "AMBIENT": (int(lit) & _any_nonzero(m.ka * ambient for m in materials), "no ambient light"),
+        "DIFFUSE": (int(shining) & _any_nonzero(m.kd for m in materials), "kd is 0 or no light shines"),
+        "SPECULAR": (specular, "ks is 0 or no light shines"),
+        "POWER": (specular & int(any(m.n != 1.0 and m.ks.any() for m in materials)), "no exponent but 1"),
+    }
+
+
+def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool) -> Features:
+    """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background."""
+    lit = shader != "nolight"
+    values = {"PHONG": int(shader == "phong"), "LIT": int(lit), "CENTROID": 1, "VERTEX_COLORS": 1}
+    values.update({name: need for name, (need, _) in _terms([material], ambient, lit, lit and shining).items()})
+    return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
+
+
 def derive(scene: Scene, settings: Settings, *, double_positions: bool, everything: bool = False) -> Features:
     """The features this scene needs under these settings.
 
@@ -92,7 +111,6 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     shining = lit and any(light.intensity.any() for light in scene.lights)
     textured = any(texture_applies(mesh) for mesh in meshes)
     at_corners = textured and settings.texture_at == "vertex"
-    specular = shining and _any_nonzero(m.ks for m in materials)
     choices = {
         "PHONG": settings.shader == "phong",
         "LIT": lit,
@@ -108,10 +126,7 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
         "DOUBLE_POSITIONS": double_positions,
     }
     needed = {
-        "AMBIENT": (lit and _any_nonzero(m.ka * scene.ambient for m in materials), "no ambient light"),
-        "DIFFUSE": (shining and _any_nonzero(m.kd for m in materials), "kd is 0 or no light shines"),
-        "SPECULAR": (specular, "ks is 0 or no light shines"),
-        "POWER": (specular and any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
+        **_terms(materials, scene.ambient, lit, shining),
         "VERTEX_COLORS": (not at_corners and any(map(_colored, meshes)), "no vertex colors other than white"),
         "TEXTURED": (textured and not at_corners, "no texture looked up per pixel"),
         "MATERIALS": (len(materials) > 1, "a single material"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -130,6 +132,20 @@ def to_float32(values: Array) -> Array:
     return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(np.float32)
 
 
+def scale_for(extent: float) -> float:
+    """The power of two that brings lengths of up to `extent` to about 1: it changes no bit of a direction, and keeps
+    squares within float32."""
+    return 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
+
+
+def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
+    """Light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59 along an
+    axis) only the direction is kept."""
+    half = positions * 0.5 - eye * 0.5  # halves cannot overflow
+    exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
+    return np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
+
+
 def texture_tables(textures: list[Texture]) -> tuple[Array, Array]:
     """layout.TEXTURE rows and the texels of all textures behind each other, (X, 4) float32."""
     table = np.zeros(len(textures), layout.TEXTURE)
@@ -196,7 +212,7 @@ class _Gatherer:
         parts = []
         for mesh, _, verts, _, kept in self.placed:
             white = mesh.colors is None or replaces_colors(mesh)
-            parts.append(_four(np.ones((len(verts), 3)) if white else to_float32(_kept(mesh.colors, kept))))
+            parts.append(_four(np.ones((len(verts), 3)) if white else to_float32(_kept(np.asarray(mesh.colors), kept))))
         return _join(parts)
 
     def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
@@ -235,7 +251,7 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
-    found: dict[str, Array | None] = dict.fromkeys(Packed.__dataclass_fields__)
+    found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features["DIFFUSE"] or features["SPECULAR"]:
             found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
@@ -247,9 +263,10 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
                 found["textures"], found["texels"] = texture_tables(gatherer.textures)
         if features["CORNER_COLORS"]:
             index = found["uv_faces"] if found["uv_faces"] is not None else faces
-            found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])  # type: ignore[index]
+            found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])
             found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
         if features["MATERIALS"]:
             found["face_materials"] = gatherer.face_materials()
     found.update(positions=positions, faces=faces, materials=gatherer.material_table())
-    return Packed(**{**found, "features": features, "low": low.astype(np.float64), "high": high.astype(np.float64)})
+    found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
+    return Packed(**found)

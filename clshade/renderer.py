@@ -131,7 +131,7 @@ class Renderer:
         self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
         self._light_count = len(lights)
         self._light_intensities = packing.to_float32(np.array([light.intensity for light in lights]).reshape(-1, 3))
-        self._pieces: Buffer | None = None
+        self._pieces = Buffer.empty(device, 0, layout.PIECE)
         self._lists = Buffer.empty(device, 0, layout.ENTRY)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
@@ -143,7 +143,7 @@ class Renderer:
         looked_up = Buffer.empty(self.device, (len(rows), 4), np.float32)
         uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
         texture_of = Buffer(self.device, packed.corner_textures[rows])  # type: ignore[index]
-        textures, texels = Buffer(self.device, packed.textures), Buffer(self.device, packed.texels)
+        textures, texels = (Buffer(self.device, np.asarray(table)) for table in (packed.textures, packed.texels))
         self.stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
         colors[rows] *= looked_up.to_host()
         return colors
@@ -156,8 +156,7 @@ class Renderer:
             extent = float(farthest.max()) if self._face_count else 1.0
         if not math.isfinite(extent):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
-        # A power of two: it changes no bit of a direction, and keeps squares within float32.
-        self._scale = 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
+        self._scale = packing.scale_for(extent)
         distance = float(np.linalg.norm(camera.lookat - camera.eye))
         self._near = self.settings.near or 1e-4 * (self._radius or distance)
         with self._view.writing() as table:
@@ -169,10 +168,7 @@ class Renderer:
             view["columns"], view["rows"] = camera.resolution
             view["near"], view["scale"] = self._near, self._scale
         if self._light_count:
-            relative = (self._light_positions - camera.eye) * self._scale
-            # A light beyond 2^60 keeps its direction only.
-            largest = np.abs(relative).max(axis=1, keepdims=True)
-            relative *= np.minimum(1.0, 2.0**60 / np.maximum(largest, 1.0))
+            relative = packing.relative_lights(self._light_positions, camera.eye, self._scale)
             with self._lights.writing() as table:
                 table["position"], table["intensity"] = relative, self._light_intensities
 
@@ -255,7 +251,7 @@ class Renderer:
         whole = index < self._face_count
         z = self._vertices.projected.to_host()["depth"][self._faces.array[index[whole]]]
         depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
-        if not whole.all() and self._pieces is not None:
+        if not whole.all():
             pieces = self._pieces.array[index[~whole].astype(np.int64) - self._face_count]
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
@@ -288,8 +284,8 @@ class Renderer:
 
     def _draw(self, visible: int, starts: Buffer, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
         triangles = self._made.triangles
-        surface = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
-        surface = (*surface, *self._attributes, self._lights, self._image)
+        geometry = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
+        surface = (*geometry, *self._attributes, self._lights, self._image)
         tile = (self._lists, starts, rgba, owners, self._made.counters)
         tiles = self._tiles
         if self.features["PHONG"]:
@@ -304,7 +300,9 @@ class Renderer:
     def _layers(self, camera: Camera, owners: Buffer | None, events: dict[str, Any]) -> dict[str, Array]:
         columns, rows = camera.resolution
         found: dict[str, Array] = {}
-        for name in self.settings.layers if owners else ():
+        if owners is None:
+            return found
+        for name in self.settings.layers:
             kind = np.uint32 if name == "id" else np.float32
             buffer = self._pool.take((rows, columns), kind)
             if name == "id":

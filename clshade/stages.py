@@ -48,7 +48,7 @@ class Buffer:
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
         return cls(device, np.empty(shape, dtype))
 
-    def _map(self, count: int, flags: int) -> Array:
+    def _map(self, count: int, flags: Any) -> Any:
         shape = (count, *self.array.shape[1:])
         return cl.enqueue_map_buffer(self._queue, self.memory, flags, 0, shape, self.array.dtype)[0]
 

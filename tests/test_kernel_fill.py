@@ -1,0 +1,213 @@
+"""fill.clh, through the stages set-up, bin and (unlit) gouraud: which pixels a triangle covers, and who owns each."""
+
+from __future__ import annotations
+
+import compare
+import numpy as np
+import pytest
+from kernels import LANES, Pipeline, vertices_at
+
+from clshade import layout
+from clshade.oracle import clip, coverage, frame, shade
+
+FILES = ("setup.cl", "bin.cl", "gouraud.cl")
+GUARD = layout.GUARD_PIXELS * 256
+
+
+def fill(device, xy, z, resolution, *, lanes=None, **features) -> np.ndarray:
+    """Owners (M, N), row 0 at the BOTTOM, of triangles that share no vertex: snapped xy (F, 3, 2), depths z (F, 3)."""
+    pipeline = Pipeline(device, FILES, resolution, lanes=lanes, OWNERS=1, **features)
+    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
+    pipeline.set_up(vertices, np.arange(3 * len(xy)).reshape(-1, 3))
+    face_of_index = np.arange(len(xy))
+    pipeline.sort(lambda index: (coverage.painter_depth(z[index]), face_of_index[index]))
+    pipeline.bin(max(1, -(-pipeline.visible // 3)))
+    rgba, owners = pipeline.draw()
+    assert np.array_equal(rgba[..., 3], owners >= 0)
+    assert (rgba[owners >= 0, :3] == 1.0).all()
+    assert not rgba[owners < 0].any()
+    return owners[::-1].copy()
+
+
+def oracle_owners(xy, z, resolution, visibility) -> np.ndarray:
+    """The oracle's, for the same snapped triangles."""
+    pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
+    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
+    return frame.owners(prepared, visibility, resolution)
+
+
+def as_kernels_see(z: np.ndarray) -> np.ndarray:
+    """Depths whose reciprocals are float32, as the kernels get them."""
+    return 1.0 / (1.0 / z).astype(np.float32).astype(np.float64)
+
+
+def assert_same_coverage(device, xy, resolution, **options) -> None:
+    """Triangles that do not overlap: each covers exactly the oracle's pixels."""
+    z = np.ones((len(xy), 3))
+    found = fill(device, xy, z, resolution, **options)
+    assert np.array_equal(found, oracle_owners(xy, z, resolution, "painter"))
+
+
+# Coverage
+
+
+@pytest.fixture(scope="module")
+def half_pixel_triangles() -> tuple[np.ndarray, tuple[int, int]]:
+    """Every triangle with corners on a grid of 7 x 7 points half a pixel apart, 117,649, each in a cell of 4 x 4 pixels
+    of one image; every center lies on corners and edges of many."""
+    corner = 128 * np.stack(np.divmod(np.arange(49), 7), axis=1)
+    a, b, c = np.meshgrid(np.arange(49), np.arange(49), np.arange(49), indexing="ij")
+    xy = corner[np.stack([a.ravel(), b.ravel(), c.ravel()], axis=1)]
+    cell = np.stack(np.divmod(np.arange(len(xy)), 343), axis=1)
+    return xy + 1024 * cell[:, None, :], (1372, 1372)
+
+
+@pytest.mark.parametrize("depth_test", [0, 1])
+def test_every_triangle_of_the_half_pixel_grid(device, half_pixel_triangles, depth_test):
+    xy, resolution = half_pixel_triangles
+    assert len(xy) == 117_649
+    assert_same_coverage(device, xy, resolution, DEPTH_TEST=depth_test)
+
+
+@pytest.mark.parametrize("size", [1, 2, 4, 8, 16, 32, 64, 128, 256])
+def test_random_triangles_of_all_sizes(device, size):
+    """On the 1/256 grid, each in a cell of its own; the cells are not aligned with the tiles."""
+    rng = np.random.default_rng(size)
+    across = max(2, 256 // size)
+    cell = np.stack(np.divmod(np.arange(across**2), across), axis=1)
+    xy = rng.integers(0, 256 * size + 1, (across**2, 3, 2)) + 256 * (size * cell[:, None, :] - [5, 11])
+    assert_same_coverage(device, xy, (across * size - 9, across * size - 14))
+
+
+def test_triangles_far_larger_than_the_image(device):
+    """Corners out to the guard band; one triangle a time, against the mask by exact integers."""
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        xy = rng.integers(-GUARD, GUARD + 1, (1, 3, 2))
+        xy[0, 0] = rng.integers(0, 64 * 256, 2)  # a corner in the image, whose edges cross it
+        assert_same_coverage(device, xy, (61, 47))
+    limits = np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]], [[GUARD, GUARD], [-GUARD, GUARD], [0, -GUARD]]])
+    for xy in limits:
+        assert_same_coverage(device, xy[None], (61, 47))
+
+
+@pytest.mark.parametrize("resolution", [(16384, 3), (3, 16384)])
+def test_the_widest_image(device, resolution):
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        xy = rng.integers(-GUARD, GUARD + 1, (1, 3, 2))
+        middle = 128 * np.array(resolution)
+        xy += np.rint(middle - xy.mean(axis=1, keepdims=True)).astype(np.int64)
+        xy = np.clip(xy, -GUARD, GUARD)
+        assert_same_coverage(device, xy, resolution)
+
+
+def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
+    """600 needles round a point, 1:1000 and thinner, drawn as one image: each pixel inside is some triangle's."""
+    angle = np.sort(np.random.default_rng(5).uniform(0, 2 * np.pi, 600))
+    rim = np.rint(128 * 256 + 120 * 256 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).astype(np.int64)
+    xy = np.stack([np.full_like(rim, 128 * 256 + 77), rim, np.roll(rim, -1, axis=0)], axis=1)
+    found = fill(device, xy, np.ones((600, 3)), (256, 256))
+    assert np.array_equal(found, oracle_owners(xy, np.ones((600, 3)), (256, 256), "painter"))
+    row, column = np.indices(found.shape)
+    inside = np.hypot(row - 127.5, column - 127.5) < 118  # the widest gap of the rim is 3 degrees: a sagitta of 0.1 px
+    assert (found[inside] >= 0).all()
+    count = sum(coverage.triangle_mask(t, 256, 256).astype(int) for t in xy)
+    assert count.max() == 1
+
+
+# Ownership
+
+
+def overlapping(seed: int, count: int = 600) -> tuple[np.ndarray, np.ndarray]:
+    """Snapped corners and depths of triangles on top of each other, a few of them over all of the image."""
+    rng = np.random.default_rng(seed)
+    size = 256 * np.exp2(rng.uniform(1.0, 7.0, (count, 1, 1)))
+    xy = np.rint(rng.uniform(0, 100 * 256, (count, 1, 2)) + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
+    xy[::40] *= 30
+    return np.clip(xy, -GUARD, GUARD), rng.uniform(1.0, 2.0, (count, 1)) + rng.uniform(0.0, 0.3, (count, 3))
+
+
+RESOLUTION = (101, 93)
+
+
+def test_painter_owners(device):
+    for seed in range(3):
+        xy, z = overlapping(seed)
+        z[1::2] = z[::2, [1, 2, 0]]  # pairs of equal mean depth, in another order of the corners
+        found = fill(device, xy, z, RESOLUTION)
+        assert np.array_equal(found, oracle_owners(xy, z, RESOLUTION, "painter"))
+
+
+def assert_nearest(found: np.ndarray, xy: np.ndarray, z: np.ndarray) -> None:
+    """The oracle's owners, but for pixels where both depths are within 4 float32 ulp."""
+    expected = oracle_owners(xy, z, RESOLUTION, "depth")
+    rows, columns = np.nonzero(found != expected)
+    depths = []
+    for owner in (found[rows, columns], expected[rows, columns]):
+        edges = coverage.edge_functions(xy[owner], columns, rows)
+        assert ((owner >= 0) & coverage.covered(xy[owner], edges)).all()
+        depths.append(shade.depth(edges, z[owner]))
+    assert compare.tied(*depths).all()
+    assert len(rows) <= 3
+
+
+def test_depth_owners(device):
+    for seed in range(3):
+        xy, z = overlapping(seed)
+        z = as_kernels_see(z)
+        found = fill(device, xy, z, RESOLUTION, DEPTH_TEST=1)
+        assert_nearest(found, xy, z)
+        assert (found != oracle_owners(xy, z, RESOLUTION, "painter")).mean() > 0.01  # the two differ here
+
+
+def test_depths_in_one_plane_many_layers_deep(device):
+    """Hidden layers behind full coverage, where the early out works: nearest first or last in the index, same owners."""
+    count = 200
+    xy = np.tile(np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]]), (count, 1, 1))
+    xy += np.random.default_rng(6).integers(-100, 100, xy.shape)
+    xy = np.clip(xy, -GUARD, GUARD)
+    for z in (np.linspace(1, 3, count), np.linspace(3, 1, count), np.random.default_rng(7).permutation(count) + 1.0):
+        deep = as_kernels_see(np.tile(z[:, None], (1, 3)))
+        for features in ({}, {"DEPTH_TEST": 1}):
+            assert (fill(device, xy, deep, RESOLUTION, **features) == z.argmin()).all()
+
+
+@pytest.mark.parametrize("depth_test", [0, 1])
+def test_of_equal_depths_the_later_face_wins(device, depth_test):
+    """Copies of the same triangles, their depths equal to the last bit, at any place in the list."""
+    xy, z = overlapping(8, 40)
+    again = np.concatenate([xy, xy[::-1], xy])
+    found = fill(device, again, np.concatenate([z, z[::-1], z]), RESOLUTION, DEPTH_TEST=depth_test)
+    owned = found[found >= 0]
+    assert (owned >= 80).all()
+    assert len(owned) > 1000
+
+
+def test_crossing_triangles_are_cut_along_their_line(device):
+    """Depths 1 to 3 against 3 to 1: the boundary is the middle column, where both are 1/(1/2 (1 + 1/3)) = 1.5 deep."""
+    box = 64 * 256
+    xy = np.array([[[0, -box], [box, -box], [box, 9 * box]], [[0, -box], [box, -box], [0, 9 * box]]])
+    both = coverage.triangle_mask(xy[0], 64, 64) & coverage.triangle_mask(xy[1], 64, 64)
+    z = np.array([[1.0, 3.0, 3.0], [3.0, 1.0, 3.0]])
+    found = fill(device, xy, as_kernels_see(z), (64, 64), DEPTH_TEST=1)
+    assert both.any()
+    assert np.array_equal(found[both], oracle_owners(xy, as_kernels_see(z), (64, 64), "depth")[both])
+    assert {0, 1} == set(found[both].tolist())
+
+
+@pytest.mark.parametrize("depth_test", [0, 1])
+def test_lanes_do_not_change_an_owner(device, depth_test):
+    xy, z = overlapping(9)
+    z[::2] = 1.5
+    z[1::4] = z[::4]
+    xy[1::4] = xy[::4]
+    first, *others = (fill(device, xy, z, RESOLUTION, lanes=lanes, DEPTH_TEST=depth_test) for lanes in LANES)
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_pixels_beyond_the_image_are_not_written(device):
+    """Images of odd sizes lie in front of guard rows of the same buffer."""
+    for resolution in ((1, 1), (1, 7), (17, 33), (333, 1)):
+        xy = np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]])
+        assert (fill(device, xy, np.ones((1, 3)), resolution) == 0).all()
