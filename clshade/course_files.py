@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +34,7 @@ from .scene import (
 )
 
 MAX_BYTES = 1 << 31  # of a course file
-WIDTHS = {"verts": 3, "vertex_colors": 3, "face_indices": 3, "uvs": 2, "face_uv_indices": 3}
+_WIDTHS = {"verts": 3, "vertex_colors": 3, "face_indices": 3, "uvs": 2, "face_uv_indices": 3}
 
 
 class _Fields:
@@ -101,7 +102,7 @@ def _mesh(fields: _Fields, name: str) -> Mesh:
     wanted = ["verts", "face_indices"]
     wanted += ["vertex_colors"] if "vertex_colors" in content or not textured else []
     wanted += ["uvs", "face_uv_indices"] if textured else []
-    arrays = _upright(owner, {key: fields.get(key) for key in wanted})
+    arrays = upright(owner, {key: fields.get(key) for key in wanted}, _WIDTHS)
     verts = rows(owner, "verts", arrays["verts"], 3)
     faces = indices(owner, "face_indices", arrays["face_indices"], len(verts))
     colors = uvs = uv_faces = None
@@ -121,21 +122,23 @@ def _mesh(fields: _Fields, name: str) -> Mesh:
     return Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=Material(ka, kd, ks, exponent), name=name)
 
 
-def _upright(owner: str, arrays: dict[str, Any]) -> dict[str, Array]:
-    """All arrays with a row per item: the file has them as w x N or N x w, the same for all that show which."""
+def upright(owner: str, arrays: dict[str, Any], widths: Mapping[str, int]) -> dict[str, Array]:
+    """All arrays with a row per item, as views: each may come as w x N or N x w, the same for all that show which.
+
+    widths: w of each array. Where all are square, they are w x N. Raises InputError, with `owner` and the array's name.
+    """
     shown_by: dict[bool, str] = {}  # whether w x N, and the first array that shows it
     for key, array in arrays.items():
-        width = WIDTHS[key]
+        width = widths[key]
         if not isinstance(array, np.ndarray) or array.ndim != 2 or width not in array.shape:
             raise refuse(owner, key, f"an array of shape ({width}, N) or (N, {width})", array)
         if array.shape != (width, width):
             shown_by.setdefault(array.shape[0] == width, key)
     if len(shown_by) == 2:
         rows_key, columns_key = shown_by[False], shown_by[True]
-        width = WIDTHS[rows_key]
+        width = widths[rows_key]
         raise refuse(owner, rows_key, f"shape ({width}, N), the layout of {columns_key}", arrays[rows_key])
-    upright = False in shown_by
-    return {key: array if upright else array.T for key, array in arrays.items()}
+    return {key: array if False in shown_by else array.T for key, array in arrays.items()}
 
 
 def _camera(fields: _Fields, focal: Any) -> Camera:

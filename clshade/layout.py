@@ -115,7 +115,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "to_clip", 1, "faces listed for the host to clip"),
         ("int", "behind", 1, "faces wholly before the near plane"),
         ("int", "off_screen", 1, "triangles whose box misses the image"),
-        ("int", "between_samples", 1, "triangles whose box holds no pixel center"),
+        ("int", "between_samples", 1, "triangles that cover no pixel center"),
         ("int", "zero_area", 1, "triangles whose snapped corners lie on a line"),
         ("int", "back_facing", 1, "triangles culled as seen from behind"),
         ("int", "next_tile", 1, "the tile to be handed out next"),

@@ -91,7 +91,7 @@ def _four(vectors: Array) -> Array:
     return wide
 
 
-def _split(values: Array) -> Array:
+def split(values: Array) -> Array:
     """(K, 2) float64 -> (K, 4) float32: rounded, and what that leaves. Values that are not finite become 0."""
     values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
     # Whole numbers beyond 2^24 have no texel of their own left; keep the arithmetic finite.
@@ -224,7 +224,7 @@ class _Gatherer:
                 own, own_faces = mesh.uvs, mesh.uv_faces
             else:
                 own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
-            parts.append(_split(own))
+            parts.append(split(own))
             index.append((own_faces, len(own)))
         return _join(parts), _shifted(index) if indexed else None
 

@@ -161,6 +161,21 @@ class Stages:
         items = -(-count // self.program.lanes)
         return self._launch("bilerp", (items,), (1,), uvs, texture_of, textures, texels, colors, count)
 
+    def light(
+        self,
+        points: Buffer,
+        normals: Buffer,
+        colors: Buffer,
+        materials: Buffer,
+        lights: Buffer,
+        lit: Buffer,
+        light_count: int,
+        count: int,
+    ) -> cl.Event:
+        items = -(-count // self.program.lanes)
+        inputs = (points, normals, colors, materials, lights)
+        return self._launch("light", (items,), (1,), *inputs, lit, light_count, count)
+
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
 

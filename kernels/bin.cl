@@ -16,7 +16,7 @@ int misses_tile(global const Triangle *t, int column, int row)
 
 #define FOR_TILES_OF(b, tile)                                                                         \
     int4 box = convert_int4(vload4(0, (b).box));                                                      \
-    int4 span = box / TILE_SIZE;                                                                      \
+    int4 span = convert_int4(convert_uint4(box) / TILE_SIZE);                                         \
     int whole = span.z - span.x < 2 && span.w - span.y < 2;                                           \
     for (int tile_y = span.y; tile_y <= span.w; ++tile_y)                                             \
         for (int tile_x = span.x, tile = tile_y * image->tiles_x + tile_x; tile_x <= span.z; ++tile_x, ++tile) \

@@ -1,11 +1,10 @@
 // Triangles from snapped corners: area, box, culls, sort keys. Visible ones are listed, crossing ones left to the host.
-#include "features.clh"
+#include "edge.clh"
 
 // First and last pixel whose centers lie within snapped [low, high].
 int2 centers_within(int low, int high)
 {
-    int half_pixel = 1 << (SUBPIXEL_BITS - 1);
-    return (int2)((low + half_pixel - 1) >> SUBPIXEL_BITS, (high - half_pixel) >> SUBPIXEL_BITS);
+    return (int2)((low + HALF_PIXEL - 1) >> SUBPIXEL_BITS, (high - HALF_PIXEL) >> SUBPIXEL_BITS);
 }
 
 // The depth's order as unsigned bits, with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the
@@ -19,6 +18,24 @@ ulong sort_key(double depth, int index)
 }
 
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
+
+// Whether a triangle, its box given, covers the center of a pixel. Only looked into where the box holds few pixels.
+int may_cover(const Triangle *t, const Bounds *b)
+{
+    if ((b->box[2] - b->box[0] + 1) * (b->box[3] - b->box[1] + 1) > FEW_PIXELS)
+        return 1;
+    Edge e[3];
+    for (int k = 0; k < 3; ++k) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        e[k] = edge_between(t->x[i], t->y[i], t->x[j], t->y[j], t->orientation, b->box[0], b->box[1]);
+        e[k].value -= e[k].bias;
+    }
+    for (int y = 0; y <= b->box[3] - b->box[1]; ++y)
+        for (int x = 0; x <= b->box[2] - b->box[0]; ++x)
+            if ((edge_moved(e[0], x, y).value | edge_moved(e[1], x, y).value | edge_moved(e[2], x, y).value) >= 0)
+                return 1;
+    return 0;
+}
 
 // Completes a triangle of which x, y and w are set, and its bounds.
 Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, global const Image *image)
@@ -44,6 +61,8 @@ Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, global const 
     bounds->box[1] = up.x;
     bounds->box[2] = across.y;
     bounds->box[3] = up.y;
+    if (!may_cover(t, bounds))
+        return BETWEEN_SAMPLES;
     bounds->nearest = fmax(fmax(t->w[0], t->w[1]), t->w[2]);
     t->face = face;
     t->piece = piece;

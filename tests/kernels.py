@@ -191,17 +191,21 @@ class Pipeline:
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
         """Runs the pixel stage: (M, N, 4) rgba and, with OWNERS, (M, N) triangles, both with row 0 at the TOP."""
         columns, rows = self.resolution
-        rgba = Buffer(self.device, np.full((rows, columns, 4), np.nan, np.float32))
-        self.owners = Buffer(self.device, np.full((rows, columns), -2, np.int32))
+        # A row of guards before and behind: what is written out of bounds shows.
+        around = np.full((rows + 2, columns, 4), np.nan, np.float32), np.full((rows + 2, columns), -2, np.int32)
+        rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.made.counters.writing() as table:
             table[:] = 0
-        tile = (self.lists, self.starts, rgba, self.owners, self.made.counters)
+        tile = (self.lists, self.starts, rgba, owners, self.made.counters)
         if self.features["PHONG"]:
             self.stages.phong(self.surface(**arrays), tile, self.tiles)
         else:
             self.stages.gouraud(self.surface(**arrays), tile, corner_light, self.tiles)
         self.counters = self.made.counters.to_host()[0].copy()
-        return rgba.to_host(), self.owners.to_host()
+        found = rgba.to_host(), owners.to_host()
+        assert np.isnan(around[0][[0, -1]]).all()
+        assert (around[1][[0, -1]] == -2).all()
+        return found
 
     def whole(self, vertices: VertexBuffers, faces: Array, **arrays: Array) -> tuple[Array, Array]:
         """Set-up, sort, bin and the pixel stage."""

@@ -1,0 +1,237 @@
+"""One triangle, one point, one texture lookup by itself, on the kernels that draw whole scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from . import layout, packing
+from .device import Device
+from .features import Features, derive_alone
+from .programs import build
+from .scene import Array, Material, Texture
+from .sorting import front_to_back
+from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers
+
+_SUBPIXELS = 1 << layout.SUBPIXEL_BITS
+_ONES = np.ones(3)
+_ORIGIN = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What light reaches a point, and what its surface makes of it.
+
+    point, eye: (3,) world space. positions, intensities: (L, 3) of the lights. material: its ka is ka*Ia already.
+    """
+
+    point: Array
+    eye: Array
+    positions: Array
+    intensities: Array
+    material: Material
+
+
+NOWHERE = Surroundings(_ORIGIN, _ORIGIN, np.zeros((0, 3)), np.zeros((0, 3)), Material(0.0, 0.0, 0.0, 1.0))
+
+
+def reach(around: Surroundings) -> float:
+    """The largest coordinate of the point relative to the eye; infinite where float64 cannot hold it."""
+    with np.errstate(over="ignore"):
+        return float(np.abs(around.point - around.eye).max())
+
+
+class _Lit:
+    """The buffers that the reflection model reads, for one point; unlit lights are left out."""
+
+    def __init__(self, device: Device, around: Surroundings) -> None:
+        shining = around.intensities.any(axis=1)
+        self.count = int(shining.sum())
+        scale = packing.scale_for(reach(around))
+        self.relative = np.zeros((1, 4), np.float32)
+        self.relative[0, :3] = packing.to_float32((around.point - around.eye) * scale)
+        lights = np.zeros(max(self.count, 1), layout.LIGHT)
+        if self.count:
+            lights["position"] = packing.relative_lights(around.positions[shining], around.eye, scale)
+            lights["intensity"] = packing.to_float32(around.intensities[shining])
+        self.lights = Buffer(device, lights)
+        self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
+
+
+def _features(shader: str, around: Surroundings) -> Features:
+    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()))
+
+
+def _four(device: Device, vectors: Array) -> Buffer:
+    wide = np.zeros((len(vectors), 4), np.float32)
+    wide[:, :3] = packing.to_float32(vectors)
+    return Buffer(device, wide)
+
+
+def unit(vectors: Array) -> Array:
+    """(K, 3) float64 directions of any length at length 1; 0 stays 0."""
+    size = np.ldexp(1.0, -np.frexp(np.abs(vectors).max(axis=1, keepdims=True))[1])
+    scaled = vectors * np.minimum(size, 2.0**1000)
+    length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
+    return scaled / np.where(length > 0.0, length, 1.0)
+
+
+def light_point(device: Device, around: Surroundings, normal: Array, color: Array) -> Array:
+    """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
+    stages = Stages(device, build(device, _features("phong", around), ("light.cl",)))
+    lit = _Lit(device, around)
+    normals, colors = _four(device, unit(normal[None])), _four(device, color[None])
+    result = Buffer.empty(device, (1, 4), np.float32)
+    stages.light(Buffer(device, lit.relative), normals, colors, lit.materials, lit.lights, result, lit.count, 1)
+    return result.to_host()[0, :3].astype(np.float64)
+
+
+class Lookup:
+    """A texture that stays on the device."""
+
+    def __init__(self, device: Device, texture: Texture) -> None:
+        self._device = device
+        self._stages = Stages(device, build(device, derive_alone("nolight", Material(), _ONES, False), ("bilerp.cl",)))
+        table, texels = packing.texture_tables([texture])
+        self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
+
+    def __call__(self, uvs: Array) -> Array:
+        """The colors (K, 3), float64, at texture coordinates (K, 2)."""
+        device, count = self._device, len(uvs)
+        colors = Buffer.empty(device, (count, 4), np.float32)
+        inputs = Buffer(device, packing.split(uvs)), Buffer(device, np.zeros(count, np.int32))
+        self._stages.bilerp(*inputs, self._textures, self._texels, colors, count)
+        return colors.to_host()[:, :3].astype(np.float64)
+
+
+# One triangle
+
+
+def _clipped(corners: Array) -> list[list[list[Fraction]]]:
+    """The polygon that the guard band leaves of a triangle (3, 2): rows u, v and the three corners' weights.
+
+    Sutherland and Hodgman's algorithm in rational numbers: a corner may be as far away as float64 goes.
+    """
+    polygon = [[Fraction(x) for x in (*uv, *row)] for uv, row in zip(corners.tolist(), np.eye(3).tolist(), strict=True)]
+    for axis in (0, 1):
+        for side in (1, -1):
+            distance = [layout.GUARD_PIXELS + side * corner[axis] for corner in polygon]
+            kept = []
+            for i, (corner, d) in enumerate(zip(polygon, distance, strict=True)):
+                following, d_following = polygon[i + 1 - len(polygon)], distance[i + 1 - len(polygon)]
+                if d >= 0:
+                    kept.append(corner)
+                if (d >= 0) != (d_following >= 0):
+                    t = d / (d - d_following)
+                    kept.append([a + t * (b - a) for a, b in zip(corner, following, strict=True)])
+            polygon = kept
+    return polygon
+
+
+def _pieces(corners: Array) -> Array:
+    """layout.PIECE rows of a triangle (3, 2) in image coordinates: itself, or what the guard band leaves of it."""
+    if (np.abs(corners) <= layout.GUARD_PIXELS).all():
+        table = np.zeros(1, layout.PIECE)
+        snapped = np.rint(corners * _SUBPIXELS)
+        table["x"], table["y"], table["weights"] = snapped[:, 0], snapped[:, 1], np.eye(3).reshape(-1)
+    else:
+        polygon = _clipped(corners)
+        fan = [[polygon[0], polygon[i], polygon[i + 1]] for i in range(1, len(polygon) - 1)]
+        table = np.zeros(len(fan), layout.PIECE)
+        for row, piece in zip(table, fan, strict=True):
+            row["x"], row["y"] = ([round(corner[axis] * _SUBPIXELS) for corner in piece] for axis in (0, 1))
+            row["weights"] = [float(weight) for corner in piece for weight in corner[2:]]
+    table["w"], table["key_depth"] = 1.0, 1.0
+    return table
+
+
+def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]:
+    """First column, first row, and the numbers of columns and rows that may be covered; not positive when none is."""
+    half = _SUBPIXELS // 2
+    bounds = []
+    for name, size in (("x", columns), ("y", rows)):
+        first = max(-((half - int(pieces[name].min())) // _SUBPIXELS), 0)
+        bounds.append((first, min((int(pieces[name].max()) - half) // _SUBPIXELS, size - 1) - first + 1))
+    (column, width), (row, height) = bounds
+    return column, row, width, height
+
+
+def _bin(stages: Stages, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int) -> tuple[Buffer, Buffer]:
+    """The lists of all tiles and where each begins."""
+    device, tiles = stages.device, int(image.array["tiles"][0])
+    counts = Buffer.empty(device, (1, tiles), np.uint32)
+    stages.bin_count(order, made, image, counts, visible, visible)
+    starts = np.concatenate([[0], np.cumsum(counts.to_host()[0])]).astype(np.uint32)
+    lists = Buffer.empty(device, int(starts[-1]), layout.ENTRY)
+    stages.bin_fill(made, image, Buffer(device, starts[:-1]), lists, visible, visible)
+    return lists, Buffer(device, starts)
+
+
+def draw_triangle(
+    device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: Surroundings, image: Array
+) -> None:
+    """Draws a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
+
+    shader: gouraud, phong or nolight. corners: (3, 2) image coordinates. normals, colors: (3, 3), rows are corners.
+    around: of the whole triangle: the directions to eye and lights are those at its point. Normals are used at the
+    length they have; a common power of two is taken out.
+    """
+    pieces = _pieces(corners)
+    if not len(pieces):
+        return
+    column, row, width, height = _window(pieces, image.shape[1], image.shape[0])
+    if width <= 0 or height <= 0:
+        return
+    pieces["x"] -= column * _SUBPIXELS
+    pieces["y"] -= row * _SUBPIXELS
+    rgba = _draw(device, shader, pieces, (normals, colors), around, (width, height))
+    if rgba is not None:
+        target = image[row : row + height, column : column + width]
+        np.copyto(target, rgba[::-1, :, :3], where=rgba[::-1, :, 3:] > 0.0)
+
+
+def _draw(
+    device: Device,
+    shader: str,
+    pieces: Array,
+    attributes: tuple[Array, Array],
+    around: Surroundings,
+    resolution: tuple[int, int],
+) -> Array | None:
+    """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
+    features = _features(shader, around)
+    stages = Stages(device, build(device, features, (*BASE_FILES, f"{'phong' if shader == 'phong' else 'gouraud'}.cl")))
+    lit = _Lit(device, around)
+    table = np.zeros(1, layout.IMAGE)
+    table["columns"], table["rows"] = columns, rows = resolution
+    table["tiles_x"] = -(-columns // layout.TILE_SIZE)
+    table["tiles"] = tiles = -(-columns // layout.TILE_SIZE) * -(-rows // layout.TILE_SIZE)
+    table["lights"], table["unscale"] = lit.count, 1.0
+    image, made = Buffer(device, table), TriangleBuffers(device, 1, len(pieces))
+    on_device = Buffer(device, pieces)
+    stages.setup_pieces(on_device, image, made, 1, len(pieces))
+    visible = int(made.counters.to_host()["visible"][0])
+    if not visible:
+        return None
+    order = Buffer(device, front_to_back(made.keys.to_host(visible)))
+    lists, starts = _bin(stages, order, made, image, visible)
+    normals, colors = attributes
+    normals = np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
+    # All corners lie at the one point, so that the triangle's centroid does.
+    relative = Buffer(device, np.repeat(lit.relative, 3, axis=0))
+    faces = Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3))
+    geometry = (made.triangles, on_device, faces, relative, None)
+    given = (_four(device, normals), None, _four(device, colors), None, None, None, lit.materials, None, None)
+    surface = (*geometry, *given, lit.lights, image)
+    rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
+    tile = (lists, starts, rgba, None, made.counters)
+    if shader == "phong":
+        stages.phong(surface, tile, tiles)
+    else:
+        corner_light = Buffer.empty(device, (3 * len(made.triangles.array), 4), np.float32)
+        if shader == "gouraud":
+            stages.gouraud_corners(surface, order, corner_light, visible)
+        stages.gouraud(surface, tile, corner_light, tiles)
+    return rgba.to_host()

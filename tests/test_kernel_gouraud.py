@@ -1,0 +1,114 @@
+"""gouraud.cl: the corners' light against the oracle's reflection model, its interpolation against the oracle's weights."""
+
+from __future__ import annotations
+
+import compare
+import numpy as np
+import pytest
+import stage_oracle
+from kernels import LANES, Pipeline, bits, four
+from stage_oracle import EXPONENTS, options, patches
+
+from clshade.stages import Buffer
+
+FILES = ("setup.cl", "bin.cl", "gouraud.cl")
+RESOLUTION = (93, 71)
+STANDARD = {"DEPTH_TEST": 1, "PERSPECTIVE": 1, "TINTED": 1}
+COURSE = {"CENTROID": 1}
+# Weights: edge values are right to 2^-23 of themselves (2 units of 2^-24), times w 3, summed 5, the reciprocal and the
+# product make 10 of at most 1; mixing subtracts (2 units) and adds three times: 10 * 2 + 2 + 3 units of the largest corner.
+MIXING = 25 * 2.0**-24
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return patches(RESOLUTION, seed=2)
+
+
+def pipeline_of(device, inputs, ways, lanes=None, **features) -> Pipeline:
+    image = {"lights": len(inputs.lights)}
+    pipeline = Pipeline(device, FILES, RESOLUTION, lanes=lanes, image=image, **options(**ways, **features))
+    inputs.set_up(pipeline)
+    return pipeline
+
+
+def corners(pipeline: Pipeline, inputs) -> np.ndarray:
+    """What gouraud_corners writes: (F, 3, 4); NaN for triangles that are not visible."""
+    light = Buffer(pipeline.device, np.full((3 * len(inputs.z), 4), np.nan, np.float32))
+    pipeline.stages.gouraud_corners(pipeline.surface(**inputs.arrays()), pipeline.order, light, pipeline.visible)
+    return light.to_host().reshape(-1, 3, 4)
+
+
+def oracle_corners(inputs, ways) -> dict[str, np.ndarray]:
+    return stage_oracle.gouraud_corners(inputs, centroid=bool(ways.get("CENTROID")), tinted=bool(ways.get("TINTED")))
+
+
+@pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
+def test_corners_equal_the_reflection_model(device, inputs, ways):
+    """DESIGN's bound, as for a pixel of phong; only visible triangles are written."""
+    pipeline = pipeline_of(device, inputs, ways)
+    found = corners(pipeline, inputs)
+    visible = np.sort(pipeline.order.array)
+    written = ~np.isnan(found).any(axis=(1, 2))
+    assert np.flatnonzero(written).tolist() == visible.tolist()
+    assert 200 < len(visible) <= len(inputs.z)
+    # As an image of one row, a pixel per corner.
+    expected = oracle_corners(inputs, ways)
+    face = np.repeat(np.arange(len(inputs.z)), 3)
+    at = np.zeros_like(face), np.arange(len(face))
+    frame = stage_oracle.as_frame(at[0][None], at, face, expected)
+    rgb = np.nan_to_num(found[..., :3].reshape(1, -1, 3))
+    for n in EXPONENTS:
+        skip = ~stage_oracle.only(frame, inputs, n) | ~written[face][None]
+        assert compare.assert_colors_within(rgb, frame, skip=skip) < 8.0
+
+
+@pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
+def test_the_corners_light_is_interpolated(device, inputs, ways):
+    """Given light, of colors beyond 1 too: means by the oracle's weights, and the plain ambient light on top."""
+    pipeline = pipeline_of(device, inputs, ways)
+    light = np.random.default_rng(3).uniform(-1, 5, (3 * len(inputs.z), 3)).astype(np.float32)
+    rgba, owners = pipeline.draw(Buffer(device, four(light)), **inputs.arrays())
+    interpolation = "perspective" if ways.get("PERSPECTIVE") else "affine"
+    at, face, weights = stage_oracle.owned(inputs, owners, interpolation)
+    corner = light.reshape(-1, 3, 3)[face]
+    expected = stage_oracle.blend(weights, corner)
+    largest = np.abs(corner).max(axis=(1, 2))[:, None]
+    if not ways.get("TINTED"):
+        expected = expected + inputs.materials["ambient"][inputs.face_materials[face]]
+        largest = largest + 1.0
+    assert len(face) > 4000
+    assert (np.abs(rgba[at][:, :3] - expected) / largest).max() <= MIXING
+    assert not rgba[owners < 0].any()
+
+
+@pytest.mark.parametrize("perspective", [0, 1])
+def test_without_light_the_colors_are_interpolated(device, inputs, perspective):
+    """nolight: LIT is 0."""
+    pipeline = pipeline_of(device, inputs, {}, LIT=0, PERSPECTIVE=perspective)
+    rgba, owners = pipeline.draw(**inputs.arrays())
+    at, face, weights = stage_oracle.owned(inputs, owners, "perspective" if perspective else "affine")
+    expected = stage_oracle.blend(weights, inputs.colors[face])
+    assert np.abs(rgba[at][:, :3] - expected).max() <= MIXING
+    other = stage_oracle.owned(inputs, owners, "affine" if perspective else "perspective")[2]
+    assert np.abs(stage_oracle.blend(other, inputs.colors[face]) - expected).max() > 0.01
+
+
+def test_a_constant_stays_exactly_constant(device, inputs):
+    """Corner 0 has what the others' weights leave, so equal corners give their value to the last bit."""
+    pipeline = pipeline_of(device, inputs, STANDARD)
+    light = np.full((3 * len(inputs.z), 3), 0.1, np.float32)
+    rgba, owners = pipeline.draw(Buffer(device, four(light)), **inputs.arrays())
+    assert (rgba[owners >= 0, :3] == np.float32(0.1)).all()
+
+
+def test_lanes_do_not_change_a_bit(device, inputs):
+    drawn = []
+    for lanes in LANES:
+        pipeline = pipeline_of(device, inputs, STANDARD, lanes)
+        light = corners(pipeline, inputs)
+        rgba, _ = pipeline.draw(Buffer(device, np.nan_to_num(light).reshape(-1, 4)), **inputs.arrays())
+        drawn.append((bits(np.nan_to_num(light)), bits(rgba)))
+    for light, rgba in drawn[1:]:
+        assert np.array_equal(light, drawn[0][0])
+        assert np.array_equal(rgba, drawn[0][1])
