@@ -27,9 +27,13 @@ def image_positions(points: Array, camera: Camera) -> Array:
     """Continuous image coordinates (..., 2) of camera-space points (..., 3) before the eye."""
     height, width = camera.plane
     columns, rows = camera.resolution
-    z = points[..., 2]
-    u = ((camera.focal * points[..., 0]) / (z * width) + 0.5) * columns
-    v = ((camera.focal * points[..., 1]) / (z * height) + 0.5) * rows
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    if camera.orthographic:
+        u = (x / width + camera.principal[0]) * columns
+        v = (y / height + camera.principal[1]) * rows
+    else:
+        u = ((camera.focal * x) / (z * width) + camera.principal[0]) * columns
+        v = ((camera.focal * y) / (z * height) + camera.principal[1]) * rows
     return np.stack([u, v], axis=-1)
 
 
@@ -90,12 +94,10 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
     weights = np.broadcast_to(np.eye(3), (n, 3, 3))
     polygons, counts, made = _cut(np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near)
     polygons[..., 2] = np.where(made, near, polygons[..., 2])
-    height, width = camera.plane
-    columns, rows = camera.resolution
-    for axis, scale, size in (
-        (0, camera.focal * columns / width, columns),
-        (1, camera.focal * rows / height, rows),
-    ):
+    lengths = 1.0 if camera.orthographic else camera.focal
+    for axis in (0, 1):
+        size = camera.resolution[axis]
+        slope, center = lengths * size / camera.plane[1 - axis], camera.principal[axis] * size
         for side in (1.0, -1.0):
             with np.errstate(divide="ignore", invalid="ignore"):
                 beyond = np.abs(image_positions(polygons[..., :3], camera)) > GUARD_PIXELS
@@ -103,9 +105,9 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
             far = (beyond.any(axis=2) & used).any(axis=1)
             if not far.any():
                 break
-            # side +1: position >= -GUARD, side -1: position <= GUARD
-            limit = GUARD_PIXELS + side * size / 2.0
-            distance = limit * polygons[..., 2] + side * scale * polygons[..., axis]
+            # side +1: position >= -GUARD, side -1: position <= GUARD; times the depth in perspective
+            depth = 1.0 if camera.orthographic else polygons[..., 2]
+            distance = (GUARD_PIXELS + side * center) * depth + side * slope * polygons[..., axis]
             polygons, counts, _ = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
     return _fans(polygons, counts)
 

@@ -18,6 +18,10 @@ CHOICES = (
     "CENTROID",
     "TINTED",
     "CULL",
+    "SIDES",
+    "TWO_SIDED",
+    "ALPHA_TEST",
+    "ORTHOGRAPHIC",
     "BACKGROUND",
     "CORNER_COLORS",
     "NORMAL_INDICES",
@@ -72,8 +76,15 @@ def replaces_colors(mesh: Mesh) -> bool:
     return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
 
 
+def alpha_tested(mesh: Mesh) -> bool:
+    """Whether some pixels of the mesh may be left out for their alpha."""
+    material = mesh.material
+    return texture_applies(mesh) and material.alpha_cutoff is not None and material.texture.image.shape[2] == 4
+
+
 def _colored(mesh: Mesh) -> bool:
-    return mesh.colors is not None and not replaces_colors(mesh) and bool((mesh.colors != 1.0).any())
+    own = mesh.colors is not None and not replaces_colors(mesh) and bool((mesh.colors != 1.0).any())
+    return own or bool((mesh.material.color != 1.0).any())
 
 
 def _any_nonzero(values: Iterable[np.ndarray]) -> int:
@@ -109,16 +120,21 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     materials = list(materials_of(scene).values())
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
+    front_only = [m.sides == "front" for m in materials]
     textured = any(texture_applies(mesh) for mesh in meshes)
     at_corners = textured and settings.texture_at == "vertex"
     choices = {
         "PHONG": settings.shader == "phong",
         "LIT": lit,
         "DEPTH_TEST": settings.visibility == "depth",
-        "PERSPECTIVE": settings.interpolation == "perspective",
+        "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
         "CENTROID": settings.lighting_at == "centroid",
         "TINTED": settings.ambient == "tinted",
-        "CULL": settings.cull,
+        "CULL": settings.cull or all(front_only),
+        "SIDES": any(front_only) and not (settings.cull or all(front_only)),
+        "TWO_SIDED": shining and any(m.two_sided for m in materials),
+        "ALPHA_TEST": any(map(alpha_tested, meshes)),
+        "ORTHOGRAPHIC": scene.camera.orthographic,
         "BACKGROUND": scene.background is not None and bool(scene.background.any()),
         "CORNER_COLORS": at_corners,
         "NORMAL_INDICES": shining and any(uses_normal_indices(scene, mesh) for mesh in meshes),
@@ -127,7 +143,10 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     }
     needed = {
         **_terms(materials, scene.ambient, lit, shining),
-        "VERTEX_COLORS": (not at_corners and any(map(_colored, meshes)), "no vertex colors other than white"),
+        "VERTEX_COLORS": (
+            not at_corners and any(map(_colored, meshes)),
+            "no vertex or material colors other than white",
+        ),
         "TEXTURED": (textured and not at_corners, "no texture looked up per pixel"),
         "MATERIALS": (len(materials) > 1, "a single material"),
         "OWNERS": (bool(settings.layers), "no layer asked for"),

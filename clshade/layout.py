@@ -32,6 +32,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "View": [
         ("double", "eye", 3, "world space"),
         ("double", "axes", 9, "rows: camera x, y, z in world space"),
+        ("double", "principal", 2, "where the viewing direction meets the image, fractions of N and M"),
         ("double", "focal", 1, "scene units"),
         ("double", "plane_width", 1, "W, scene units"),
         ("double", "plane_height", 1, "H, scene units"),
@@ -44,7 +45,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "depth", 1, "camera z, scene units"),
         ("int", "x", 1, "snapped, 1/256 px; meaningless before the near plane"),
         ("int", "y", 1, "snapped, 1/256 px, up"),
-        ("float", "w", 1, "1/depth, scaled"),
+        ("float", "w", 1, "1/depth, scaled; orthographic: minus the scaled depth"),
         ("float", "w_low", 1, "what float32 leaves of w"),
     ],
     "Triangle": [
@@ -90,15 +91,18 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("float", "kd", 3, "per channel"),
         ("int", "texture", 1, "index of the texture, -1 for none"),
         ("float", "ks", 3, "per channel"),
-        ("int", "pad", 1, ""),
+        ("int", "two_sided", 1, "whether a side seen from behind is lit with its normal turned round"),
+        ("float", "alpha_cutoff", 1, "pixels with less alpha are left out; negative for none"),
+        ("int", "front_only", 1, "whether only counter-clockwise triangles are drawn"),
+        ("int", "pad", 2, ""),
     ],
     "Texture": [
         ("int", "offset", 1, "of the first texel in the texel buffer"),
         ("int", "width", 1, "texels"),
         ("int", "height", 1, "texels"),
-        ("int", "wrap", 1, "WRAP_*"),
+        ("int", "wrap", 2, "WRAP_* along u and v"),
         ("int", "lookup", 1, "LOOKUP_*"),
-        ("int", "pad", 3, ""),
+        ("int", "pad", 2, ""),
     ],
     "Image": [
         ("int", "columns", 1, "N"),
@@ -108,7 +112,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "lights", 1, "count"),
         ("float", "background", 3, "linear RGB"),
         ("float", "unscale", 1, "turns a scaled depth into scene units"),
-        ("int", "pad", 3, ""),
+        ("float", "to_eye", 3, "unit, world axes: against the viewing direction"),
     ],
     "Counters": [
         ("int", "visible", 1, "triangles whose keys were written"),

@@ -81,8 +81,17 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
         m = matrix[:3, :3]
         # The cofactor matrix turns normals as the matrix turns planes, also where it has no inverse.
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
-        normals = normals @ cofactor.T
+        normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
     return _unit(normals)
+
+
+def mirrors(matrix: Array | None) -> bool:
+    """Whether a placement turns left into right. Its faces then run the other way, so that front stays front."""
+    return matrix is not None and float(np.linalg.det(matrix[:3, :3])) < 0.0
+
+
+def _turned(index: Array, matrix: Array | None) -> Array:
+    return np.ascontiguousarray(index[:, [0, 2, 1]]) if mirrors(matrix) else index
 
 
 def _four(vectors: Array) -> Array:
@@ -121,6 +130,8 @@ def material_table(materials: list[Material], textures: list[Texture], ambient: 
         for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
             row[name] = to_float32(value)
         row["n"] = material.n
+        row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
+        row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
         row["texture"] = next((i for i, t in enumerate(textures) if t is material.texture), -1)
     return table
 
@@ -153,8 +164,10 @@ def texture_tables(textures: list[Texture]) -> tuple[Array, Array]:
     for row, texture in zip(table, textures, strict=True):
         height, width, _ = texture.image.shape
         row["offset"], row["width"], row["height"] = offset, width, height
-        row["wrap"], row["lookup"] = _WRAPS[texture.wrap], _LOOKUPS[texture.lookup]
-        parts.append(_four(texture.image.reshape(-1, 3)))
+        row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
+        texels = np.ones((width * height, 4), np.float32)
+        texels[:, : texture.image.shape[2]] = texture.image.reshape(width * height, -1)
+        parts.append(texels)
         offset += width * height
     return table, _join(parts)
 
@@ -184,7 +197,10 @@ class _Gatherer:
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
         table = {id(m.material.texture): m.material.texture for m in meshes if texture_applies(m)}
         self.textures: list[Texture] = [texture for texture in table.values() if texture is not None]
-        self.placed = [(mesh, matrix, *_without_unused(mesh)) for mesh in meshes for matrix in _placements(mesh)]
+        self.placed = []
+        for mesh in meshes:
+            verts, faces, kept = _without_unused(mesh)
+            self.placed += [(mesh, matrix, verts, _turned(faces, matrix), kept) for matrix in _placements(mesh)]
 
     def positions(self) -> tuple[Array, Array]:
         if not self.placed:
@@ -201,7 +217,7 @@ class _Gatherer:
             if mesh.normals is None or self.scene.preset == "course":
                 own, own_faces = vertex_normals(_placed(verts, matrix), faces), faces
             elif mesh.normal_faces is not None:
-                own, own_faces = _own_normals(mesh, matrix), mesh.normal_faces
+                own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
             else:
                 own, own_faces = _kept(_own_normals(mesh, matrix), kept), faces
             parts.append(_four(own))
@@ -212,16 +228,17 @@ class _Gatherer:
         parts = []
         for mesh, _, verts, _, kept in self.placed:
             white = mesh.colors is None or replaces_colors(mesh)
-            parts.append(_four(np.ones((len(verts), 3)) if white else to_float32(_kept(np.asarray(mesh.colors), kept))))
+            own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
+            parts.append(_four(to_float32(own * mesh.material.color)))
         return _join(parts)
 
     def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
         parts, index = [], []
-        for mesh, _, verts, faces, kept in self.placed:
+        for mesh, matrix, verts, faces, kept in self.placed:
             if mesh.uvs is None:
                 own, own_faces = np.zeros((len(verts), 2)), faces
             elif mesh.uv_faces is not None:
-                own, own_faces = mesh.uvs, mesh.uv_faces
+                own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)
             else:
                 own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
             parts.append(split(own))
@@ -257,7 +274,7 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
             found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
         if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
             found["colors"] = gatherer.colors()
-        if features["TEXTURED"] or features["CORNER_COLORS"]:
+        if features["TEXTURED"] or features["CORNER_COLORS"] or features["ALPHA_TEST"]:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
             if gatherer.textures:
                 found["textures"], found["texels"] = texture_tables(gatherer.textures)

@@ -18,7 +18,9 @@ def same(a: Any, b: Any) -> bool:
     """Whether two arguments are equal: arrays in type, shape and every bit, tuples item by item, others by ==."""
     if isinstance(a, np.ndarray):
         return (
-            isinstance(b, np.ndarray) and (a.dtype, a.shape) == (b.dtype, b.shape) and np.array_equal(_bits(a), _bits(b))
+            isinstance(b, np.ndarray)
+            and (a.dtype, a.shape) == (b.dtype, b.shape)
+            and np.array_equal(_bits(a), _bits(b))
         )
     return type(a) is type(b) and bool(a == b)
 

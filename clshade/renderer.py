@@ -122,6 +122,7 @@ class Renderer:
         self._attributes = [optional(packed.normals), optional(packed.normal_faces), optional(colors)]
         self._attributes += [optional(packed.uvs), optional(packed.uv_faces), optional(packed.face_materials)]
         self._attributes += [Buffer(device, packed.materials), optional(packed.textures), optional(packed.texels)]
+        self._sides = self._attributes[5:7] if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count)
         self._made = TriangleBuffers(device, self._face_count, 0)
         self._view = Buffer(device, np.zeros(1, layout.VIEW))
@@ -163,7 +164,7 @@ class Renderer:
             view = table[0]
             view["eye"] = camera.eye
             view["axes"] = look_at(camera.eye, camera.lookat, camera.up).reshape(-1)
-            view["focal"] = camera.focal
+            view["principal"], view["focal"] = camera.principal, camera.focal
             view["plane_height"], view["plane_width"] = camera.plane
             view["columns"], view["rows"] = camera.resolution
             view["near"], view["scale"] = self._near, self._scale
@@ -183,6 +184,7 @@ class Renderer:
             if self.scene.background is not None:
                 image["background"] = packing.to_float32(self.scene.background)
             image["unscale"] = 1.0 / self._scale
+            image["to_eye"] = -look_at(camera.eye, camera.lookat, camera.up)[2]
 
     def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
         """Projects and sets up; returns the number of visible triangles, whose keys are written."""
@@ -193,7 +195,7 @@ class Renderer:
             return 0
         events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         events["setup"] = self.stages.setup(
-            self._faces, self._vertices, self._view, self._image, made, self._face_count
+            self._faces, self._vertices, self._view, self._image, made, self._face_count, self._sides
         )
         counters = made.counters.to_host()[0]
         if counters["to_clip"]:
@@ -203,7 +205,7 @@ class Renderer:
                 self._made = TriangleBuffers(self.device, self._face_count, count + count // 2)
                 return self._setup(camera, events)
             if count:
-                self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count)
+                self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count, self._sides)
                 counters = made.counters.to_host()[0]
             self._host["clip"] = (time.perf_counter() - start) * 1e3
         return int(counters["visible"])
@@ -222,13 +224,14 @@ class Renderer:
             table["key_depth"] = cut.points[..., 2].min(axis=1)
         else:
             table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
-        w = 1.0 / (cut.points[..., 2] * self._scale)
+        z_scaled = cut.points[..., 2] * self._scale
+        w = -z_scaled if camera.orthographic else 1.0 / z_scaled
         table["w"], table["w_low"] = w, w - w.astype(np.float32)
         snapped = clipping.snap(clipping.image_positions(cut.points, camera))
         table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
         table["face"] = faces[cut.source]
         table["weights"] = cut.weights.reshape(-1, 9)
-        if self.features["TEXTURED"] and self._uvs_host[0] is not None:
+        if self._uvs_host[0] is not None:
             parts = self._uvs_host[0][self._uvs_host[1][faces]].astype(np.float64)
             uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)
             table["uv"], table["uv_low"] = uv, uv - uv.astype(np.float32)
@@ -319,6 +322,9 @@ class Renderer:
         camera = self.scene.camera if camera is None else camera
         if not isinstance(camera, Camera):
             raise refuse("Renderer.render", "camera", "a Camera", camera)
+        if camera.orthographic != self.scene.camera.orthographic:
+            kind = "an orthographic" if self.scene.camera.orthographic else "a perspective"
+            raise refuse("Renderer.render", "camera", f"{kind} camera, as the scene's", "the other kind")
         columns, rows = camera.resolution
         start = time.perf_counter()
         self._host: dict[str, float] = {}
@@ -371,6 +377,7 @@ class Renderer:
             **counts,
             "features": self.features.used,
             "left_out": dict(self.features.left_out),
+            "ignored": self.scene.ignored,
             "device": f"{self.device.platform}: {self.device.name}",
             "lanes": self.stages.program.lanes,
         }

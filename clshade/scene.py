@@ -29,6 +29,7 @@ AMBIENTS = ("plain", "tinted")
 LAYERS = ("Z", "id")
 WRAPS = ("repeat", "clamp", "mirror")
 LOOKUPS = ("standard", "course")
+SIDES = ("both", "front")
 PRESETS = ("course", "standard")
 
 
@@ -153,6 +154,8 @@ class Camera:
     focal: distance of the image plane from the eye, scene units (only focal/plane matters).
     plane: (H, W), height and width of the image plane, scene units.
     resolution: (N, M), columns and rows of the image, pixels.
+    principal: where the viewing direction meets the image, as fractions of its width and height from the bottom left.
+    orthographic: parallel projection; plane is then the size of what is seen, scene units, and focal has no meaning.
     """
 
     eye: Array
@@ -161,6 +164,8 @@ class Camera:
     focal: float
     plane: tuple[float, float]
     resolution: tuple[int, int] = (800, 600)
+    principal: tuple[float, float] = (0.5, 0.5)
+    orthographic: bool = False
 
     def __post_init__(self) -> None:
         who = "Camera"
@@ -179,6 +184,10 @@ class Camera:
             columns, count_rows = self.resolution
         except (TypeError, ValueError):
             raise refuse(who, "plane, resolution", "two numbers each", (self.plane, self.resolution)) from None
+        try:
+            right, up_part = self.principal
+        except (TypeError, ValueError):
+            raise refuse(who, "principal", "two numbers", self.principal) from None
         _set(
             self,
             eye=eye,
@@ -190,6 +199,8 @@ class Camera:
                 integer(who, "resolution N", columns, 1, MAX_RESOLUTION),
                 integer(who, "resolution M", count_rows, 1, MAX_RESOLUTION),
             ),
+            principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
+            orthographic=bool(self.orthographic),
         )
 
     @classmethod
@@ -201,6 +212,50 @@ class Camera:
         height = 2.0 * math.tan(math.radians(fov) / 2.0)
         columns, count_rows = resolution
         return cls(eye, lookat, up, 1.0, (height, height * columns / max(count_rows, 1)), resolution)
+
+    @classmethod
+    def from_matrix(
+        cls,
+        matrix: Any,
+        pose: Any,
+        resolution: tuple[int, int],
+        *,
+        pixel_center: float = 0.5,
+        convention: str = "opencv",
+    ) -> Camera:
+        """A camera from its 3x3 matrix K and its pose.
+
+        matrix: K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the image's top left.
+        pose: (4, 4) camera to world, a rotation and a translation. convention: axes of the camera in `pose`, `opencv`
+        (x right, y down, z forward) or `opengl` (x right, y up, z backward).
+        pixel_center: 0.5 where K counts the first pixel's center as 0.5, 0 where it counts it as 0.
+        """
+        who = "Camera.from_matrix"
+        k, placement = (np.asarray(m, dtype=np.float64) for m in (matrix, pose))
+        if (
+            k.shape != (3, 3)
+            or not np.isfinite(k).all()
+            or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
+            or k[2, 2] != 1.0
+        ):
+            raise refuse(who, "matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", k.tolist())
+        if min(k[0, 0], k[1, 1]) <= 0.0:
+            raise refuse(who, "matrix", "fx and fy above 0", k.tolist())
+        if placement.shape != (4, 4) or not np.isfinite(placement).all():
+            raise refuse(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
+        rotation, eye = placement[:3, :3], placement[:3, 3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
+            raise refuse(who, "pose", "a rotation without scale or reflection", rotation.tolist())
+        if pixel_center not in (0, 0.5):
+            raise refuse(who, "pixel_center", "0.5 or 0", pixel_center)
+        choice(who, "convention", convention, ("opencv", "opengl"))
+        forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
+        columns = integer(who, "resolution N", resolution[0], 1, MAX_RESOLUTION)
+        count_rows = integer(who, "resolution M", resolution[1], 1, MAX_RESOLUTION)
+        shift = 0.5 - pixel_center
+        principal = ((k[0, 2] + shift) / columns, 1.0 - (k[1, 2] + shift) / count_rows)
+        plane = (count_rows / k[1, 1], columns / k[0, 0])
+        return cls(eye, eye + forward, up, 1.0, plane, (columns, count_rows), principal)
 
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
         """The same view at another resolution (N, M): H of the plane is kept, W makes the pixels square."""
@@ -235,30 +290,32 @@ class PointLight:
 class Texture:
     """An image to look colours up in.
 
-    image: (h, w, 3), linear RGB, row 0 is v = 0, column 0 is u = 0. Floats are used as they are, integers are divided
-        by their type's maximum. Kept as float32.
-    wrap: repeat, clamp or mirror; used by the standard lookup.
+    image: (h, w, 3) or, with alpha, (h, w, 4), linear RGB, row 0 is v = 0, column 0 is u = 0. Floats are used as they
+        are, integers are divided by their type's maximum. Kept as float32.
+    wrap: repeat, clamp or mirror, or a pair of them for u and v; used by the standard lookup. Kept as a pair.
     lookup: `standard` has the centre of texel (i, j) at ((i+0.5)/w, (j+0.5)/h), and the texel multiplies the vertex
         colour; `course` maps u to u*(w-1), holds u and v to [0, 1], and the texel replaces the vertex colour.
     """
 
     image: Array
-    wrap: str = "repeat"
+    wrap: str | tuple[str, str] = "repeat"
     lookup: str = "standard"
     name: str = ""
 
     def __post_init__(self) -> None:
-        image = _floats("Texture", "image", self.image, "an array of shape (h, w, 3)")
-        if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > 32768:
-            raise refuse("Texture", "image", "an array of shape (h, w, 3) with h and w from 1 to 32768", image)
+        image = _floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
+        if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
+            raise refuse("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
         if image.dtype.kind in "iu":
             image = image.astype(np.float64) / np.iinfo(image.dtype).max
         image = np.ascontiguousarray(image, dtype=np.float32).view()
         if not np.isfinite(image).all():
             raise refuse("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
         image.flags.writeable = False
-        _set(self, image=image)
-        choice("Texture", "wrap", self.wrap, WRAPS)
+        wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
+        if len(wraps) != 2:
+            raise refuse("Texture", "wrap", "one name or two, for u and v", self.wrap)
+        _set(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
 
 
@@ -269,6 +326,10 @@ class Material:
     ka, kd, ks: ambient, diffuse and specular coefficient; a scalar or a 3-vector, kept as (3,) float64.
     n: specular exponent, 0 to 1e9.
     texture: a Texture, or None.
+    color: 3-vector that multiplies vertex color and texel; linear RGB.
+    sides: `both` draws triangles seen from either side, `front` only those seen from the front (counter-clockwise).
+    two_sided: light a surface seen from behind with its normal turned round.
+    alpha_cutoff: pixels whose texture alpha is below it are left out (alpha test); None: alpha is not looked at.
     """
 
     ka: Any = 0.1
@@ -277,6 +338,10 @@ class Material:
     n: float = 20.0
     texture: Texture | None = None
     name: str = ""
+    color: Any = 1.0
+    sides: str = "both"
+    two_sided: bool = False
+    alpha_cutoff: float | None = None
 
     def __post_init__(self) -> None:
         exponent = number("Material", "n", self.n, least=0.0, expected="a number from 0 to 1e9")
@@ -284,7 +349,10 @@ class Material:
             raise refuse("Material", "n", "a number from 0 to 1e9", self.n)
         if self.texture is not None and not isinstance(self.texture, Texture):
             raise refuse("Material", "texture", "a Texture or None", self.texture)
-        _set(self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks")})
+        _set(self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")})
+        choice("Material", "sides", self.sides, SIDES)
+        if self.alpha_cutoff is not None:
+            _set(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,6 +422,7 @@ class Scene:
     ambient: 3-vector, intensity Ia of the ambient light.
     background: 3-vector, linear RGB, or None (RGB premultiplied over nothing).
     preset: `course` or `standard`, the settings a render of this scene starts from.
+    ignored: what the scene's file asked for and no render will show, a few words each.
     """
 
     meshes: tuple[Mesh, ...]
@@ -363,6 +432,7 @@ class Scene:
     background: Array | None = field(default_factory=lambda: np.zeros(3))
     preset: str = "standard"
     name: str = ""
+    ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("lights", PointLight)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 
@@ -60,8 +61,13 @@ class _Lit:
         self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
 
 
-def _features(shader: str, around: Surroundings) -> Features:
-    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()))
+def _stages(device: Device, shader: str, around: Surroundings, *files: str) -> Stages:
+    return _built(device, derive_alone(shader, around.material, _ONES, bool(around.intensities.any())), files)
+
+
+@cache
+def _built(device: Device, features: Features, files: tuple[str, ...]) -> Stages:
+    return Stages(device, build(device, features, files))
 
 
 def _four(device: Device, vectors: Array) -> Buffer:
@@ -80,7 +86,7 @@ def unit(vectors: Array) -> Array:
 
 def light_point(device: Device, around: Surroundings, normal: Array, color: Array) -> Array:
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
-    stages = Stages(device, build(device, _features("phong", around), ("light.cl",)))
+    stages = _stages(device, "phong", around, "light.cl")
     lit = _Lit(device, around)
     normals, colors = _four(device, unit(normal[None])), _four(device, color[None])
     result = Buffer.empty(device, (1, 4), np.float32)
@@ -93,7 +99,7 @@ class Lookup:
 
     def __init__(self, device: Device, texture: Texture) -> None:
         self._device = device
-        self._stages = Stages(device, build(device, derive_alone("nolight", Material(), _ONES, False), ("bilerp.cl",)))
+        self._stages = _stages(device, "nolight", NOWHERE, "bilerp.cl")
         table, texels = packing.texture_tables([texture])
         self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
 
@@ -188,8 +194,11 @@ def draw_triangle(
     pieces["y"] -= row * _SUBPIXELS
     rgba = _draw(device, shader, pieces, (normals, colors), around, (width, height))
     if rgba is not None:
-        target = image[row : row + height, column : column + width]
-        np.copyto(target, rgba[::-1, :, :3], where=rgba[::-1, :, 3:] > 0.0)
+        upward = rgba[::-1]
+        drawn = upward[:, :, 3] > 0.0
+        for channel in range(3):
+            target = image[row : row + height, column : column + width, channel]
+            np.copyto(target, upward[:, :, channel], where=drawn)
 
 
 def _draw(
@@ -201,8 +210,7 @@ def _draw(
     resolution: tuple[int, int],
 ) -> Array | None:
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
-    features = _features(shader, around)
-    stages = Stages(device, build(device, features, (*BASE_FILES, f"{'phong' if shader == 'phong' else 'gouraud'}.cl")))
+    stages = _stages(device, shader, around, *BASE_FILES, "phong.cl" if shader == "phong" else "gouraud.cl")
     lit = _Lit(device, around)
     table = np.zeros(1, layout.IMAGE)
     table["columns"], table["rows"] = columns, rows = resolution

@@ -19,6 +19,10 @@ BASE_FILES = ("project.cl", "setup.cl", "bin.cl", "bilerp.cl", "layers.cl")
 _FLAGS = cl.mem_flags
 
 
+# face_materials and materials, where a material may be drawn from the front only.
+Sides = tuple["Buffer | None", "Buffer | None"]
+
+
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
@@ -112,20 +116,33 @@ class Stages:
         return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
 
     def setup(
-        self, faces: Buffer, vertices: VertexBuffers, view: Buffer, image: Buffer, made: TriangleBuffers, count: int
+        self,
+        faces: Buffer,
+        vertices: VertexBuffers,
+        view: Buffer,
+        image: Buffer,
+        made: TriangleBuffers,
+        count: int,
+        sides: Sides = (None, None),
     ) -> cl.Event:
         run = 256 if self.device.is_cpu else 1
         items = -(-count // run)
         local = 1 if self.device.is_cpu else 64
-        inputs = (faces, vertices.projected, view, image)
+        inputs = (faces, vertices.projected, *sides, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
         return self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
 
     def setup_pieces(
-        self, pieces: Buffer, image: Buffer, made: TriangleBuffers, face_count: int, count: int
+        self,
+        pieces: Buffer,
+        image: Buffer,
+        made: TriangleBuffers,
+        face_count: int,
+        count: int,
+        sides: Sides = (None, None),
     ) -> cl.Event:
         outputs = (made.triangles, made.bounds, made.keys, made.counters)
-        return self._per_item("setup_pieces", count, pieces, image, *outputs, face_count)
+        return self._per_item("setup_pieces", count, pieces, *sides, image, *outputs, face_count)
 
     def bin_count(
         self, order: Buffer, made: TriangleBuffers, image: Buffer, counts: Buffer, chunk: int, count: int

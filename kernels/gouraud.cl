@@ -1,5 +1,5 @@
 // Gouraud shading: the corners are lit, their light is interpolated. Without LIT the colors themselves are (nolight).
-#include "surface.clh"
+#include "fill.clh"
 
 #if !PHONG
 #if LIT
@@ -31,7 +31,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #else
             float4 at = in->relative[in->faces[3 * face[lane] + k]];
 #endif
-            float4 normal = in->normals[normal_index(in, face[lane], k)];
+            float4 normal = side_of(in, in->triangles + taken[lane]) * in->normals[normal_index(in, face[lane], k)];
 #if VERTEX_COLORS || CORNER_COLORS
             float4 color = in->colors[color_index(in, face[lane], k)];
 #else
@@ -44,7 +44,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         reals3 point = {LOAD_LANES(p[0]), LOAD_LANES(p[1]), LOAD_LANES(p[2])};
         reals3 normal = {LOAD_LANES(n[0]), LOAD_LANES(n[1]), LOAD_LANES(n[2])};
         colors3 color = {LOAD_LANES(c[0]), LOAD_LANES(c[1]), LOAD_LANES(c[2])};
-        color = shade(point, normal, color, surface, in->lights, in->image->lights);
+        color = shade(point, normal, color, surface, in->lights, in->image->lights, in->image->to_eye);
         STORE_LANES(color.r, c[0]);
         STORE_LANES(color.g, c[1]);
         STORE_LANES(color.b, c[2]);

@@ -12,6 +12,11 @@ kernel void layer_id(global const int *owners,            // M x N, from the pix
         ids[i] = owners[i] < 0 ? 0 : triangles[owners[i]].face + 1;
 }
 
+float depth_of(float w)
+{
+    return ORTHOGRAPHIC ? -w : 1.0f / w;
+}
+
 // Camera z of each pixel, scene units; infinity for the background.
 kernel void layer_z(global const int *owners,            // M x N, from the pixel stage
                     global const Triangle *triangles,    // F + C, from setup
@@ -25,6 +30,6 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
     int column = i % image->columns, row = image->rows - 1 - i / image->columns;
     global const Triangle *t = triangles + owners[i];
     depths[i] = owners[i] < 0 ? INFINITY
-                              : image->unscale / inverse_depth(t, edge_at(t, 0, column, row), edge_at(t, 1, column, row),
-                                                               edge_at(t, 2, column, row));
+                              : depth_of(inverse_depth(t, edge_at(t, 0, column, row), edge_at(t, 1, column, row),
+                                                       edge_at(t, 2, column, row))) * image->unscale;
 }

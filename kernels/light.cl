@@ -22,7 +22,7 @@ kernel void light(global const float4 *points,        // K, relative to the eye,
     reals3 normal = {LOAD_LANES(n[0]), LOAD_LANES(n[1]), LOAD_LANES(n[2])};
     colors3 color = {LOAD_LANES(c[0]), LOAD_LANES(c[1]), LOAD_LANES(c[2])};
     Surface surface = surface_of(materials);
-    color = shade(point, normal, color, surface, lights, light_count);
+    color = shade(point, normal, color, surface, lights, light_count, 0);
     color = add_plain_ambient(color, &surface);
     STORE_LANES(color.r, c[0]);
     STORE_LANES(color.g, c[1]);

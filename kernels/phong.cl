@@ -1,5 +1,5 @@
 // Phong shading: the normal is interpolated, each owned pixel lit once.
-#include "surface.clh"
+#include "fill.clh"
 
 #if PHONG
 colors3 light_block(const Inputs *in, ints owner, int column, int row)
@@ -16,9 +16,11 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
         int face = t->face;
         Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
 #if DIFFUSE || SPECULAR
+        float side = side_of(in, t);
         put_vector(&normal, mine,
-                   mix_vectors(m, in->normals[normal_index(in, face, 0)], in->normals[normal_index(in, face, 1)],
-                               in->normals[normal_index(in, face, 2)]));
+                   mix_vectors(m, side * in->normals[normal_index(in, face, 0)],
+                               side * in->normals[normal_index(in, face, 1)],
+                               side * in->normals[normal_index(in, face, 2)]));
         global const int *v = in->faces + 3 * face;
 #if CENTROID
         float4 centroid = centroid_of(in, face);
@@ -38,7 +40,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
         put_texels(&texels, mine, in, t, column, row);
     }
     color = times_texel(color, &texels, in);
-    color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights);
+    color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights, in->image->to_eye);
     return add_plain_ambient(color, &surface);
 }
 

@@ -33,9 +33,15 @@ kernel void project(global const position_t *positions,  // V x 3, world space
     double z = (dx * m[6] + dy * m[7]) + dz * m[8];
     Vertex v = {z, 0, 0, 0.0f, 0.0f};
     if (z >= view->near) {
-        v.x = snap(((view->focal * x) / (z * view->plane_width) + 0.5) * view->columns);
-        v.y = snap(((view->focal * y) / (z * view->plane_height) + 0.5) * view->rows);
+#if ORTHOGRAPHIC
+        v.x = snap((x / view->plane_width + view->principal[0]) * view->columns);
+        v.y = snap((y / view->plane_height + view->principal[1]) * view->rows);
+        double w = -z * view->scale;
+#else
+        v.x = snap(((view->focal * x) / (z * view->plane_width) + view->principal[0]) * view->columns);
+        v.y = snap(((view->focal * y) / (z * view->plane_height) + view->principal[1]) * view->rows);
         double w = 1.0 / (z * view->scale);
+#endif
         v.w = (float)w;
         v.w_low = (float)(w - (double)v.w);
     }

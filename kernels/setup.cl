@@ -37,16 +37,24 @@ int may_cover(const Triangle *t, const Bounds *b)
     return 0;
 }
 
+// Whether the face is drawn only where it is seen from the front.
+int is_front_only(int face, global const int *face_materials, global const Material *materials)
+{
+#if SIDES
+    return materials[face_materials[face]].front_only;
+#else
+    return CULL;
+#endif
+}
+
 // Completes a triangle of which x, y and w are set, and its bounds.
-Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, global const Image *image)
+Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_only, global const Image *image)
 {
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
     if (area == 0)
         return ZERO_AREA;
-#if CULL
-    if (area < 0)
+    if (area < 0 && front_only)
         return BACK_FACING;
-#endif
     int2 across = centers_within(min(min(t->x[0], t->x[1]), t->x[2]), max(max(t->x[0], t->x[1]), t->x[2]));
     int2 up = centers_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]));
     if (across.x > across.y || up.x > up.y)
@@ -94,6 +102,8 @@ void add_culled(global Counters *counters, Counters counted)
 // A work-item takes SETUP_RUN faces and appends their keys in one piece; the sort makes the order of pieces irrelevant.
 kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project
+                  global const int *face_materials,    // F, with SIDES
+                  global const Material *materials,    // with SIDES
                   global const View *view,         // 1
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
@@ -140,7 +150,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
             to_clip[atomic_inc(&counters->to_clip)] = face;
             continue;
         }
-        Verdict verdict = complete(&t, &b, face, -1, image);
+        Verdict verdict = complete(&t, &b, face, -1, is_front_only(face, face_materials, materials), image);
         count_culled(verdict, &counted);
         if (verdict != VISIBLE)
             continue;
@@ -163,6 +173,8 @@ kernel void setup(global const int *faces,         // F x 3, vertices
 
 // The same for the pieces of clipped faces, which follow the faces in `triangles`.
 kernel void setup_pieces(global const Piece *pieces,   // C, from the host
+                         global const int *face_materials,    // F, with SIDES
+                         global const Material *materials,    // with SIDES
                          global const Image *image,    // 1
                          global Triangle *triangles,   // F + C
                          global Bounds *bounds,        // F + C
@@ -182,7 +194,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
         t.y[k] = piece->y[k];
         t.w[k] = piece->w[k];
     }
-    Verdict verdict = complete(&t, &b, piece->face, i, image);
+    Verdict verdict = complete(&t, &b, piece->face, i, is_front_only(piece->face, face_materials, materials), image);
     if (verdict == VISIBLE) {
         b.index = face_count + i;
         triangles[face_count + i] = t;

@@ -95,8 +95,12 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
     """What the stage `project` makes of world positions (V, 3), float32 or float64."""
     features = mask(DOUBLE_POSITIONS=int(positions.dtype == np.float64))
     stages = Stages(device, build(device, features, ("project.cl",)))
-    vertices = VertexBuffers(device, len(positions))
-    stages.project(Buffer(device, positions), view_of(device, camera, near, scale), vertices, len(positions))
+    vertices, points, view = (
+        VertexBuffers(device, len(positions)),
+        Buffer(device, positions),
+        view_of(device, camera, near, scale),
+    )
+    stages.project(points, view, vertices, len(positions))
     vertices.projected.to_host()
     vertices.relative.to_host()
     return vertices
@@ -141,9 +145,10 @@ class Pipeline:
         """Runs `setup`; returns the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
         self.made = TriangleBuffers(self.device, len(faces), 0)
-        view = np.zeros(1, layout.VIEW)
-        view["near"] = near
-        self.stages.setup(self.faces, vertices, Buffer(self.device, view), self.image, self.made, len(faces))
+        table = np.zeros(1, layout.VIEW)
+        table["near"] = near
+        view = Buffer(self.device, table)
+        self.stages.setup(self.faces, vertices, view, self.image, self.made, len(faces))
         self.counters = self.made.counters.to_host()[0].copy()
         self.visible = int(self.counters["visible"])
         return self.counters
@@ -167,7 +172,7 @@ class Pipeline:
             self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
             self.lists = Buffer.empty(self.device, 0, layout.ENTRY)
             return [np.zeros(0, np.int32)] * self.tiles
-        counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
+        counts = self.counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
         table = counts.to_host()
         # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
@@ -180,7 +185,10 @@ class Pipeline:
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> tuple:
-        """The arguments SURFACE_PARAMETERS (kernels/surface.clh): arrays by name, the stages' own buffers added."""
+        """The arguments SURFACE_PARAMETERS (kernels/surface.clh): arrays by name, the stages' own buffers added.
+
+        The tuple must live until the kernel is done: its buffers are the arrays themselves.
+        """
         names = ("normals", "normal_faces", "colors", "uvs", "uv_faces", "face_materials")
         names += ("materials", "textures", "texels", "lights")
         assert set(arrays) <= {*names}, set(arrays) - {*names}
@@ -197,10 +205,11 @@ class Pipeline:
         with self.made.counters.writing() as table:
             table[:] = 0
         tile = (self.lists, self.starts, rgba, owners, self.made.counters)
+        surface = self.surface(**arrays)
         if self.features["PHONG"]:
-            self.stages.phong(self.surface(**arrays), tile, self.tiles)
+            self.stages.phong(surface, tile, self.tiles)
         else:
-            self.stages.gouraud(self.surface(**arrays), tile, corner_light, self.tiles)
+            self.stages.gouraud(surface, tile, corner_light, self.tiles)
         self.counters = self.made.counters.to_host()[0].copy()
         found = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()

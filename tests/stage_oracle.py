@@ -44,9 +44,7 @@ class Inputs:
 
     def set_up(self, pipeline: Pipeline) -> None:
         """The stages up to the tile lists."""
-        vertices = vertices_at(
-            pipeline.device, self.xy.reshape(-1, 2), self.z.reshape(-1), self.points.reshape(-1, 3)
-        )
+        vertices = vertices_at(pipeline.device, self.xy.reshape(-1, 2), self.z.reshape(-1), self.points.reshape(-1, 3))
         pipeline.set_up(vertices, np.arange(3 * len(self.z)).reshape(-1, 3))
         pipeline.sort()
         pipeline.bin()

@@ -35,7 +35,8 @@ def pipeline_of(device, inputs, ways, lanes=None, **features) -> Pipeline:
 def corners(pipeline: Pipeline, inputs) -> np.ndarray:
     """What gouraud_corners writes: (F, 3, 4); NaN for triangles that are not visible."""
     light = Buffer(pipeline.device, np.full((3 * len(inputs.z), 4), np.nan, np.float32))
-    pipeline.stages.gouraud_corners(pipeline.surface(**inputs.arrays()), pipeline.order, light, pipeline.visible)
+    surface = pipeline.surface(**inputs.arrays())
+    pipeline.stages.gouraud_corners(surface, pipeline.order, light, pipeline.visible)
     return light.to_host().reshape(-1, 3, 4)
 
 

@@ -29,7 +29,11 @@ def draw(device, inputs, ways, lanes=None, **features):
 def oracle_of(inputs, owners, ways):
     interpolation = "perspective" if ways.get("PERSPECTIVE") else "affine"
     return stage_oracle.phong(
-        inputs, owners, centroid=bool(ways.get("CENTROID")), interpolation=interpolation, tinted=bool(ways.get("TINTED"))
+        inputs,
+        owners,
+        centroid=bool(ways.get("CENTROID")),
+        interpolation=interpolation,
+        tinted=bool(ways.get("TINTED")),
     )
 
 

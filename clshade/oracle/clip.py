@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .transform import project, snap
+from .transform import Lens, project, snap
 from .vectors import Array
 
 GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
@@ -62,15 +62,19 @@ def clip_near(points: Array, weights: Array, near: float) -> tuple[Array, Array]
     return points, weights
 
 
-def clip_guard(
-    points: Array, weights: Array, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
-) -> tuple[Array, Array]:
+def clip_guard(points: Array, weights: Array, lens: Lens) -> tuple[Array, Array]:
     """The part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, in that order; needs z > 0."""
-    for axis, (extent, pixels) in enumerate(zip(plane[::-1], resolution, strict=True)):
-        slope = (focal * pixels) / extent  # u = slope*x/z + pixels/2
+    for axis in (0, 1):
+        extent, pixels, principal = (
+            lens.plane[1 - axis],
+            lens.resolution[axis],
+            lens.principal[axis] * lens.resolution[axis],
+        )
+        slope = pixels / extent if lens.orthographic else (lens.focal * pixels) / extent
         for side in (1.0, -1.0):
-            # u >= -GUARD is slope*x + (GUARD + pixels/2)*z >= 0, and u <= GUARD the mirror image.
-            distance = side * (slope * points[:, axis]) + (GUARD + side * (pixels / 2.0)) * points[:, 2]
+            # u = slope*x/z + principal; u >= -GUARD is slope*x + (GUARD + principal)*z >= 0. Orthographic: z is 1.
+            depth = 1.0 if lens.orthographic else points[:, 2]
+            distance = side * (slope * points[:, axis]) + (GUARD + side * principal) * depth
             points, weights, _ = clip_polygon(points, weights, distance)
             if len(points) == 0:
                 return points, weights
@@ -82,38 +86,34 @@ def beyond_guard(uv: Array) -> Array:
     return ~(np.abs(uv) <= GUARD).all(axis=(-1, -2))
 
 
-def clip_face(
-    corners: Array, near: float, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
-) -> list[tuple[Array, Array]]:
+def clip_face(corners: Array, near: float, lens: Lens) -> list[tuple[Array, Array]]:
     """One triangle, camera space (3, 3), as a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
     points, weights = corners, np.eye(3)
     if (points[:, 2] < near).any():
         points, weights = clip_near(points, weights, near)
     if len(points) == 0:
         return []
-    uv = project(points, focal, plane, resolution)
-    if (uv < 0.0).all(axis=0).any() or (uv > np.array(resolution)).all(axis=0).any():
+    uv = project(points, *lens)
+    if (uv < 0.0).all(axis=0).any() or (uv > np.array(lens.resolution)).all(axis=0).any():
         return []  # wholly to one side of the image
     if beyond_guard(uv):
-        points, weights = clip_guard(points, weights, focal, plane, resolution)
+        points, weights = clip_guard(points, weights, lens)
     fan = [[0, i, i + 1] for i in range(1, len(points) - 1)]
     return [(points[f], weights[f]) for f in fan if np.isfinite(points[f]).all()]
 
 
-def pieces(
-    corners: Array, near: float, focal: float, plane: tuple[float, float], resolution: tuple[int, int]
-) -> Pieces:
+def pieces(corners: Array, near: float, lens: Lens) -> Pieces:
     """All triangles (F, 3, 3) of camera-space corners, clipped, projected and snapped."""
     in_front = corners[:, :, 2] >= near
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        uv = project(corners, focal, plane, resolution)
+        uv = project(corners, *lens)
         whole = in_front.all(axis=1)
         simple = whole & ~beyond_guard(uv)
         face = np.flatnonzero(simple)
         points, weights = [corners[face]], [np.broadcast_to(np.eye(3), (len(face), 3, 3))]
         faces = [face]
         for k in np.flatnonzero(in_front.any(axis=1) & ~simple):
-            for piece_points, piece_weights in clip_face(corners[k], near, focal, plane, resolution):
+            for piece_points, piece_weights in clip_face(corners[k], near, lens):
                 points.append(piece_points[None])
                 weights.append(piece_weights[None])
                 faces.append(np.array([k]))
@@ -122,7 +122,7 @@ def pieces(
     all_points = all_points[order]
     return Pieces(
         face=all_faces[order],
-        xy=snap(project(all_points, focal, plane, resolution)),
+        xy=snap(project(all_points, *lens)),
         z=all_points[:, :, 2],
         weights=np.concatenate(weights)[order],
     )

@@ -32,6 +32,8 @@ def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Ar
     verts = world_vertices(mesh.verts, matrix)
     if mesh.normals is None or compute_normals:
         normals = vertex_normals(verts, mesh.faces)[mesh.faces]
+        if np.linalg.det(matrix[:3, :3]) < 0.0:
+            normals = -normals
     else:
         used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
         normals = placed_normals(mesh.normals, matrix)[used]
@@ -50,10 +52,12 @@ def gather(scene: Scene) -> Corners:
             mesh_uvs = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces].astype(np.float64)
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
-            world.append(placed)
-            normals.append(placed_normal)
-            colors.append(mesh_colors)
-            uvs.append(mesh_uvs)
+            # A placement that mirrors turns the corners' order round: what was the front stays the front.
+            turned = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0.0 else [0, 1, 2]
+            world.append(placed[:, turned])
+            normals.append(placed_normal[:, turned])
+            colors.append(mesh_colors[:, turned])
+            uvs.append(mesh_uvs[:, turned])
             owner.append(np.full(count, index))
     empty = np.zeros((0, 3, 3))
     return Corners(
@@ -63,6 +67,22 @@ def gather(scene: Scene) -> Corners:
         np.concatenate([np.zeros((0, 3, 2)), *uvs]),
         np.concatenate([np.zeros(0, np.int64), *owner]),
     )
+
+
+def alpha_passes(scene: Scene, corners: Corners, face: Array, weights: Array) -> Array:
+    """(K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's cutoff."""
+    passes = np.ones(len(face), bool)
+    for index in np.unique(corners.mesh[face]):
+        mesh = scene.meshes[index]
+        texture = mesh.material.texture
+        if not textured(mesh) or mesh.material.alpha_cutoff is None or texture.image.shape[2] < 4:
+            continue
+        mine = np.flatnonzero(corners.mesh[face] == index)
+        with np.errstate(invalid="ignore", over="ignore"):
+            uv = (weights[mine][:, :, None] * corners.uvs[face[mine]]).sum(axis=1)
+        alpha = bilerp(uv, texture.image[..., 3:], texture.lookup, texture.wrap)[:, 0]
+        passes[mine] = alpha >= mesh.material.alpha_cutoff
+    return passes
 
 
 def textured(mesh: Mesh) -> bool:
@@ -79,15 +99,17 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Arra
     colors = corners.colors[face].copy()
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
+        mine = corners.mesh[face] == index
         if not textured(mesh):
+            colors[mine] = colors[mine] * mesh.material.color
             continue
         texture = mesh.material.texture
-        mine = corners.mesh[face] == index
         if texture.lookup == "course":
             colors[mine] = 1.0
+        colors[mine] = colors[mine] * mesh.material.color
         if settings.texture_at == "vertex":
             uv = corners.uvs[face[mine]]
-            colors[mine] = colors[mine] * bilerp(uv, texture.image, texture.lookup, texture.wrap)
+            colors[mine] = colors[mine] * bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
     return colors
 
 
@@ -104,5 +126,5 @@ def texels(scene: Scene, settings: Settings, corners: Corners, face: Array, weig
         mine = np.flatnonzero(corners.mesh[face] == index)
         with np.errstate(invalid="ignore", over="ignore"):
             uv = (weights[mine][:, :, None] * corners.uvs[face[mine]]).sum(axis=1)
-        texel[mine] = bilerp(uv, texture.image, texture.lookup, texture.wrap)
+        texel[mine] = bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
     return texel

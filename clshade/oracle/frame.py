@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 
 from ..scene import Scene, Settings
 from . import coverage, shade, transform
 from .clip import Pieces, pieces
-from .corners import Corners, gather
+from .corners import Corners, alpha_passes, gather
 from .pixels import Shaded, shade_pixels
 from .vectors import Array
 
@@ -58,31 +60,59 @@ def prepare(scene: Scene, settings: Settings) -> Prepared:
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
-    cut = pieces(points, near, camera.focal, camera.plane, camera.resolution)
-    return Prepared(corners, points[:, :, 2], cut, coverage.setup(cut.xy, columns, rows, settings.cull))
+    cut = pieces(points, near, transform.lens_of(camera))
+    setup = coverage.setup(cut.xy, columns, rows, settings.cull)
+    front_only = np.array([m.material.sides == "front" for m in scene.meshes], bool)[corners.mesh[cut.face]]
+    setup = setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
+    return Prepared(corners, points[:, :, 2], cut, setup)
 
 
-def owners(prepared: Prepared, visibility: str, resolution: tuple[int, int]) -> Array:
+def owners(
+    prepared: Prepared,
+    visibility: str,
+    resolution: tuple[int, int],
+    opaque: Callable[[Array, Array], Array] | None = None,
+    orthographic: bool = False,
+) -> Array:
     """The piece seen at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
 
     `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
+    opaque: of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool, which can be seen there; None: all.
     """
     columns, rows = resolution
     cut, alive = prepared.pieces, ~prepared.setup.culled
     if visibility == "painter":
         order = coverage.painter_order(prepared.z[cut.face], alive)
         rank = np.full(columns * rows, len(order))
-        for k, column, row, _ in coverage.samples(cut.xy[order], prepared.setup.box[order]):
-            np.minimum.at(rank, row * columns + column, k)
+        for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
+            seen = slice(None) if opaque is None else opaque(order[k], edges)
+            np.minimum.at(rank, (row * columns + column)[seen], k[seen])
         return np.append(order, -1)[rank].reshape(rows, columns)
     order = np.flatnonzero(alive)
     owner, nearest = np.full(columns * rows, -1), np.full(columns * rows, np.inf)
     for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
-        pixel, z = row * columns + column, shade.depth(edges, cut.z[order[k]])
+        seen = slice(None) if opaque is None else opaque(order[k], edges)
+        k, column, row, edges = k[seen], column[seen], row[seen], edges[seen]
+        pixel, z = row * columns + column, shade.depth(edges, cut.z[order[k]], orthographic)
         np.minimum.at(nearest, pixel, z)
         equal = z == nearest[pixel]  # a later batch holds later pieces only, so the later owner is the right one
         np.maximum.at(owner, pixel[equal], order[k[equal]])
     return owner.reshape(rows, columns)
+
+
+def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: Array, edges: Array) -> Array:
+    """(K,) bool: where pixels of pieces (K,), edge functions (K, 3) there, pass their material's alpha test."""
+    cut = prepared.pieces
+    weights = face_weights(scene, settings, prepared, piece, edges)
+    return alpha_passes(scene, prepared.corners, cut.face[piece], weights)
+
+
+def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Array, edges: Array) -> Array:
+    """Weights (K, 3) of the original corners at pixels of pieces (K,) with edge functions (K, 3)."""
+    cut = prepared.pieces
+    interpolation = "affine" if scene.camera.orthographic else settings.interpolation
+    on_piece = shade.barycentrics(edges, cut.z[piece], interpolation)
+    return (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
 
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
@@ -102,7 +132,10 @@ def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Ora
     prepared = prepare(scene, settings)
     rows, columns = np.asarray(rows), np.asarray(columns)
     upward = scene.camera.resolution[1] - 1 - rows
-    owner = owners(prepared, settings.visibility, scene.camera.resolution)[upward, columns]
+    tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
+    opaque = partial(passes_alpha, scene, settings, prepared) if tested else None
+    camera = scene.camera
+    owner = owners(prepared, settings.visibility, camera.resolution, opaque, camera.orthographic)[upward, columns]
     frame = _background(scene, len(owner))
     drawn = np.flatnonzero(owner >= 0)
     for start in range(0, len(drawn), BATCH):
@@ -136,10 +169,10 @@ def _shade_batch(
     """Shade pixels (column, row from the bottom) on their pieces, (K,) each; also their depths (K,)."""
     cut = prepared.pieces
     edges = coverage.edge_functions(cut.xy[piece], column, row)
-    on_piece = shade.barycentrics(edges, cut.z[piece], settings.interpolation)
-    weights = (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights)
-    return shaded, shade.depth(edges, cut.z[piece])
+    weights = face_weights(scene, settings, prepared, piece, edges)
+    behind = prepared.setup.area[piece] < 0
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind)
+    return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 
 def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: Array) -> Array:
@@ -158,5 +191,7 @@ def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: 
         piece = first[query] + step
         edges = coverage.edge_functions(cut.xy[piece], column[query], scene.camera.resolution[1] - 1 - row[query])
         hit = coverage.covered(cut.xy[piece], edges) & ~prepared.setup.culled[piece]
-        result[query[hit]] = np.minimum(result[query[hit]], shade.depth(edges[hit], cut.z[piece[hit]]))
+        result[query[hit]] = np.minimum(
+            result[query[hit]], shade.depth(edges[hit], cut.z[piece[hit]], scene.camera.orthographic)
+        )
     return result

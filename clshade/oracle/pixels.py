@@ -9,9 +9,8 @@ import numpy as np
 from ..scene import Scene, Settings
 from . import shade
 from .corners import Corners, corner_colors, texels
+from .transform import camera_frame
 from .vectors import Array, length
-
-ORIGIN = np.zeros(3)  # the eye: everything here is relative to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +69,8 @@ class Batch:
     """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel: (K, 3) per pixel. tinted: does the color multiply the ambient light?
+    texel: (K, 3) per pixel. tinted: does the color multiply the ambient light? turned: (K,) is the normal turned round?
+    view: None, or the unit vector towards an orthographic camera, the same everywhere.
     """
 
     points: Array
@@ -83,10 +83,21 @@ class Batch:
     where: Array
     weights: Array
     texel: Array
+    turned: Array
+    view: Array | None
+
+    def eye(self, point: Array) -> Array:
+        """Where the eye is for points (..., 3): the origin, as everything here is relative to it."""
+        return np.zeros(3) if self.view is None else point + self.view
 
 
-def shade_pixels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> Shaded:
-    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners."""
+def shade_pixels(
+    scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array, behind: Array
+) -> Shaded:
+    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners; behind: (K,) bool, is the face
+    seen from behind?"""
+    two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
+    axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
     colors = corner_colors(scene, settings, corners, used)
     texel = texels(scene, settings, corners, face, weights)
@@ -105,6 +116,8 @@ def shade_pixels(scene: Scene, settings: Settings, corners: Corners, face: Array
         where=where,
         weights=weights,
         texel=texel,
+        turned=behind & two_sided,
+        view=-axes[2] if scene.camera.orthographic else None,
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong}[settings.shader](batch)
 
@@ -120,14 +133,18 @@ def _gouraud(batch: Batch) -> Shaded:
     """Light at the corners, then interpolate. The texel multiplies all but the plain ambient light."""
     points, normals, where, lights = batch.points, batch.normals, batch.where, batch.lights
     ka_Ia, kd, ks, n = (s[:, None] for s in (batch.surface.ka_Ia, batch.surface.kd, batch.surface.ks, batch.surface.n))
-    lit = shade.reflected(points, normals, ORIGIN, kd, ks, n, lights.positions, lights.intensities)
+    turned = np.zeros(len(points), bool)
+    turned[where] = batch.turned  # all pixels of a face see the same side of it
+    normals = np.where(turned[:, None, None], -normals, normals)
+    eye = batch.eye(points)
+    lit = shade.reflected(points, normals, eye, kd, ks, n, lights.positions, lights.intensities)
     factor = lit + ka_Ia if batch.tinted else lit
     rgb = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
-    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), ORIGIN, lights.positions).max(axis=1)
-    gate = shade.at_gate(points, normals, ORIGIN, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
+    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions).max(axis=1)
+    gate = shade.at_gate(points, normals, eye, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
     worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities)
     return Shaded(rgb, budget, kappa[where], gate[where], pixel.n)
@@ -137,15 +154,15 @@ def _phong(batch: Batch) -> Shaded:
     """Interpolate point, normal and color, then light each pixel."""
     where, lights, surface = batch.where, batch.lights, batch.surface[batch.where]
     point, normal = blend(batch.weights, batch.points[where]), blend(batch.weights, batch.normals[where])
+    normal = np.where(batch.turned[:, None], -normal, normal)
     color = blend(batch.weights, batch.colors[where]) * batch.texel
-    lit = shade.reflected(
-        point, normal, ORIGIN, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities
-    )
+    eye = batch.eye(point)
+    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities)
     factor = lit + surface.ka_Ia if batch.tinted else lit
     rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
-    kappa = shade.conditioning(point, batch.extent[where], normal_length, ORIGIN, lights.positions)
-    gate = shade.at_gate(point, normal, ORIGIN, lights.positions) & (surface.ks != 0.0).any(axis=1)
+    kappa = shade.conditioning(point, batch.extent[where], normal_length, eye, lights.positions)
+    gate = shade.at_gate(point, normal, eye, lights.positions) & (surface.ks != 0.0).any(axis=1)
     budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities)
     return Shaded(rgb, budget, kappa, gate, surface.n)

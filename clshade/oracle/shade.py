@@ -23,9 +23,12 @@ def barycentrics(edges: Array, z: Array, interpolation: str) -> Array:
     return share / (share[..., 0] + share[..., 1] + share[..., 2])[..., None]
 
 
-def depth(edges: Array, z: Array) -> Array:
-    """Depth (...) at a point of a triangle: 1/z is linear in the image."""
+def depth(edges: Array, z: Array, orthographic: bool = False) -> Array:
+    """Depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
     edges = np.asarray(edges, dtype=np.float64)
+    if orthographic:
+        share = edges * z
+        return (share[..., 0] + share[..., 1] + share[..., 2]) / (edges[..., 0] + edges[..., 1] + edges[..., 2])
     inverse = edges / z
     return (edges[..., 0] + edges[..., 1] + edges[..., 2]) / (inverse[..., 0] + inverse[..., 1] + inverse[..., 2])
 

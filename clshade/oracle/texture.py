@@ -40,8 +40,8 @@ def neighbors(t: Array, size: int, lookup: str, wrap: str) -> tuple[Array, Array
     return wrapped_index(index, size, wrap), wrapped_index(index + 1, size, wrap), x - first
 
 
-def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str = "repeat") -> Array:
-    """Colors (..., 3) of an image (h, w, 3) at texture coordinates uv (..., 2).
+def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Array:
+    """Colors (..., C) of an image (h, w, C) at texture coordinates uv (..., 2).
 
     lookup `standard`: texel (i, j) has its center at ((i+0.5)/w, (j+0.5)/h), and `wrap` (repeat, clamp, mirror) says
     what lies beyond the image. `course`: u and v are held to [0, 1], x = u*(w-1), y = v*(h-1), the neighbors are
@@ -49,8 +49,9 @@ def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str = "repea
     """
     uv = np.asarray(uv, dtype=np.float64)
     rows, columns = image.shape[:2]
-    left, right, fx = neighbors(uv[..., 0], columns, lookup, wrap)
-    low, high, fy = neighbors(uv[..., 1], rows, lookup, wrap)
+    wrap_u, wrap_v = (wrap, wrap) if isinstance(wrap, str) else wrap
+    left, right, fx = neighbors(uv[..., 0], columns, lookup, wrap_u)
+    low, high, fy = neighbors(uv[..., 1], rows, lookup, wrap_v)
     fx, fy = fx[..., None], fy[..., None]
     below = image[low, left] * (1.0 - fx) + image[low, right] * fx
     above = image[high, left] * (1.0 - fx) + image[high, right] * fx

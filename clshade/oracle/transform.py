@@ -5,7 +5,11 @@ Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; sn
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+
+from ..scene import Camera
 
 from .vectors import Array, cross, dot, length, power_of_two, unit
 
@@ -36,15 +40,39 @@ def to_camera(points: Array, eye: Array, axes: Array) -> Array:
     return np.stack([dot(d, axis) for axis in axes], axis=-1)
 
 
-def project(points: Array, focal: float, plane: tuple[float, float], resolution: tuple[int, int]) -> Array:
+class Lens(NamedTuple):
+    """What maps camera space to the image; the fields of scene.Camera. Its fields are the arguments of `project`."""
+
+    focal: float
+    plane: tuple[float, float]
+    resolution: tuple[int, int]
+    principal: tuple[float, float] = (0.5, 0.5)
+    orthographic: bool = False
+
+
+def lens_of(camera: Camera) -> Lens:
+    return Lens(camera.focal, camera.plane, camera.resolution, camera.principal, camera.orthographic)
+
+
+def project(
+    points: Array,
+    focal: float,
+    plane: tuple[float, float],
+    resolution: tuple[int, int],
+    principal: tuple[float, float] = (0.5, 0.5),
+    orthographic: bool = False,
+) -> Array:
     """Camera-space points (..., 3), z > 0, to continuous image coordinates (..., 2), in pixels.
 
-    plane: (H, W) of the image plane. resolution: (N, M), columns and rows.
+    plane: (H, W) of the image plane. resolution: (N, M), columns and rows. principal: where the viewing direction
+    meets the image, fractions of N and M. orthographic: by parallel lines.
     """
     (height, width), (columns, rows) = plane, resolution
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
-    u = ((focal * x) / (z * width) + 0.5) * columns
-    v = ((focal * y) / (z * height) + 0.5) * rows
+    if orthographic:
+        return np.stack([(x / width + principal[0]) * columns, (y / height + principal[1]) * rows], axis=-1)
+    u = ((focal * x) / (z * width) + principal[0]) * columns
+    v = ((focal * y) / (z * height) + principal[1]) * rows
     return np.stack([u, v], axis=-1)
 
 

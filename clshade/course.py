@@ -1,0 +1,379 @@
+"""The functions of the course's assignments, with its names, argument order and array shapes, run by OpenCL kernels.
+
+Images are (M, N, 3) float64 with row 0 at the BOTTOM, linear and never clamped: values above 1 are kept. To show or save
+one as 8 bits as the course does, turn it and clamp it: `np.clip(image[::-1], 0.0, 1.0)`.
+
+Shapes. `verts`, `verts_colors`, `faces`, `uvs`, `uvs_faces` are 3xN (2xN), a column per item; they may all come
+transposed, which any of them that is not square shows. `l_pos` and `l_int` are Lx3, rows are lights, or lists of L
+3-vectors; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c` are 3x3, columns are corners. 3-vectors
+come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are numbers or 3-vectors; one of the first three
+that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
+
+Light, for a point P with unit normal N, V towards the eye, L towards a light, R = 2N(N.L) - L, per channel:
+`I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)`, the highlight only where N.L > 0 and
+R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM 18(6), 1975). A normal of 0, a light at P or an
+eye at P contributes 0.
+
+Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument, what was expected
+and what was found, for wrong shapes, indices out of range, NaN or infinite values and unknown shaders, before anything is
+allocated; and `clshade.errors.DeviceError` where no OpenCL device works. The device is the default one, or the one that
+the environment variable CLSHADE_DEVICE names, and stays open; the last scenes stay on it (see `release`).
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from . import course_arguments as checked
+from .course_files import save_course as save
+from .device import Device, shared_device
+from .geometry import vertex_normals
+from .recent import Recent
+from .renderer import Renderer
+from .scene import SHADERS, Array, Camera, Material, Mesh, PointLight, Scene, choice, coefficient, refuse, vector
+from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
+
+__all__ = [
+    "bilerp",
+    "calculate_normals",
+    "gouraud_shading",
+    "light",
+    "release",
+    "render_object",
+    "render_object_map",
+    "save",
+    "shade_gouraud",
+    "shade_phong",
+]
+
+_LARGE = 1 << 24  # pixels: the memory of such an image is not kept for the next
+_lock = threading.RLock()  # kernels take their arguments one after the other: one call at a time
+
+
+# Single points
+
+
+def light(
+    point: Any, normal: Any, color: Any, cam_pos: Any, k_a: Any, k_d: Any, k_s: Any, n: Any, l_pos: Any, l_int: Any
+) -> Array:
+    """The light that a point of a surface sends to the eye.
+
+    point, cam_pos: 3-vectors, world space. normal: 3-vector of any length. color: 3-vector, linear RGB, of the surface.
+    k_a: ambient coefficient times ambient intensity. k_d, k_s, n: diffuse and specular coefficient, exponent.
+    l_pos, l_int: (L, 3), positions in world space and linear RGB intensities of the lights.
+
+    Returns (3,) float64, linear RGB, not clamped. See the module for the formula and for what is raised.
+    """
+    owner = "light"
+    direction, tint = vector(owner, "normal", normal), vector(owner, "color", color)
+    around = _surroundings(owner, ("point", point), cam_pos, (k_a, k_d, k_s, n), (l_pos, l_int))
+    with _lock:
+        return light_point(shared_device(), around, direction, tint)
+
+
+def _surroundings(owner: str, point: tuple[str, Any], eye: Any, surface: tuple, lights: tuple) -> Surroundings:
+    name, place = point
+    around = Surroundings(
+        vector(owner, name, place),
+        vector(owner, "cam_pos", eye),
+        *checked.lights(owner, *lights),
+        checked.material(owner, *surface),
+    )
+    if not np.isfinite(reach(around)):
+        raise refuse(owner, "cam_pos", f"a distance from {name} that float64 can hold", around.eye.tolist())
+    return around
+
+
+def bilerp(uv: Any, texture_map: Any) -> Array:
+    """The color of a texture at one place, by bilinear interpolation of the four texels around it.
+
+    uv: 2 numbers, (2,), (1, 2) or (2, 1): u to the right and v down the rows, held to [0, 1].
+    texture_map: (h, w, 3), row 0 is v = 0; floats as they are, integers divided by their type's maximum.
+
+    With x = u*(w-1) and x0 = floor(x), x1 = min(x0+1, w-1), the same for y: the mean of the texels at x0, x1 and y0, y1.
+    Returns (3,) float64. The texture stays on the device for the next call with an equal one.
+    """
+    owner = "bilerp"
+    place = checked.array(owner, "uv", uv)
+    if place.shape not in ((2,), (1, 2), (2, 1)) or not np.isfinite(place).all():
+        raise refuse(owner, "uv", "two finite numbers", uv)
+    image = checked.texel_array(owner, texture_map)
+    with _lock:
+        return _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
+
+
+def calculate_normals(verts: Any, faces: Any) -> Array:
+    """Unit normals at the vertices of a mesh: the sum of the cross products of the faces around each, normalized.
+
+    verts: (3, V) positions. faces: (3, F) indices into verts, counter-clockwise seen from outside.
+    Returns (3, V) float64; 0 at a vertex without faces or whose faces cancel. Computed on the host in float64.
+    """
+    given = checked.mesh("calculate_normals", verts=verts, faces=faces)
+    return np.ascontiguousarray(vertex_normals(given["verts"], given["faces"]).T)
+
+
+# One triangle over an image
+
+
+def gouraud_shading(verts_p: Any, verts_c: Any, X: Any) -> Array:
+    """One triangle over an image, its corners' colors interpolated, without light.
+
+    verts_p: (3, 2), rows are corners, continuous image coordinates u to the right and v up in pixels: the center of
+        column c, row r is (c+0.5, r+0.5). They may lie outside of the image, as far as they like.
+    verts_c: (3, 3), columns are corners, linear RGB. X: (M, N, 3), row 0 at the bottom; it is not changed.
+
+    Returns a new (M, N, 3) float64 image. A pixel is drawn if its center is inside, corners rounded to 1/256 pixel, on
+    an edge by the top-left rule: triangles that share an edge draw no pixel twice and leave none out.
+    """
+    owner = "gouraud_shading"
+    corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
+    colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
+    image = checked.image(owner, X)
+    with _lock:
+        draw_triangle(shared_device(), "nolight", corners, np.zeros((3, 3)), colors, NOWHERE, image)
+    return image
+
+
+def shade_gouraud(
+    verts_p: Any,
+    verts_n: Any,
+    verts_c: Any,
+    bcoords: Any,
+    cam_pos: Any,
+    k_a: Any,
+    k_d: Any,
+    k_s: Any,
+    n: Any,
+    l_pos: Any,
+    l_int: Any,
+    l_amb: Any,
+    X: Any,
+) -> Array:
+    """One triangle over an image, lit at its corners, the light interpolated.
+
+    verts_p, verts_c, X: as for `gouraud_shading`. verts_n: (3, 3), columns are the corners' normals, of any length.
+    bcoords: 3-vector, the triangle's center of mass in world space, from which the directions to eye and lights are
+        taken. cam_pos, k_a, k_d, k_s, n, l_pos, l_int: as for `light`. l_amb: intensity of the ambient light, by which
+        k_a is multiplied here.
+
+    Returns a new (M, N, 3) float64 image, not clamped.
+    """
+    arguments = (verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X)
+    return _shade("shade_gouraud", "gouraud", *arguments)
+
+
+def shade_phong(
+    verts_p: Any,
+    verts_n: Any,
+    verts_c: Any,
+    bcoords: Any,
+    cam_pos: Any,
+    k_a: Any,
+    k_d: Any,
+    k_s: Any,
+    n: Any,
+    l_pos: Any,
+    l_int: Any,
+    l_amb: Any,
+    X: Any,
+) -> Array:
+    """One triangle over an image, normals and colors interpolated, lit at each pixel.
+
+    The arguments are those of `shade_gouraud`. Normals are interpolated as they are given, then normalized.
+    Returns a new (M, N, 3) float64 image, not clamped.
+    """
+    arguments = (verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X)
+    return _shade("shade_phong", "phong", *arguments)
+
+
+def _shade(
+    owner: str,
+    shader: str,
+    verts_p: Any,
+    verts_n: Any,
+    verts_c: Any,
+    bcoords: Any,
+    cam_pos: Any,
+    k_a: Any,
+    k_d: Any,
+    k_s: Any,
+    n: Any,
+    l_pos: Any,
+    l_int: Any,
+    l_amb: Any,
+    X: Any,
+) -> Array:
+    corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
+    normals = checked.corners(owner, "verts_n", verts_n, (3, 3)).T
+    colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
+    ambient = coefficient(owner, "k_a", k_a) * coefficient(owner, "l_amb", l_amb)
+    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, k_d, k_s, n), (l_pos, l_int))
+    image = checked.image(owner, X)
+    with _lock:
+        draw_triangle(shared_device(), shader, corners, normals, colors, around, image)
+    return image
+
+
+# Whole objects
+
+
+def render_object(
+    shader: str,
+    focal: Any,
+    eye: Any,
+    lookat: Any,
+    up: Any,
+    bg_color: Any,
+    M: Any,
+    N: Any,
+    H: Any,
+    W: Any,
+    verts: Any,
+    verts_colors: Any,
+    faces: Any,
+    k_a: Any,
+    k_d: Any,
+    k_s: Any,
+    n: Any,
+    l_pos: Any,
+    l_int: Any,
+    light_amb: Any,
+) -> Array:
+    """The image of an object with vertex colors, painted back to front.
+
+    shader: gouraud, phong, or nolight (the colors themselves).
+    focal: distance of the image plane from the eye, scene units. eye, lookat, up: 3-vectors, world space.
+    bg_color: linear RGB. M, N: rows and columns of the image, 1 to 16384. H, W: height and width of the image plane, scene
+        units.
+    verts: (3, V) positions. verts_colors: (3, V) linear RGB. faces: (3, F) indices into verts, up to 2**24 faces.
+    k_a, k_d, k_s, n: coefficients and exponent. l_pos, l_int: (L, 3). light_amb: intensity of the ambient light.
+
+    A triangle's depth is the mean depth of its corners; of equal ones the later face is seen. Directions to eye and
+    lights are taken at the triangle's center of mass; normals are those of `calculate_normals`, interpolated in the image.
+    Returns (M, N, 3) float64, row 0 at the bottom, not clamped: `np.clip(image, 0, 1)` clamps as the course does.
+    """
+    owner = "render_object"
+    choice(owner, "shader", shader, SHADERS)
+    camera = checked.camera(owner, focal, eye, lookat, up, M, N, H, W)
+    given = checked.mesh(owner, verts=verts, verts_colors=verts_colors, faces=faces)
+    geometry = (given["verts"], given["verts_colors"], given["faces"], None, None, None)
+    return _render(owner, shader, camera, geometry, (k_a, k_d, k_s, n), (l_pos, l_int), light_amb, bg_color)
+
+
+def render_object_map(
+    shader: str,
+    focal: Any,
+    eye: Any,
+    lookat: Any,
+    up: Any,
+    bg_color: Any,
+    M: Any,
+    N: Any,
+    H: Any,
+    W: Any,
+    verts: Any,
+    faces: Any,
+    uvs: Any,
+    uvs_faces: Any,
+    texture_map: Any,
+    k_a: Any,
+    k_d: Any,
+    k_s: Any,
+    n: Any,
+    l_pos: Any,
+    l_int: Any,
+    light_amb: Any,
+) -> Array:
+    """The image of an object with a texture, whose colors at the corners of the faces are interpolated.
+
+    uvs: (2, T) texture coordinates. uvs_faces: (3, F) indices into uvs, for each corner of each face.
+    texture_map: (h, w, 3), row 0 is v = 0, looked up as by `bilerp`. The other arguments and what is returned are those
+    of `render_object`.
+    """
+    owner = "render_object_map"
+    choice(owner, "shader", shader, SHADERS)
+    camera = checked.camera(owner, focal, eye, lookat, up, M, N, H, W)
+    given = checked.mesh(owner, verts=verts, faces=faces, uvs=uvs, uvs_faces=uvs_faces)
+    texels = checked.texel_array(owner, texture_map)
+    geometry = (given["verts"], None, given["faces"], given["uvs"], given["uvs_faces"], texels)
+    return _render(owner, shader, camera, geometry, (k_a, k_d, k_s, n), (l_pos, l_int), light_amb, bg_color)
+
+
+def _render(
+    owner: str,
+    shader: str,
+    camera: Camera,
+    geometry: tuple,
+    surface: tuple,
+    lights: tuple,
+    light_amb: Any,
+    bg_color: Any,
+) -> Array:
+    material = checked.material(owner, *surface)
+    around = (*checked.lights(owner, *lights), coefficient(owner, "light_amb", light_amb))
+    background = coefficient(owner, "bg_color", bg_color)
+    coefficients = (material.ka, material.kd, material.ks, material.n)
+    with _lock:
+        renderer = _renderers.get(shared_device(), owner, shader, *geometry, *coefficients, *around, background)
+        image = _turned(renderer.render(camera).rgba)
+        if image.size > 3 * _LARGE:
+            release()
+    return image
+
+
+def _turned(rgba: Array) -> Array:
+    """RGB of a frame, (M, N, 3) float64, row 0 at the bottom. In strips, which stay in the cache."""
+    source = rgba[::-1]
+    image = np.empty((*rgba.shape[:2], 3))
+    for row in range(0, len(image), 16):
+        for channel in range(3):
+            image[row : row + 16, :, channel] = source[row : row + 16, :, channel]
+    return image
+
+
+# What stays for the next call
+
+
+def _make_renderer(
+    device: Device,
+    owner: str,
+    shader: str,
+    verts: Array,
+    colors: Array | None,
+    faces: Array,
+    uvs: Array | None,
+    uvs_faces: Array | None,
+    texels: Array | None,
+    ka: Array,
+    kd: Array,
+    ks: Array,
+    n: float,
+    positions: Array,
+    intensities: Array,
+    ambient: Array,
+    background: Array,
+) -> Renderer:
+    texture = None if texels is None else checked.texture(owner, texels)
+    mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uvs_faces, material=Material(ka, kd, ks, n, texture))
+    lights = tuple(PointLight(*light) for light in zip(positions, intensities, strict=True))
+    scene = Scene((mesh,), _ANYWHERE, lights, ambient, background, "course")
+    return Renderer(scene, device=device, shader=shader)
+
+
+def _make_lookup(device: Device, texels: Array) -> Lookup:
+    return Lookup(device, checked.texture("bilerp", texels))
+
+
+_ANYWHERE = Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))  # each call brings its own
+_renderers: Recent[Renderer] = Recent(_make_renderer, Renderer.close)
+_lookups: Recent[Lookup] = Recent(_make_lookup, lambda lookup: None, most=2)
+
+
+def release() -> None:
+    """Gives back what is kept of the last calls: scenes and textures on the device. Only speed depends on it."""
+    with _lock:
+        _renderers.clear()
+        _lookups.clear()

@@ -1,0 +1,143 @@
+"""Normals with sharp edges, equal positions welded, and whether a surface is closed; all by whole arrays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .geometry import _exponent, _normalized
+from .scene import Array, number
+
+
+def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array]:
+    """Unit normals for the corners of a mesh whose edges of more than `degrees` between their faces are sharp.
+
+    verts: (V, 3) finite positions; vertices at the same position count as one. faces: (F, 3) indices into verts.
+    degrees: 0 to 180; at 0 every face is flat.
+    Returns normals (K, 3) float64 and normal_faces (F, 3) int32 indices into them. Corners at a vertex that are
+    connected by edges that are not sharp share a normal: the sum of their faces' cross products, normalized; 0 where
+    the faces have no area.
+
+    Raises InputError where degrees is no number from 0 to 180.
+    """
+    degrees = crease_angle("crease_normals", "degrees", degrees)
+    verts, faces = np.asarray(verts, np.float64), np.asarray(faces, np.int32)
+    cross = _crosses(verts, faces)
+    count = len(faces)
+    if degrees == 0.0 or not count:
+        return _normalized(cross), np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
+    first, second = _smooth_pairs(welded(verts)[1][faces], _normalized(cross), math.cos(math.radians(degrees)))
+    labels = _components(3 * count, first, second)
+    used = np.flatnonzero(labels == np.arange(3 * count, dtype=np.int32))
+    renumbered = np.zeros(3 * count, np.int32)
+    renumbered[used] = np.arange(len(used), dtype=np.int32)
+    corners = renumbered[labels]
+    sums = np.stack([np.bincount(corners, np.repeat(column, 3), len(used)) for column in cross.T], axis=1)
+    return _normalized(sums), corners.reshape(-1, 3)
+
+
+def crease_angle(owner: str, name: str, value: Any) -> float:
+    """A crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
+    expected = "degrees from 0 to 180"
+    angle = number(owner, name, value, least=0.0, expected=expected)
+    return number(owner, name, value, least=angle if angle <= 180.0 else math.inf, expected=expected)
+
+
+def _crosses(verts: Array, faces: Array) -> Array:
+    """(F, 3) cross products of the faces' edges, times a power of two that keeps them in range."""
+    a, b, c = (verts[faces[:, corner]] * 0.5 for corner in range(3))
+    b -= a
+    c -= a
+    scale = -max(_exponent(b), _exponent(c))
+    return np.cross(np.ldexp(b, scale), np.ldexp(c, scale)) if len(faces) else np.zeros((0, 3))
+
+
+def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Array]:
+    """Corners (numbered 3 * face + corner) that share a normal: at both ends of each edge between two faces whose
+    unit `normals` (F, 3) have a cosine of at least `least`. An edge of more faces joins neighbours in their order."""
+    start = faces.reshape(-1)
+    end = np.roll(faces, -1, axis=1).reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low.astype(np.int64) << 32 | high
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    same = np.flatnonzero((key[1:] == key[:-1]))
+    one, two = order[same], order[same + 1]
+    cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3])
+    smooth = (cosine >= least - 1e-12) & (low[one] != high[one])
+    one, two = one[smooth], two[smooth]
+    # The corner at each edge's lower vertex, and the one at its higher vertex.
+    low_ends, high_ends = [], []
+    for edge in (one, two):
+        after = np.where(edge % 3 == 2, edge - 2, edge + 1)
+        forward = start[edge] < end[edge]
+        low_ends.append(np.where(forward, edge, after))
+        high_ends.append(np.where(forward, after, edge))
+    return np.concatenate([low_ends[0], high_ends[0]]), np.concatenate([low_ends[1], high_ends[1]])
+
+
+def _components(count: int, first: Array, second: Array) -> Array:
+    """(count,) int32: for each node the lowest one that it is connected with by the links first[i], second[i]."""
+    labels = np.arange(count, dtype=np.int32)
+    while len(first):
+        one, two = labels[first], labels[second]
+        apart = one != two
+        if not apart.any():
+            break
+        first, second, one, two = first[apart], second[apart], one[apart], two[apart]
+        np.minimum.at(labels, np.maximum(one, two), np.minimum(one, two))
+        while True:
+            further = labels[labels]
+            if np.array_equal(further, labels):
+                break
+            labels = further
+    return labels
+
+
+def _mixed(values: Array) -> Array:
+    """64-bit mixing, the finalizer of MurmurHash3, in place; uint64."""
+    for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
+        values ^= values >> np.uint64(33)
+        values *= np.uint64(factor)
+    values ^= values >> np.uint64(33)
+    return values
+
+
+def welded(verts: Array) -> tuple[Array, Array]:
+    """Vertices with equal positions made one (-0.0 equals 0.0).
+
+    verts: (V, 3) finite. Returns kept (W,), ascending indices of the first of each position, and which (V,) int32,
+    the row among these for every vertex.
+    """
+    bits = (np.ascontiguousarray(verts) + 0.0).view(np.uint32 if verts.dtype == np.float32 else np.uint64)
+    hashed = np.zeros(len(verts), np.uint64)
+    for column in bits.T:
+        hashed = _mixed(hashed * np.uint64(0x9E3779B97F4A7C15) + column)
+    _, first, which = np.unique(hashed, return_index=True, return_inverse=True)
+    which = which.reshape(-1)
+    if not (bits[first[which]] == bits).all():  # two positions with one hash
+        _, first, which = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+        which = which.reshape(-1)
+    rank = np.argsort(first)
+    place = np.empty(len(rank), np.int32)
+    place[rank] = np.arange(len(rank), dtype=np.int32)
+    return first[rank], place[which]
+
+
+def is_closed(faces: Array) -> bool:
+    """Whether every edge is passed as often in one direction as in the other: no boundary, one winding throughout.
+
+    faces: (F, 3) indices. Each directed edge counts with a 64-bit hash of its ends, its reverse with the negative:
+    the sum vanishes for a closed surface, and for another one with a probability of about 2^-64.
+    """
+    total = np.uint64(0)
+    with np.errstate(over="ignore"):
+        for begin in range(0, len(faces), 1 << 16):
+            block = faces[begin : begin + (1 << 16)]
+            start, end = block.reshape(-1), np.roll(block, -1, axis=1).reshape(-1)
+            low, high = np.minimum(start, end).astype(np.uint64), np.maximum(start, end).astype(np.uint64)
+            values = _mixed((low << np.uint64(32) | high) + np.uint64(1))
+            total += values[start < end].sum(dtype=np.uint64) - values[start > end].sum(dtype=np.uint64)
+    return bool(total == 0)

@@ -1,0 +1,202 @@
+"""The bytes of a glTF file: its container, buffers and accessors, each checked against what is there."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import os
+import re
+import struct
+from urllib.parse import unquote
+
+import numpy as np
+
+from .atomic import Path, shown
+from .gltf_json import Item, parse
+from .reading import beside, complaint, quoted, read_file
+from .scene import Array
+
+MAX_BYTES = 1 << 31  # of a file
+MAX_ROWS = 1 << 26  # of an accessor
+MAX_EMPTY = 1 << 24  # rows of an accessor without data, which is all zeros
+
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+def open_gltf(path: Path) -> tuple[Item, Buffers]:
+    """A glTF file's JSON and what gives its bytes. Raises InputError for a broken container."""
+    owner = shown(path)
+    data = read_file(path, MAX_BYTES)
+    binary = None
+    if data[:4] == b"glTF":
+        text, binary = _chunks(data, owner)
+    elif os.path.splitext(os.fspath(path))[1].lower() == ".glb":
+        raise complaint(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
+    else:
+        text = memoryview(data)
+    document = parse(bytes(text), owner)
+    return document, Buffers(document, os.path.dirname(os.fspath(path)) or ".", binary)
+
+
+def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
+    """The JSON chunk of a GLB file and its binary chunk, if it has one."""
+    if len(data) < 20:
+        raise complaint(owner, "GLB header", "at least 20 bytes", f"{len(data)} bytes")
+    _, version, length = struct.unpack_from("<4sII", data)
+    if version != 2:
+        raise complaint(owner, "GLB version", "2", str(version))
+    if not 20 <= length <= len(data):
+        raise complaint(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
+    view, found, offset = memoryview(data), [], 12
+    while offset + 8 <= length and len(found) < 2:
+        size, kind = struct.unpack_from("<II", data, offset)
+        if size > length - offset - 8:
+            expected = f"at most the {length - offset - 8} bytes left"
+            raise complaint(owner, f"GLB chunk {len(found)} length", expected, str(size))
+        found.append((kind, view[offset + 8 : offset + 8 + size]))
+        offset += 8 + size
+    if not found or found[0][0] != _JSON:
+        raise complaint(owner, "GLB chunk 0 type", "JSON", "another" if found else "no chunk")
+    return found[0][1], found[1][1] if len(found) > 1 and found[1][0] == _BIN else None
+
+
+class Buffers:
+    """The bytes behind a glTF document: buffers, buffer views and accessors by index; each is read when asked for.
+
+    document: its JSON. root: its folder, outside of which nothing is opened. binary: the binary chunk of a GLB file.
+    """
+
+    def __init__(self, document: Item, root: str, binary: memoryview | None) -> None:
+        self.document, self.root, self.binary = document, root, binary
+        self._buffers: dict[int, memoryview] = {}
+        self._files: dict[str, memoryview] = {}
+        self._arrays: dict[tuple[int, bool], Array] = {}
+
+    def resource(self, item: Item, text: str) -> memoryview | str | None:
+        """What a URI leads to: the bytes of a data URI, the path of a file in the folder, None where there is none.
+
+        Raises InputError for any other kind of URI, and a path that leads out of the folder.
+        """
+        if text.startswith("data:"):
+            head, comma, body = text.partition(",")
+            try:
+                if not comma or not head.endswith(";base64"):
+                    raise ValueError
+                return memoryview(base64.b64decode(body, validate=True))
+            except (binascii.Error, ValueError):
+                raise item.refuse("uri", "a data URI of base64", quoted(text)) from None
+        if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", text):
+            raise item.refuse("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
+        where = f"{item.where}.uri"
+        return beside(self.root, self.root, unquote(text), item.owner, where)
+
+    def buffer(self, index: int) -> memoryview:
+        if index in self._buffers:
+            return self._buffers[index]
+        item = self.document.entry("buffers", index)
+        length = item.integer("byteLength", least=1)
+        if "uri" in item.value:
+            data = self._loaded(item)
+        elif index == 0 and self.binary is not None:
+            data = self.binary
+        else:
+            raise item.refuse("uri", "a file, or the binary chunk of a GLB file", "none")
+        if length > len(data):
+            raise item.refuse("byteLength", f"at most the {len(data)} bytes that are there", str(length))
+        self._buffers[index] = data[:length]
+        return self._buffers[index]
+
+    def _loaded(self, item: Item) -> memoryview:
+        text = item.text("uri")
+        found = self.resource(item, text)
+        if found is None:
+            raise item.refuse("uri", "a file in the scene's folder", f"no file {quoted(text)}")
+        if isinstance(found, str):
+            if found not in self._files:
+                self._files[found] = memoryview(read_file(found, MAX_BYTES))
+            return self._files[found]
+        return found
+
+    def view(self, index: int) -> tuple[memoryview, int]:
+        """The bytes of a buffer view, and its stride or 0."""
+        item = self.document.entry("bufferViews", index)
+        buffer = item.reference("buffer", "buffers")
+        if buffer is None:
+            raise item.refuse("buffer", "an index", "none")
+        data = self.buffer(buffer)
+        offset, length = item.integer("byteOffset", 0), item.integer("byteLength", least=1)
+        if offset + length > len(data):
+            expected = f"byteOffset + byteLength of at most the {len(data)} bytes of buffers[{buffer}]"
+            raise item.refuse("byteLength", expected, str(offset + length))
+        return data[offset : offset + length], item.integer("byteStride", 0)
+
+    def array(self, index: int, *, normalized: bool = True) -> Array:
+        """(count, width) numbers of an accessor, as they are stored, in this machine's byte order; read-only.
+
+        normalized: turn whole numbers that stand for [0, 1] or [-1, 1] into float32.
+        Raises InputError for an accessor that reaches beyond its bytes, or of an unknown type.
+        """
+        if (index, normalized) not in self._arrays:
+            item = self.document.entry("accessors", index)
+            values = self._read(item)
+            if normalized and item.value.get("normalized") is True and values.dtype.kind in "iu":
+                values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max), np.float32(-1))
+            values.flags.writeable = False
+            self._arrays[index, normalized] = values
+        return self._arrays[index, normalized]
+
+    def _read(self, item: Item) -> Array:
+        count = item.integer("count", least=1)
+        dtype, width = self._component(item), _WIDTHS.get(item.text("type"), 0)
+        if not width:
+            raise item.refuse("type", "one of " + ", ".join(_WIDTHS), quoted(item.text("type")))
+        view = item.reference("bufferView", "bufferViews")
+        if view is None:
+            if count > MAX_EMPTY:
+                raise item.refuse("count", f"at most {MAX_EMPTY} without a bufferView", str(count))
+            values = np.zeros((count, width), dtype.newbyteorder("="))
+        else:
+            values = self._strided(item, view, count, width, dtype)
+        sparse = item.item("sparse")
+        if sparse is not None:
+            self._put(sparse, values, dtype)
+        return values
+
+    def _component(self, item: Item) -> np.dtype:
+        name = _COMPONENTS.get(item.integer("componentType"))
+        if name is None:
+            expected = "one of " + ", ".join(map(str, _COMPONENTS))
+            raise item.refuse("componentType", expected, str(item.integer("componentType")))
+        return np.dtype(name)
+
+    def _strided(self, item: Item, view: int, count: int, width: int, dtype: np.dtype) -> Array:
+        """(count, width) numbers copied out of a buffer view."""
+        data, stride = self.view(view)
+        size, offset = width * dtype.itemsize, item.integer("byteOffset", 0)
+        stride = stride or size
+        if stride < size:
+            raise item.refuse("bufferView", f"a byteStride of at least {size}", str(stride))
+        if count > MAX_ROWS or offset + stride * (count - 1) + size > len(data):
+            expected = f"rows of {size} bytes that fit into the {len(data)} bytes of bufferViews[{view}]"
+            raise item.refuse("count", expected, f"{count} from byte {offset} on")
+        rows: Array = np.ndarray((count, width), dtype, data, offset, (stride, dtype.itemsize))
+        return rows.astype(dtype.newbyteorder("="), order="C")
+
+    def _put(self, sparse: Item, values: Array, dtype: np.dtype) -> None:
+        """Replace the rows that a sparse accessor names."""
+        count, parts = sparse.integer("count", least=1), []
+        if count > len(values):
+            raise sparse.refuse("count", f"at most {len(values)}", str(count))
+        for key, width in (("indices", 1), ("values", values.shape[1])):
+            part = sparse.item(key)
+            view = None if part is None else part.reference("bufferView", "bufferViews")
+            if part is None or view is None:
+                raise sparse.refuse(f"{key}.bufferView", "an index", "none")
+            kind = self._component(part) if key == "indices" else dtype
+            parts.append(self._strided(part, view, count, width, kind))
+        where = parts[0][:, 0]
+        if where.dtype.kind != "u" or where.max() >= len(values):
+            raise sparse.refuse("indices", f"indices below {len(values)}", str(where.max()))
+        values[where] = parts[1]

@@ -1,0 +1,152 @@
+"""The JSON of a glTF file, read field by field: every value is checked where it is used."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .reading import complaint, quoted
+from .scene import Array
+
+MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
+
+
+@dataclass(frozen=True)
+class Item:
+    """A JSON object, and where in the file it is: `where` is a path such as meshes[0].primitives[1]."""
+
+    value: dict[str, Any]
+    where: str
+    root: dict[str, Any]
+    owner: str
+
+    def refuse(self, key: str, expected: str, found: str) -> InputError:
+        """The complaint about a field of this object."""
+        where = f"{self.where}.{key}" if self.where and key else self.where or key
+        return complaint(self.owner, where, expected, found)
+
+    def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
+        """A whole number. Raises InputError for anything else, and for none where there is no default."""
+        value = self.value.get(key, default)
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 1 << 53:
+            raise self.refuse(key, f"a whole number of at least {least}", _found(value))
+        return value
+
+    def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
+        """A finite number. Raises InputError for anything else, and for none where there is no default."""
+        value = self.value.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
+            expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
+            raise self.refuse(key, expected, _found(value))
+        return float(value)
+
+    def numbers(self, key: str, length: int, default: Any = None) -> Array:
+        """(length,) finite float64 numbers."""
+        value = self.value.get(key, default)
+        expected = f"{length} finite numbers"
+        if not isinstance(value, (list, tuple)) or len(value) != length:
+            raise self.refuse(key, expected, _found(value))
+        for number in value:
+            if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e300:
+                raise self.refuse(key, expected, _found(number))
+        return np.array(value, np.float64)
+
+    def text(self, key: str, default: str = "") -> str:
+        value = self.value.get(key, default)
+        if not isinstance(value, str):
+            raise self.refuse(key, "text", _found(value))
+        return value.encode("utf-8", "replace").decode("utf-8")
+
+    def item(self, key: str) -> Item | None:
+        """The object of that name, None when there is none."""
+        if key not in self.value:
+            return None
+        where = f"{self.where}.{key}" if self.where else key
+        return self._at(self.value[key], where)
+
+    def items(self, key: str) -> Iterator[Item]:
+        """The objects of a list, which may be absent."""
+        where = f"{self.where}.{key}" if self.where else key
+        for index, value in enumerate(self._list(self.value, key, self.where)):
+            yield self._at(value, f"{where}[{index}]")
+
+    def extension(self, name: str) -> Item | None:
+        extensions = self.item("extensions")
+        return None if extensions is None else extensions.item(name)
+
+    def reference(self, key: str, kind: str) -> int | None:
+        """The index, in range, that a field holds into the file's list `kind`; None when there is no such field."""
+        if key not in self.value:
+            return None
+        index, count = self.integer(key), len(self._list(self.root, kind, ""))
+        if index >= count:
+            raise self.refuse(key, f"an index of the {count} {kind}", str(index))
+        return index
+
+    def references(self, key: str, kind: str) -> list[int]:
+        """The indices, in range, of a field that holds a list of them."""
+        count = len(self._list(self.root, kind, ""))
+        found = self._list(self.value, key, self.where)
+        for index in found:
+            if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < count:
+                raise self.refuse(key, f"indices of the {count} {kind}", _found(index))
+        return found
+
+    def entry(self, kind: str, index: int) -> Item:
+        """The object at an index that is in range of the file's list `kind`."""
+        return self._at(self.root[kind][index], f"{kind}[{index}]")
+
+    def count(self, kind: str) -> int:
+        """The length of one of the file's lists."""
+        return len(self._list(self.root, kind, ""))
+
+    def _at(self, value: Any, where: str) -> Item:
+        if not isinstance(value, dict):
+            raise complaint(self.owner, where, "an object", _found(value))
+        return Item(value, where, self.root, self.owner)
+
+    def _list(self, value: dict[str, Any], key: str, where: str) -> list[Any]:
+        found = value.get(key, [])
+        if not isinstance(found, list):
+            raise complaint(self.owner, f"{where}.{key}" if where else key, "a list", _found(found))
+        return found
+
+
+def _found(value: Any) -> str:
+    if value is None:
+        return "none"
+    return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
+
+
+def parse(text: bytes, owner: str) -> Item:
+    """The top object of a glTF file's JSON.
+
+    Raises InputError for what is no JSON object, holds NaN or infinity, is nested too deeply, or has too many values.
+    """
+    if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
+        raise complaint(owner, "JSON", f"at most {MAX_VALUES} values", "more")
+    try:
+        value = json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
+    except UnicodeDecodeError as error:
+        raise complaint(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
+    except json.JSONDecodeError as error:
+        found = f"{error.msg} in line {error.lineno}, column {error.colno}"
+        raise complaint(owner, "JSON", "a glTF document", found) from None
+    except (ValueError, RecursionError) as error:
+        found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
+        raise complaint(owner, "JSON", "a glTF document", found) from None
+    if not isinstance(value, dict):
+        raise complaint(owner, "JSON", "an object", _found(value))
+    return Item(value, "", value, owner)
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"a number that is {name}")

@@ -1,0 +1,204 @@
+"""light.clh, through the stage `light`, at points given one by one: highlights up to n = 1e9, degenerate input, overflow."""
+
+from __future__ import annotations
+
+import math
+
+import compare
+import mpmath
+import numpy as np
+import pytest
+from kernels import LANES, bits, float32, four, light_rows, mask, material_rows
+
+from clshade.oracle import OracleFrame, shade
+from clshade.programs import build
+from clshade.stages import Buffer, Stages
+
+HALF_ULP = 2.0**-24
+EYE = np.zeros(3)  # points and lights are relative to it
+
+
+def reflect(device, points, normals, lights, *, colors=None, lanes=None, material=None, **features) -> np.ndarray:
+    """(K, 3) light from points and normals (K, 3), colors (K, 3) default white; kd = ks = n = 1 unless told.
+
+    lights: (positions (L, 3), intensities (L, 3)).
+    """
+    chosen = {"LIT": 1, "DIFFUSE": 1, "SPECULAR": 1, "POWER": 1, **features}
+    stages = Stages(device, build(device, mask(**chosen), ("light.cl",), lanes=lanes))
+    colors = np.ones_like(points) if colors is None else colors
+    inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
+    inputs += [
+        Buffer(device, material_rows(**(material or {}))),
+        Buffer(device, light_rows(*map(np.atleast_2d, lights))),
+    ]
+    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
+    stages.light(*inputs, found, len(np.atleast_2d(lights[0])), len(points))
+    return found.to_host()[:, :3]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+# Highlights
+
+
+def in_the_lobe(n: float, count: int = 4000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (K, 3), unit normals (K, 3) and a light's position, float32, with R.V all over the lobe (R.V)^n >= 1/e."""
+    rng = np.random.default_rng(int(n))
+    light = float32([0.7, -0.4, 0.9])
+    points = float32(unit(rng.normal(size=(count, 3))) * rng.uniform(1.0, 2.0, (count, 1)))
+    points = points[np.linalg.norm(points - light, axis=1) > 0.7]
+    towards_eye = unit(-points.astype(np.float64))
+    towards_light = unit(light.astype(np.float64) - points)
+    kept = (towards_eye * towards_light).sum(axis=1) > -0.8  # the light well on the eye's side, as seen from the point
+    points, middle = points[kept], unit(towards_eye + towards_light)[kept]
+    # R.V = cos(2a) for a normal turned by a from the middle in the plane of both; e^-1 of it at n (2a)^2/2 = 1.
+    turned = rng.uniform(0.0, 1.0, (len(points), 1)) * math.sqrt(0.5 / n) * unit(rng.normal(size=points.shape))
+    return points, float32(unit(middle + turned)), light
+
+
+def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
+    """(R.V)^n in float64 and where it is inside the lobe, both (K,)."""
+    n_l, r_v, distance2 = shade.angles(
+        points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64)
+    )
+    value = np.where(n_l > 0.0, shade.highlight(r_v, distance2, np.float64(n)), 0.0)
+    return value, value >= math.exp(-1.0)
+
+
+@pytest.mark.parametrize("n", [4.0, 20.0, 200.0, 1e4, 1e6, 1e9])
+def test_highlights_own_relative_error(device, n):
+    """Inside the lobe at most 16 * sqrt(n) * 2^-24 (DESIGN section 5).
+
+    |R-V| = d <= sqrt(2/n) there. A direction errs by up to 6 units of 2^-24 (normalizing), the normal's own rounding and
+    twice the normal's part double some: about 16 units in R-V, and with them n*d*16 <= 16*sqrt(2n) of the power, were
+    they all to point the same way. Measured: below 3.6 * sqrt(n) * 2^-24.
+    """
+    points, normals, light = in_the_lobe(n)
+    expected, inside = exact_highlight(points, normals, light, n)
+    found = reflect(device, points, normals, (light, np.ones(3)), material={"n": n}, DIFFUSE=0)[:, 0]
+    assert inside.sum() > 1000
+    assert expected[inside].min() < 0.4
+    assert expected[inside].max() > 0.99
+    error = np.abs(found[inside] / expected[inside] - 1.0)
+    assert error.max() <= 16.0 * math.sqrt(n) * HALF_ULP
+
+
+def test_the_reference_is_right_at_the_stiffest(device):
+    """float64 itself, in the form that the oracle uses, against 50 digits at n = 1e9: an error of 1e-11 or less."""
+    n = 1e9
+    points, normals, light = in_the_lobe(n, 60)
+    expected, inside = exact_highlight(points, normals, light, n)
+    with mpmath.workdps(50):
+        for k in np.flatnonzero(inside)[:10]:
+            p, m, q = (mpmath.matrix(v.astype(float).tolist()) for v in (points[k], normals[k], light))
+            m, v, to = m / mpmath.norm(m), -p / mpmath.norm(p), (q - p) / mpmath.norm(q - p)
+            mirrored = 2 * m * (m.T * to)[0] - to
+            assert expected[k] == pytest.approx(float((mirrored.T * v)[0] ** n), rel=1e-10)
+
+
+def test_a_naive_power_would_not_pass(device):
+    """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above tells the two forms apart."""
+    points, normals, light = in_the_lobe(1e6)
+    expected, inside = exact_highlight(points, normals, light, 1e6)
+    n_l, r_v, _ = shade.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
+    naive = float32(r_v).astype(np.float64) ** 1e6
+    assert np.abs(naive / expected - 1.0)[inside].max() > 16.0 * math.sqrt(1e6) * HALF_ULP
+
+
+# The model
+
+
+@pytest.mark.parametrize("n", [0.0, 0.5, 1.0, 20.0, 200.0, 1e4])
+def test_light_at_random_points(device, n):
+    """Three lights, diffuse and specular, colors above 1 too: DESIGN's bound of the light budget.
+
+    An exponent between 0 and 1 has an infinite slope at R.V = 0: there the bound holds from R.V = 0.02 on, where the
+    slope n * x^(n-1) is 3.5.
+    """
+    rng = np.random.default_rng(1)
+    count = 5000
+    points = float32(rng.uniform(-2, 2, (count, 3)))
+    normals = float32(unit(rng.normal(size=(count, 3))))
+    colors = float32(rng.uniform(0, 2, (count, 3)))
+    positions = float32([[3.0, 0, 0], [-1, 4, 2], [0, 0, -3.5]])
+    intensities = float32([[1, 0.5, 0.25], [0.3, 0.3, 2], [1, 1, -0.5]])
+    kd, ks = float32([0.8, 0.5, 0.2]), float32([0.3, 0.6, 0.9])
+    material = {"n": n, "kd": kd, "ks": ks}
+    found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
+    wide = [a.astype(np.float64) for a in (points, normals, colors, positions, intensities, kd, ks)]
+    p, m, c, l_pos, l_int, kd, ks = wide
+    expected = OracleFrame(
+        rgb=(c * shade.reflected(p, m, EYE, kd, ks, np.float64(n), l_pos, l_int))[None],
+        alpha=np.ones((1, count)),
+        id=np.ones((1, count), np.uint32),
+        Z=np.ones((1, count)),
+        budget=shade.budget(c, np.zeros(3), kd, ks, l_int)[None],
+        kappa=shade.conditioning(p, np.abs(p).max(axis=1), np.ones(count), EYE, l_pos)[None],
+        gate=shade.at_gate(p, m, EYE, l_pos)[None],
+        exponent=np.full((1, count), n),
+    )
+    steep = np.zeros((1, count), bool)
+    if 0.0 < n < 1.0:
+        r_v = np.array([shade.angles(p, m, EYE, light)[1] for light in l_pos])
+        steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
+    assert steep.mean() < 0.05
+    assert compare.assert_colors_within(found[None], expected, skip=steep) < 8.0
+
+
+def one(device, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), intensity=(1, 1, 1), **options) -> list[float]:
+    """The light at a single point."""
+    vectors = [float32([v]) for v in (point, normal)]
+    return reflect(device, *vectors, (float32(light), float32(intensity)), **options)[0].tolist()
+
+
+def test_closed_forms(device):
+    """Exact in float32: incidence along the normal, and at 90 degrees; R.V is 1, and 0^n nothing."""
+    assert one(device) == [2, 2, 2]  # kd + ks
+    assert one(device, SPECULAR=0) == [1, 1, 1]
+    assert one(device, DIFFUSE=0) == [1, 1, 1]
+    assert one(device, normal=(0, 0, -1)) == [0, 0, 0]  # from behind
+    assert one(device, normal=(1, 0, 0)) == [0, 0, 0]  # along the surface
+    assert one(device, intensity=(1, 0, -2)) == [2, 0, -4]
+    for n in (0.0, 1.0, 1e9):
+        assert one(device, DIFFUSE=0, material={"n": n}) == [1, 1, 1]
+    # The light over the point, the eye aside: N.L = 1, R.V = 0: no highlight whatever n.
+    aside = {"point": (-2.0, 0, 0), "normal": (0, 0, 1), "light": (-2.0, 0, 1)}
+    for n in (0.0, 1.0, 20.0):
+        assert one(device, **aside, material={"n": n}) == [1, 1, 1]
+    # R.V < 0: the light mirrored away from the eye.
+    away = {"point": (-2.0, 0, -0.5), "normal": (0, 0, 1), "light": (-1.0, 0, 0.5)}
+    assert one(device, **away, DIFFUSE=0, material={"n": 2.0}) == [0, 0, 0]
+
+
+def test_degenerate_input_contributes_zero(device):
+    assert one(device, normal=(0, 0, 0)) == [0, 0, 0]
+    assert one(device, point=(1, 1, -2), light=(1, 1, -2)) == [0, 0, 0]  # the light at the point
+    assert one(device, point=(0, 0, 0), light=(0, 0, 2)) == [1, 1, 1]  # the eye at it: no highlight, diffuse stays
+    assert one(device, point=(0, 0, 0), light=(0, 0, 0)) == [0, 0, 0]
+    assert one(device, point=(1e-30, 0, 0), light=(0, 0, 2), material={"n": 0.0}) == [1, 1, 1]
+    assert one(device, point=(0, 0, -2), light=(0, 0, 2.0**61)) == [2, 2, 2]  # as far as the host lets one be
+    nothing = reflect(device, np.zeros((3, 3)), np.zeros((3, 3)), (np.zeros((2, 3)), np.ones((2, 3))))
+    assert not nothing.any()
+
+
+def test_overflow_saturates_and_meets_no_zero(device):
+    most = float(np.finfo(np.float32).max)
+    two = (float32([[0, 0, 0], [0, 0, 0]]), float32([[3e38, 3e38, -3e38], [3e38, 1, -3e38]]))
+    point, normal = float32([[0, 0, -2]]), float32([[0, 0, 1]])
+    assert reflect(device, point, normal, two)[0].tolist() == [most, pytest.approx(most), -most]
+    black = reflect(device, point, normal, two, colors=np.zeros((1, 3)))
+    assert black[0].tolist() == [0, 0, 0]  # not NaN
+    no_kd = reflect(device, point, normal, two, material={"kd": 0.0, "ks": 0.0})
+    assert no_kd[0].tolist() == [0, 0, 0]
+    assert one(device, intensity=(1e-30, 1e-38, 0), material={"n": 1e4}) == pytest.approx([2e-30, 2e-38, 0], rel=1e-6)
+
+
+def test_lanes_do_not_change_a_bit(device):
+    points, normals, light = in_the_lobe(1e4, 1001)
+    drawn = [
+        bits(reflect(device, points, normals, (light, float32([1.0, 0.7, 0.1])), lanes=lanes, material={"n": 1e4}))
+        for lanes in LANES
+    ]
+    assert all(np.array_equal(drawn[0], other) for other in drawn[1:])

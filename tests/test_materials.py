@@ -1,0 +1,126 @@
+"""What materials, placements and cameras can ask for, whole frames against the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compare import assert_frame
+
+from clshade import oracle, scenes
+from clshade.renderer import Renderer, settle
+from clshade.scene import Camera, Material, Mesh, PointLight, Scene, Texture
+
+KNOT = scenes.builtin("torus_knot", triangles=3000, resolution=(160, 120))
+BODY = KNOT.meshes[0]
+GLOSSY = Material(0.1, 0.7, 0.6, 20.0)
+MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
+MIRROR[:3, 3] = 0.1, 0.2, 0.3
+
+
+def noisy_texture(wrap: tuple[str, str] = ("mirror", "repeat")) -> Texture:
+    return Texture(np.random.default_rng(5).random((16, 16, 4)), wrap=wrap)
+
+
+def cut_out() -> Scene:
+    """A knot with holes by alpha test, whose inside is lit too."""
+    material = replace(GLOSSY, texture=noisy_texture(), color=(0.5, 1.0, 2.0), alpha_cutoff=0.45, two_sided=True)
+    return replace(KNOT, meshes=(replace(BODY, uvs=BODY.verts[:, :2] * 2.0, material=material),))
+
+
+def mirrored() -> Scene:
+    mesh = replace(BODY, normals=None, instances=np.stack([np.eye(4), MIRROR]), material=replace(GLOSSY, sides="front"))
+    return replace(KNOT, meshes=(mesh,))
+
+
+def mixed_sides() -> Scene:
+    back_too = replace(BODY, normals=None, instances=MIRROR[None], material=replace(GLOSSY, color=(1.0, 0.0, 0.0)))
+    return replace(KNOT, meshes=(back_too, replace(BODY, material=replace(GLOSSY, sides="front"))))
+
+
+def orthographic(scene: Scene, plane: tuple[float, float]) -> Scene:
+    return replace(scene, camera=replace(scene.camera, orthographic=True, plane=plane))
+
+
+def close_up(scene: Scene) -> Scene:
+    """So near to the nearest vertex that its faces reach beyond the guard band."""
+    camera = orthographic(scene, (1e-4, 1e-4)).camera
+    verts = scene.meshes[0].verts.astype(np.float64)
+    shift = verts[((verts - camera.eye) ** 2).sum(axis=1).argmin()] - camera.lookat
+    return replace(scene, camera=replace(camera, eye=camera.eye + shift, lookat=camera.lookat + shift))
+
+
+CASES = {
+    "cut out": cut_out(),
+    "mirrored": mirrored(),
+    "mixed sides": mixed_sides(),
+    "orthographic": orthographic(mirrored(), (8.0, 10.0)),
+    "orthographic, cut out": orthographic(cut_out(), (8.0, 10.0)),
+    "orthographic, beyond the guard band": close_up(cut_out()),
+    "principal point": replace(cut_out(), camera=replace(KNOT.camera, principal=(0.2, 0.9))),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("preset", "shader"), [("standard", "phong"), ("standard", "gouraud"), ("course", "phong")])
+def test_frames_match_the_oracle(device, name, preset, shader):
+    scene, settings = settle(CASES[name], preset=preset, shader=shader, layers=("id", "Z"))
+    with Renderer(scene, settings=settings, device=device) as renderer:
+        frame = renderer.render()
+    assert frame.alpha.any(), "nothing was drawn"
+    assert_frame(frame, oracle.render(scene, settings), scene, settings)
+
+
+def test_front_only_leaves_out_what_is_seen_from_behind(device):
+    quad = Mesh(
+        [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], material=Material(sides="front")
+    )
+    for eye, covered in (([0, 0, 3], 1.0), ([0, 0, -3], 0.0)):
+        camera = Camera(eye, [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (8, 8))
+        with Renderer(Scene((quad,), camera), device=device) as renderer:
+            assert (renderer.render().alpha == covered).all()
+
+
+def test_two_sided_light_is_the_same_from_both_sides(device):
+    quad = Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+
+    def seen(side: float, two_sided: bool) -> np.ndarray:
+        camera = Camera([0, 0, 3 * side], [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (9, 9))
+        material = Material(0.0, 1.0, 0.0, two_sided=two_sided)
+        scene = Scene((replace(quad, material=material),), camera, (PointLight([0, 0, 2 * side]),))
+        with Renderer(scene, device=device) as renderer:
+            return renderer.render().rgb.copy()
+
+    assert np.array_equal(seen(1.0, True), seen(-1.0, True)[:, ::-1])
+    assert not seen(-1.0, False).any()
+
+
+@pytest.mark.parametrize("convention", ["opencv", "opengl"])
+@pytest.mark.parametrize("pixel_center", [0.5, 0])
+def test_points_project_where_the_matrix_says(device, convention, pixel_center):
+    """Small quads around known points cover the pixels that K and the pose name, and Z leads back to the points."""
+    rng = np.random.default_rng(3)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    rotation *= np.linalg.det(rotation)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, [1.0, -2.0, 0.5]
+    k = np.array([[220.0, 0.0, 70.0], [0.0, 240.0, 41.0], [0.0, 0.0, 1.0]])
+    flip = np.diag([1.0, 1.0, 1.0] if convention == "opencv" else [1.0, -1.0, -1.0])
+    pixels = np.array([[10, 12], [60, 30], [120, 80], [33, 71]])
+    depth = np.array([2.0, 3.0, 4.0, 5.0])
+    centers = pixels + pixel_center
+    in_camera = np.stack(
+        [(centers[:, 0] - 70.0) / 220.0 * depth, (centers[:, 1] - 41.0) / 240.0 * depth, depth], axis=1
+    )
+    size = 0.4 / 230.0 * depth  # a quad of 0.8 px: covers the one pixel whose center is its middle
+    corners = in_camera[:, None] + size[:, None, None] * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    world = corners.reshape(-1, 3) @ (rotation @ flip).T + pose[:3, 3]
+    faces = np.concatenate([[[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]] for i in range(4)])
+    camera = Camera.from_matrix(k, pose, (140, 100), pixel_center=pixel_center, convention=convention)
+    with Renderer(Scene((Mesh(world, faces),), camera), shader="nolight", layers=("Z",), device=device) as renderer:
+        frame = renderer.render()
+    covered = np.argwhere(frame.alpha > 0)[:, ::-1]
+    assert sorted(map(tuple, covered)) == sorted(map(tuple, pixels))
+    # Z is flat over a quad; 8 roundings of 2^-24.
+    assert np.abs(frame["Z"][pixels[:, 1], pixels[:, 0]] / depth - 1.0).max() <= 8 * 2.0**-24
