@@ -66,6 +66,18 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _camera_options(parser: argparse.ArgumentParser) -> None:
+    point = _numbers(float, 3, "three numbers such as 1,2,3")
+    group = parser.add_argument_group("camera (default: the scene's, or chosen from its size)")
+    group.add_argument("--camera-position", type=point, metavar="X,Y,Z", help="the eye, scene units")
+    group.add_argument("--camera-focal-point", type=point, metavar="X,Y,Z", help="what is looked at, scene units")
+    group.add_argument("--camera-view-up", type=point, metavar="X,Y,Z", help="what points up in the image")
+    group.add_argument("--camera-azimuth-angle", type=float, default=0.0, metavar="DEG", help="go round to the right")
+    group.add_argument("--camera-elevation-angle", type=float, default=0.0, metavar="DEG", help="go up")
+    group.add_argument("--camera-view-angle", type=float, metavar="DEG", help="vertical field of view")
+    group.add_argument("--orthographic", action="store_true", help="parallel projection")
+
+
 def _setting_options(parser: argparse.ArgumentParser) -> None:
     from . import scene
 
@@ -99,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     render = commands.add_parser("render", help="render a scene to OUT.exr and OUT.png")
     _scene_options(render)
+    _camera_options(render)
     _setting_options(render)
     output = render.add_argument_group("output")
     output.add_argument(
@@ -126,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def load_scene(arguments: argparse.Namespace) -> Scene:
     """The scene of the command line: a file, or a built-in one where no such file exists."""
-    from . import loading, scenes
+    from . import loading, scenes, viewpoint
 
     name = arguments.scene
     if name in scenes.BUILTINS and not Path(name).exists():
@@ -151,7 +164,17 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
         changed = {id(mesh.material): replace(mesh.material, **off) for mesh in scene.meshes}
         meshes = tuple(replace(mesh, material=changed[id(mesh.material)]) for mesh in scene.meshes)
         scene = replace(scene, meshes=meshes)
-    return scene
+    camera = viewpoint.moved(
+        scene.camera,
+        position=arguments.camera_position,
+        focal_point=arguments.camera_focal_point,
+        up=arguments.camera_view_up,
+        azimuth=arguments.camera_azimuth_angle,
+        elevation=arguments.camera_elevation_angle,
+        view_angle=arguments.camera_view_angle,
+        orthographic=arguments.orthographic,
+    )
+    return replace(scene, camera=camera)
 
 
 def _render(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .geometry import _exponent, _normalized
-from .scene import Array, number
+from .scene import Array, number, refuse
 
 
 def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array]:
@@ -42,7 +42,9 @@ def crease_angle(owner: str, name: str, value: Any) -> float:
     """A crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
     expected = "degrees from 0 to 180"
     angle = number(owner, name, value, least=0.0, expected=expected)
-    return number(owner, name, value, least=angle if angle <= 180.0 else math.inf, expected=expected)
+    if angle > 180.0:
+        raise refuse(owner, name, expected, value)
+    return angle
 
 
 def _crosses(verts: Array, faces: Array) -> Array:

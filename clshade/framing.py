@@ -25,28 +25,46 @@ _LIGHTS = (
 )
 
 
-def framed(meshes: tuple[Mesh, ...], name: str, resolution: tuple[int, int] | None = None) -> Scene:
+def framed(
+    meshes: tuple[Mesh, ...],
+    name: str,
+    resolution: tuple[int, int] | None = None,
+    *,
+    up: str = "y",
+    camera: Camera | None = None,
+    lights: tuple[PointLight, ...] = (),
+    sphere: tuple[Array, float] | None = None,
+) -> Scene:
     """A `standard` scene of the meshes in a three-quarter view, their bounding sphere inside the image.
 
-    resolution: (N, M), default RESOLUTION. Three lights, key, fill and rim, stand fixed to the camera's first position.
+    resolution: (N, M), default RESOLUTION. up: `y` or `z`, the axis of world space that points up in the image.
+    camera, lights: used in place of the chosen ones. sphere: see bounding_sphere, where it is known.
+    The chosen lights, key, fill and rim, stand fixed to the camera's first position.
     Raises InputError where the positions leave the range of float64.
     """
-    center, radius = _sphere(meshes)
-    towards = np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)
-    camera = Camera.from_fov(center + towards * radius, center, (0.0, 1.0, 0.0), FOV, resolution or RESOLUTION)
-    height, width = camera.plane
-    half_angle = math.atan(min(height, width) / 2.0)
-    with np.errstate(over="ignore"):
-        camera = replace(camera, eye=center + towards * (MARGIN * radius / math.sin(half_angle)))
-    right, up, forward = geometry.look_at(towards, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    axes = np.stack([right, up, -forward])
-    lights = tuple(
-        PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS
-    )
+    center, radius = sphere or bounding_sphere(meshes)
+    if camera is None:
+        camera = _camera(center, radius, up, resolution or RESOLUTION)
+    if not lights:
+        right, upward, forward = geometry.look_at(camera.eye - center * 1.0, camera.lookat - center, camera.up)
+        axes = np.stack([right, upward, -forward])
+        lights = tuple(
+            PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS
+        )
     return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
 
 
-def _sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
+def _camera(center: Array, radius: float, up: str, resolution: tuple[int, int]) -> Camera:
+    """The three-quarter view."""
+    x, y, z = np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)
+    towards, upward = ((x, y, z), (0.0, 1.0, 0.0)) if up == "y" else ((x, -z, y), (0.0, 0.0, 1.0))
+    camera = Camera.from_fov(center + np.array(towards) * radius, center, upward, FOV, resolution)
+    half_angle = math.atan(min(camera.plane) / 2.0)
+    with np.errstate(over="ignore"):
+        return replace(camera, eye=center + np.array(towards) * (MARGIN * radius / math.sin(half_angle)))
+
+
+def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
     """Center and radius of the sphere round the bounding box; a radius of 0 becomes one that can be looked at."""
     eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
     unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))

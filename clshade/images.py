@@ -1,4 +1,4 @@
-"""Image files as textures: decoded by Pillow under limits, 16 bits kept, alpha dropped."""
+"""Image files as textures: decoded by Pillow under limits, 16 bits kept, alpha kept where it is asked for."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
 # How Pillow's PNG decoder, which keeps 8 bits a channel of a 16-bit color image, is told to give the low bytes: its raw
-# mode, the raw mode of the same size that shows the other byte, and the channel or channels that then hold the colors.
+# mode, the raw mode of the same size that shows the other byte, and the channels that then hold them.
 _LOW_BYTES = {
     "RGB;16B": ("RGB;16L", slice(0, 3)),
-    "RGBA;16B": ("RGBA;16L", slice(0, 3)),
-    "LA;16B": ("RGBA", slice(1, 2)),
+    "RGBA;16B": ("RGBA;16L", slice(0, 4)),
+    "LA;16B": ("RGBA", slice(1, 4, 2)),
 }
 _GREY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
 _TO_RGB = ("P", "PA", "RGBX", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
@@ -46,24 +46,40 @@ def read_image(path: Path, *, srgb: bool) -> Array:
     Raises InputError naming the file when it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     owner = shown(path)
-    data = read_file(path, MAX_BYTES)
+    image = decode_image(read_file(path, MAX_BYTES), owner, srgb=srgb)
+    if image.shape[2] == 4:
+        warnings.warn(f"{owner}: image: its alpha channel is left out", stacklevel=2)
+    return image[:, :, :3]
+
+
+def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
+    """The bytes of an image file as (h, w, 3) float32, or (h, w, 4) where it has alpha that is not 1 everywhere.
+
+    Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages.
+    Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
+    """
     try:
-        pixels, opaque = _decode(data, owner)
+        pixels = _decode(data, owner)
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
         reason = " ".join(str(error).split()) or type(error).__name__
         raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason[:160]) from None
-    if not opaque:
-        warnings.warn(f"{owner}: image: its alpha channel is left out", stacklevel=2)
     most = np.iinfo(pixels.dtype).max
     levels = np.arange(most + 1) / most
-    table = (srgb_to_linear(levels) if srgb else levels).astype(np.float32)
-    return np.broadcast_to(table[pixels], (*pixels.shape[:2], 3))
+    plain = levels.astype(np.float32)
+    table = srgb_to_linear(levels).astype(np.float32) if srgb else plain
+    channels = pixels.shape[2]
+    if channels in (2, 4) and pixels[:, :, -1].min() < most:
+        image = np.empty((*pixels.shape[:2], 4), np.float32)
+        image[:, :, :3] = table[pixels[:, :, :-1]]
+        image[:, :, 3] = plain[pixels[:, :, -1]]
+        return image
+    return np.broadcast_to(table[pixels[:, :, : 3 if channels > 2 else 1]], (*pixels.shape[:2], 3))
 
 
-def _decode(data: bytes, owner: str) -> tuple[Array, bool]:
-    """(h, w, 3 or 1) uint8 or uint16 pixels without alpha, and whether the image is opaque."""
+def _decode(data: bytes | memoryview, owner: str) -> Array:
+    """(h, w, C) uint8 or uint16 pixels: grey, grey and alpha, RGB or RGBA."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -80,15 +96,12 @@ def _decode(data: bytes, owner: str) -> tuple[Array, bool]:
         raw = image.tile[0][3] if image.format == "PNG" and image.tile else ""
         raw = raw if isinstance(raw, str) else raw[0]
         image.load()
-    opaque = "transparency" not in image.info
-    if image.mode in ("RGBA", "LA", "PA", "RGBa", "La"):
-        opaque = image.getchannel(image.mode[-1].upper()).getextrema()[0] == 255
     if raw in _LOW_BYTES:
-        return _sixteen_bits(np.asarray(image), data, raw), opaque
-    return _eight_or_grey(image, raw, owner), opaque
+        return _sixteen_bits(np.asarray(image), data, raw)
+    return _eight_or_grey(image, raw, owner)
 
 
-def _sixteen_bits(high: Array, data: bytes, raw: str) -> Array:
+def _sixteen_bits(high: Array, data: bytes | memoryview, raw: str) -> Array:
     """The 16-bit colors of a PNG from its high bytes (h, w, C), as Pillow gives them, and its low bytes."""
     from PIL import Image
 
@@ -105,14 +118,14 @@ def _eight_or_grey(image: Any, raw: str, owner: str) -> Array:
         return np.asarray(image).astype(np.uint16)[:, :, None]
     if mode in ("1", "La"):
         image = image.convert("L" if mode == "1" else "LA")
+    elif "transparency" in image.info and mode in ("P", "L", "RGB"):
+        image = image.convert("RGBA")
     elif mode in _TO_RGB:
-        image = image.convert("RGBA" if mode == "RGBa" else "RGB")
+        image = image.convert("RGBA" if mode in ("RGBa", "PA") else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA"):
         raise complaint(owner, "image", "8 bits a channel, or 16 bits and grey or PNG", f"pixels of type {mode}")
     pixels = np.asarray(image)
-    if pixels.ndim == 2:
-        return pixels[:, :, None]
-    return pixels[:, :, :1] if pixels.shape[2] == 2 else pixels[:, :, :3]
+    return pixels[:, :, None] if pixels.ndim == 2 else pixels
 
 
 def as_texture(source: Any, *, srgb: bool, lookup: str = "standard") -> Texture:

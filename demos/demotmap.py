@@ -20,4 +20,4 @@ def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:
 
 
 if __name__ == "__main__":
-    sys.exit(figures.main(str(__doc__).splitlines()[0], plan, 4, "demotmap.png"))
+    sys.exit(figures.main(str(__doc__).splitlines()[0], plan, "demotmap.png"))

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -23,8 +24,9 @@ from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.scene import Material, PointLight, Scene, Texture  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
-PANEL = 2.6  # inches, width of a panel of the sheet
-DPI = 100
+DPI = 100  # of the sheet
+ACROSS = 4  # panels in a row of the sheet
+PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: a panel's width, and the room around it
 
 
 @dataclass
@@ -42,6 +44,18 @@ class Figure:
     mapped: bool = False
     image: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     milliseconds: float = 0.0
+
+    @cached_property
+    def linear(self) -> np.ndarray:
+        """The image as it is written, (M, N, 3) float32, row 0 at the top."""
+        return np.ascontiguousarray(self.image[::-1], dtype=np.float32)
+
+    @cached_property
+    def picture(self) -> np.ndarray:
+        """The image as it is shown, clamped, (M, N, 3) uint8, row 0 at the top."""
+        from clshade.tonemap import tonemap
+
+        return tonemap(self.linear, "none")
 
     @property
     def title(self) -> str:
@@ -162,63 +176,83 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
     from clshade import exr, png
-    from clshade.tonemap import tonemap
 
-    image = np.ascontiguousarray(figure.image[::-1], dtype=np.float32)
     metadata = exr.camera_metadata(scene.camera)
     metadata.update(
         title=figure.title, scene=scene.name, settings="preset=course", renderTimeSeconds=figure.milliseconds / 1e3
     )
-    exr.write(folder / f"{figure.stem}.exr", image, metadata=metadata)
-    png.write(folder / f"{figure.stem}.png", tonemap(image, "none"))
+    exr.write(folder / f"{figure.stem}.exr", figure.linear, metadata=metadata)
+    png.write(folder / f"{figure.stem}.png", figure.picture)
 
 
 # The contact sheet
+
+
+@dataclass
+class Panel:
+    """One picture of the sheet, (height, PANEL, 3) uint8, row 0 at the top, a title above and a few lines below."""
+
+    picture: np.ndarray
+    title: str
+    text: str
 
 
 def _numbers(vector: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"
 
 
-def caption(scene: Scene, figure: Figure) -> str:
-    """Position and intensity of the figure's lights, and the time it took."""
+def _reduced(picture: np.ndarray, height: int) -> np.ndarray:
+    """A picture in a panel's size, with a border."""
+    from PIL import Image
+
+    panel = np.array(Image.fromarray(picture).resize((PANEL, height), Image.Resampling.BOX))
+    panel[[0, -1]] = panel[:, [0, -1]] = 160
+    return panel
+
+
+def _shown(scene: Scene, figure: Figure, height: int) -> Panel:
+    """The figure, clamped, with position and intensity of its lights and the time it took."""
     lights = [scene.lights[k] for k in figure.lights]
-    lines = [f"light at {_numbers(light.position)}, {_numbers(light.intensity)}" for light in lights]
-    return "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
+    lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
+    return Panel(_reduced(figure.picture, height), figure.title, "\n".join([*lines, f"{figure.milliseconds:.1f} ms"]))
 
 
-def _panel(canvas, place: int, shape: tuple[int, int], title: str, text: str):
-    axes = canvas.add_subplot(*shape, place)
-    axes.set_xticks(())
-    axes.set_yticks(())
-    axes.set_title(title, fontsize=8)
-    axes.set_xlabel(text, fontsize=7)
-    return axes
+def _difference(gouraud: Figure, phong: Figure, height: int) -> Panel:
+    """How far two figures are apart in the channel that differs most."""
+    from matplotlib import colormaps
+
+    apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
+    white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
+    level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
+    table = (colormaps["magma"](np.arange(256))[:, :3] * 255.0).astype(np.uint8)
+    text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
+    title = f"phong - gouraud: {phong.what}"
+    return Panel(_reduced(table[level], height), title, f"{text}\nmean {apart.mean():.2g}, largest {apart.max():.2g}")
 
 
-def sheet(scene: Scene, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], columns: int, path: Path):
+def sheet(scene: Scene, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], path: Path) -> None:
     """All figures with captions, and for each pair (gouraud, phong) their difference, on one PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
-    rows = -(-(len(figures) + len(pairs)) // columns)
-    canvas = Canvas(figsize=(PANEL * columns, (PANEL + 0.85) * rows + 0.4), dpi=DPI)
-    for place, figure in enumerate(figures, 1):
-        axes = _panel(canvas, place, (rows, columns), figure.title, caption(scene, figure))
-        axes.imshow(np.clip(figure.image, 0.0, 1.0), origin="lower")
-    for place, (gouraud, phong) in enumerate(pairs, len(figures) + 1):
-        difference = np.abs(phong.image - gouraud.image).max(axis=2)
-        title = f"|figure {phong.number} - figure {gouraud.number}|, phong - gouraud: {phong.what}"
-        text = f"black: none, white: {max(difference.max(), 1e-6):.2g} (the largest)\nmean {difference.mean():.2g}"
-        axes = _panel(canvas, place, (rows, columns), title, text)
-        axes.imshow(difference, cmap="magma", vmin=0.0, vmax=max(difference.max(), 1e-6), origin="lower")
-    name = f"{scene.name}, {scene.face_count} triangles, {scene.camera.resolution[0]} x {scene.camera.resolution[1]}"
-    ambient = f"ambient light {_numbers(scene.ambient)}; times: one call, program built and scene on the device"
-    canvas.suptitle(f"{name}; {ambient}", fontsize=8, y=1.0 - 0.12 / canvas.get_figheight())
-    canvas.subplots_adjust(
-        left=0.02, right=0.98, bottom=0.75 / canvas.get_figheight(), top=1.0 - 0.5 / canvas.get_figheight(), hspace=0.33
-    )
-    FigureCanvasAgg(canvas).print_png(str(path))
+    columns, rows = scene.camera.resolution
+    height = min(max(PANEL * rows // columns, 16), 4 * PANEL)
+    panels = [_shown(scene, figure, height) for figure in figures] + [_difference(*pair, height) for pair in pairs]
+    step = height + TITLE + CAPTION
+    whole = np.full((HEAD + step * -(-len(panels) // ACROSS), (PANEL + GAP) * ACROSS, 3), 255, np.uint8)
+    total, wide = whole.shape[:2]
+    canvas = Canvas(figsize=(wide / DPI, total / DPI), dpi=DPI)
+    for k, panel in enumerate(panels):
+        x, y = k % ACROSS * (PANEL + GAP) + GAP // 2, HEAD + k // ACROSS * step + TITLE
+        whole[y : y + height, x : x + PANEL] = panel.picture
+        middle = (x + PANEL / 2) / wide
+        canvas.text(middle, 1.0 - (y - 3) / total, panel.title, ha="center", va="bottom", fontsize=8)
+        canvas.text(middle, 1.0 - (y + height + 4) / total, panel.text, ha="center", va="top", fontsize=6.5)
+    canvas.figimage(whole)
+    name = f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}"
+    ambient = f"ambient light {_numbers(scene.ambient)}; times: one call, its program built before"
+    canvas.text(0.5, 1.0 - 6 / total, f"{name}; {ambient}", ha="center", va="top", fontsize=8)
+    FigureCanvasAgg(canvas).print_png(str(path), pil_kwargs={"compress_level": 1})
 
 
 # The whole run
@@ -235,7 +269,6 @@ def _run(
     options: argparse.Namespace,
     figures: Sequence[Figure],
     pairs: Sequence[tuple[Figure, Figure]],
-    columns: int,
     sheet_name: str,
 ) -> None:
     from tqdm import tqdm
@@ -256,7 +289,7 @@ def _run(
         for figure in tqdm(draw_all(scene, figures), total=len(figures), unit="figure", desc=scene.name):
             pass
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
-        sheet(scene, figures, pairs, columns, folder / sheet_name)
+        sheet(scene, figures, pairs, folder / sheet_name)
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")
@@ -265,14 +298,13 @@ def _run(
 def main(
     description: str,
     plan: Callable[[], tuple[list[Figure], list[tuple[Figure, Figure]]]],
-    columns: int,
     sheet_name: str,
     arguments: Sequence[str] | None = None,
 ) -> int:
     """Runs a demo; returns its exit code: 0 done, 2 bad input, 130 interrupted."""
     options = parse(description, arguments)
     try:
-        _run(options, *plan(), columns, sheet_name)
+        _run(options, *plan(), sheet_name)
     except ClshadeError as error:
         print(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from kernels import Pipeline, float32, four, light_rows, material_rows, vertices_at
 
-from clshade.oracle import OracleFrame, coverage, shade
+from clshade.oracle import OracleFrame, clip, coverage, frame, shade
 
 Array = np.ndarray
 EXPONENTS = (1.0, 20.0, 200.0, 1e4)
@@ -72,7 +72,7 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
     positions = float32([[0.3, 0.2, 0.1], [-2.0, 3.0, 1.0], [1.5, -2.0, 2.0]])
     return Inputs(
         xy=xy,
-        z=1.0 / float32(1.0 / z).astype(np.float64),  # as the kernels see it
+        z=as_kernels_see(z),
         points=points,
         normals=float32(normals),
         colors=float32(rng.uniform(0, 1, (count, 3, 3))),
@@ -80,6 +80,18 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
         face_materials=np.resize(np.arange(len(EXPONENTS), dtype=np.int32), count),
         lights=light_rows(positions, float32([[1.0, 0.9, 0.8], [0.5, 0.1, 0.9], [0.2, 0.7, 0.3]])),
     )
+
+
+def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str) -> Array:
+    """The oracle's owner of each pixel, -1 for none: (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3, 2)."""
+    pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
+    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
+    return frame.owners(prepared, visibility, resolution)
+
+
+def as_kernels_see(z: Array) -> Array:
+    """Depths whose reciprocals are float32, as the kernels get them."""
+    return 1.0 / float32(1.0 / z).astype(np.float64)
 
 
 @dataclass(frozen=True)

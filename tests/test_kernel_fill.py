@@ -6,9 +6,10 @@ import compare
 import numpy as np
 import pytest
 from kernels import LANES, Pipeline, vertices_at
+from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
-from clshade.oracle import clip, coverage, frame, shade
+from clshade.oracle import coverage, shade, transform
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 GUARD = layout.GUARD_PIXELS * 256
@@ -20,7 +21,7 @@ def fill(device, xy, z, resolution, *, lanes=None, **features) -> np.ndarray:
     vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
     pipeline.set_up(vertices, np.arange(3 * len(xy)).reshape(-1, 3))
     face_of_index = np.arange(len(xy))
-    pipeline.sort(lambda index: (coverage.painter_depth(z[index]), face_of_index[index]))
+    pipeline.sort(lambda index: (transform.painter_depth(z[index]), face_of_index[index]))
     pipeline.bin(max(1, -(-pipeline.visible // 3)))
     rgba, owners = pipeline.draw()
     assert np.array_equal(rgba[..., 3], owners >= 0)
@@ -29,23 +30,11 @@ def fill(device, xy, z, resolution, *, lanes=None, **features) -> np.ndarray:
     return owners[::-1].copy()
 
 
-def oracle_owners(xy, z, resolution, visibility) -> np.ndarray:
-    """The oracle's, for the same snapped triangles."""
-    pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
-    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
-    return frame.owners(prepared, visibility, resolution)
-
-
-def as_kernels_see(z: np.ndarray) -> np.ndarray:
-    """Depths whose reciprocals are float32, as the kernels get them."""
-    return 1.0 / (1.0 / z).astype(np.float32).astype(np.float64)
-
-
 def assert_same_coverage(device, xy, resolution, **options) -> None:
     """Triangles that do not overlap: each covers exactly the oracle's pixels."""
     z = np.ones((len(xy), 3))
     found = fill(device, xy, z, resolution, **options)
-    assert np.array_equal(found, oracle_owners(xy, z, resolution, "painter"))
+    assert np.array_equal(found, owners_of(xy, z, resolution, "painter"))
 
 
 # Coverage
@@ -108,7 +97,7 @@ def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
     rim = np.rint(128 * 256 + 120 * 256 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).astype(np.int64)
     xy = np.stack([np.full_like(rim, 128 * 256 + 77), rim, np.roll(rim, -1, axis=0)], axis=1)
     found = fill(device, xy, np.ones((600, 3)), (256, 256))
-    assert np.array_equal(found, oracle_owners(xy, np.ones((600, 3)), (256, 256), "painter"))
+    assert np.array_equal(found, owners_of(xy, np.ones((600, 3)), (256, 256), "painter"))
     row, column = np.indices(found.shape)
     inside = np.hypot(row - 127.5, column - 127.5) < 118  # the widest gap of the rim is 3 degrees: a sagitta of 0.1 px
     assert (found[inside] >= 0).all()
@@ -136,12 +125,12 @@ def test_painter_owners(device):
         xy, z = overlapping(seed)
         z[1::2] = z[::2, [1, 2, 0]]  # pairs of equal mean depth, in another order of the corners
         found = fill(device, xy, z, RESOLUTION)
-        assert np.array_equal(found, oracle_owners(xy, z, RESOLUTION, "painter"))
+        assert np.array_equal(found, owners_of(xy, z, RESOLUTION, "painter"))
 
 
 def assert_nearest(found: np.ndarray, xy: np.ndarray, z: np.ndarray) -> None:
     """The oracle's owners, but for pixels where both depths are within 4 float32 ulp."""
-    expected = oracle_owners(xy, z, RESOLUTION, "depth")
+    expected = owners_of(xy, z, RESOLUTION, "depth")
     rows, columns = np.nonzero(found != expected)
     depths = []
     for owner in (found[rows, columns], expected[rows, columns]):
@@ -158,7 +147,7 @@ def test_depth_owners(device):
         z = as_kernels_see(z)
         found = fill(device, xy, z, RESOLUTION, DEPTH_TEST=1)
         assert_nearest(found, xy, z)
-        assert (found != oracle_owners(xy, z, RESOLUTION, "painter")).mean() > 0.01  # the two differ here
+        assert (found != owners_of(xy, z, RESOLUTION, "painter")).mean() > 0.01  # the two differ here
 
 
 def test_depths_in_one_plane_many_layers_deep(device):
@@ -192,7 +181,7 @@ def test_crossing_triangles_are_cut_along_their_line(device):
     z = np.array([[1.0, 3.0, 3.0], [3.0, 1.0, 3.0]])
     found = fill(device, xy, as_kernels_see(z), (64, 64), DEPTH_TEST=1)
     assert both.any()
-    assert np.array_equal(found[both], oracle_owners(xy, as_kernels_see(z), (64, 64), "depth")[both])
+    assert np.array_equal(found[both], owners_of(xy, as_kernels_see(z), (64, 64), "depth")[both])
     assert {0, 1} == set(found[both].tolist())
 
 

@@ -5,53 +5,59 @@ from __future__ import annotations
 import compare
 import numpy as np
 import pytest
-from kernels import LANES, Pipeline, bits, image_of, mask, vertices_at
+from kernels import LANES, bits, image_of, mask
+from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
 from clshade.oracle import coverage, shade
 from clshade.programs import build
 from clshade.stages import Buffer, Stages
 
-FILES = ("setup.cl", "bin.cl", "gouraud.cl", "layers.cl")
+
+def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """layout.TRIANGLE rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
+    rows = np.zeros(len(xy), layout.TRIANGLE)
+    area = coverage.signed_area(xy)
+    rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
+    rows["inverse_area"], rows["orientation"] = 256.0 / np.abs(area), np.sign(area)
+    rows["face"], rows["piece"] = np.arange(len(xy)), -1
+    return rows
 
 
-def drawn(device, resolution, lanes=None) -> tuple[Pipeline, np.ndarray, np.ndarray, np.ndarray]:
-    """A picture of triangles of all sizes: the pipeline, owners with row 0 at the top, snapped corners and depths."""
+def picture(resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles of all sizes: snapped corners, depths, and the owners of an image, row 0 at the TOP."""
     rng = np.random.default_rng(1)
-    count = 150
-    middle = rng.uniform(0, 1, (count, 1, 2)) * resolution
-    size = np.exp2(rng.uniform(-1, 7, (count, 1, 1)))
-    xy = np.rint(256 * (middle + size * rng.normal(size=(count, 3, 2)))).astype(np.int64)
-    z = np.exp2(rng.uniform(-0.5, 0.5, (count, 3)))
-    z = 1.0 / (1.0 / z).astype(np.float32).astype(np.float64)  # as the kernels see it
-    pipeline = Pipeline(device, FILES, resolution, lanes=lanes, OWNERS=1, DEPTH_TEST=1, image={"unscale": 8.0})
-    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
-    _, owners = pipeline.whole(vertices, np.arange(3 * count).reshape(-1, 3))
-    return pipeline, owners, xy, z
+    middle = rng.uniform(0, 1, (150, 1, 2)) * resolution
+    size = np.exp2(rng.uniform(-1, 7, (150, 1, 1)))
+    xy = np.rint(256 * (middle + size * rng.normal(size=(150, 3, 2)))).astype(np.int64)
+    z = as_kernels_see(np.exp2(rng.uniform(-0.5, 0.5, (150, 3))))
+    return xy, z, owners_of(xy, z, resolution, "depth")[::-1].astype(np.int32)
 
 
-def layers(pipeline: Pipeline, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarray, np.ndarray]:
     """(M, N) ids and depths."""
-    own = Buffer(pipeline.device, owners)
-    ids = Buffer(pipeline.device, np.full(owners.shape, 77, np.uint32))
-    depths = Buffer(pipeline.device, np.full(owners.shape, np.nan, np.float32))
-    pipeline.stages.layer_id(own, pipeline.made.triangles, ids, owners.size)
-    pipeline.stages.layer_z(own, pipeline.made.triangles, pipeline.image, depths, owners.size)
+    stages = Stages(device, build(device, mask(OWNERS=1, DEPTH_TEST=1), ("layers.cl",), lanes=lanes))
+    own, table = Buffer(device, owners), Buffer(device, triangles)
+    image = image_of(device, owners.shape[::-1], unscale=unscale)
+    ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
+    depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
+    stages.layer_id(own, table, ids, owners.size)
+    stages.layer_z(own, table, image, depths, owners.size)
     return ids.to_host(), depths.to_host()
 
 
 @pytest.mark.parametrize("resolution", [(101, 67), (1, 1), (1, 7), (333, 1), (64, 48)])
 def test_ids_and_depths(device, resolution):
-    """Depths within 4 ulp of the oracle's: sums of three products rounded by 2 units of 2^-24 each, the area's 2, the
-    products' and the reciprocal's: below 8 units, of which an ulp has one to two."""
-    pipeline, owners, xy, z = drawn(device, resolution)
-    ids, depths = layers(pipeline, owners)
+    """Depths within 4 ulp of the oracle's: edge values are right to 2 units of 2^-24, each of the three terms is rounded
+    once and summed, the area's reciprocal takes 2, the two products and the reciprocal 3: 8 units, at most 8 half ulp."""
+    xy, z, owners = picture(resolution)
+    ids, depths = layers(device, triangles_of(xy, z), owners, unscale=8.0)
     assert np.array_equal(ids, owners + 1)
     rows, columns = np.nonzero(owners >= 0)
     owner = owners[rows, columns]
     edges = coverage.edge_functions(xy[owner], columns, resolution[1] - 1 - rows)
     expected = 8.0 * shade.depth(edges, z[owner])
-    assert compare.tied(depths[rows, columns].astype(np.float64), expected).all()
+    assert compare.tied(depths[rows, columns].astype(np.float64), expected, 4).all()
     assert (depths[owners < 0] == np.inf).all()
     assert len(rows) > 0
     if resolution == (101, 67):
@@ -61,43 +67,35 @@ def test_ids_and_depths(device, resolution):
 
 def test_faces_of_pieces(device):
     """An id is the triangle's face, not its index: clipped pieces share their face's."""
-    triangles = np.zeros(3, layout.TRIANGLE)
+    xy, z, _ = picture((4, 4))
+    triangles = triangles_of(xy, z)[:3]
     triangles["face"] = [5, 2, 16_777_215]
-    owners = np.array([[-1, 2], [1, 0]], np.int32)
-    stages = Stages(device, build(device, mask(OWNERS=1), ("layers.cl",)))
-    inputs = Buffer(device, owners), Buffer(device, triangles)
-    ids = Buffer(device, np.zeros((2, 2), np.uint32))
-    stages.layer_id(*inputs, ids, 4)
-    assert ids.to_host().tolist() == [[0, 16_777_216], [3, 6]]
+    ids, _ = layers(device, triangles, np.array([[-1, 2], [1, 0]], np.int32))
+    assert ids.tolist() == [[0, 16_777_216], [3, 6]]
 
 
 def test_depths_are_held_to_those_of_the_corners(device):
-    """A sliver seen edge-on: nowhere is it nearer or farther than its corners, whatever rounding says."""
+    """A sliver of nearly one depth: nowhere is it nearer or farther than its corners, whatever rounding says."""
     xy = np.array([[[0, 0], [64 * 256, 0], [64 * 256, 200]]])
-    z = np.array([[1.0, 1.0000001, 1.0000002]])
-    pipeline = Pipeline(device, FILES, (64, 2), OWNERS=1, DEPTH_TEST=1)
-    _, owners = pipeline.whole(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.array([[0, 1, 2]]))
-    _, depths = layers(pipeline, owners)
+    z = as_kernels_see(np.array([[1.0, 1.0000001, 1.0000002]]))
+    owners = owners_of(xy, z, (64, 2), "depth")[::-1].astype(np.int32)
+    _, depths = layers(device, triangles_of(xy, z), owners)
     inside = depths[owners >= 0]
     assert len(inside) > 10
     assert (inside >= 1.0).all()
-    assert (inside <= np.float32(1.0000003)).all()
+    assert (inside <= z.max().astype(np.float32)).all()
 
 
 def test_lanes_do_not_change_a_bit(device):
-    found = []
-    for lanes in LANES:
-        pipeline, owners, _, _ = drawn(device, (45, 31), lanes)
-        ids, depths = layers(pipeline, owners)
-        found.append((ids, bits(depths)))
+    xy, z, owners = picture((45, 31))
+    found = [layers(device, triangles_of(xy, z), owners, lanes=lanes) for lanes in LANES]
     for ids, depths in found[1:]:
         assert np.array_equal(ids, found[0][0])
-        assert np.array_equal(depths, found[0][1])
+        assert np.array_equal(bits(depths), bits(found[0][1]))
 
 
-def test_resolution_and_unscale_come_from_the_image(device):
-    pipeline, owners, _, _ = drawn(device, (20, 10))
-    _, depths = layers(pipeline, owners)
-    pipeline.image = image_of(device, (20, 10), unscale=16.0)
-    _, doubled = layers(pipeline, owners)
+def test_scene_units_come_from_the_image(device):
+    xy, z, owners = picture((20, 10))
+    _, depths = layers(device, triangles_of(xy, z), owners, unscale=2.0**-80)
+    _, doubled = layers(device, triangles_of(xy, z), owners, unscale=2.0**-79)
     assert np.array_equal(doubled, 2.0 * depths)
