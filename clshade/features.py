@@ -153,8 +153,8 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     }
     values = {name: int(choices[name]) for name in CHOICES}
     values.update({name: int(everything or needed[name][0]) for name in OPTIONAL})
-    if everything and at_corners:
-        values["VERTEX_COLORS"] = 0
+    if everything and at_corners:  # the corners' colors hold vertex colors and texels already
+        values["VERTEX_COLORS"] = values["TEXTURED"] = 0
     left_out = tuple((name, needed[name][1]) for name in OPTIONAL if not values[name])
     return Features(tuple(values.items()), left_out)
 

@@ -46,7 +46,7 @@ def framed(
     if camera is None:
         camera = _camera(center, radius, up, resolution or RESOLUTION)
     if not lights:
-        right, upward, forward = geometry.look_at(camera.eye - center * 1.0, camera.lookat - center, camera.up)
+        right, upward, forward = geometry.look_at(camera.eye, camera.lookat, camera.up)
         axes = np.stack([right, upward, -forward])
         lights = tuple(
             PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS
@@ -69,7 +69,7 @@ def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
     eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
     unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
     low, high = geometry.bounding_box(unframed)
-    center, radius = low / 2 + high / 2, geometry.bounding_radius(unframed)
+    center, radius = low / 2 + high / 2, geometry.half_diagonal(low, high)
     if radius == 0.0:
         largest = float(np.abs(center).max())
         radius = 1e-3 * largest if largest else 1.0

@@ -116,13 +116,12 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
         if not len(mesh.faces):
             continue
         used = np.zeros(len(mesh.verts), bool)
-        used[mesh.faces] = True
-        points = mesh.verts[used].astype(np.float64)
+        used[mesh.faces.reshape(-1)] = True
+        points = mesh.verts if used.all() else mesh.verts[used]
         for placement in np.asarray(mesh.instances):
-            with np.errstate(over="ignore", invalid="ignore"):
-                placed = points @ placement[:3, :3].T + placement[:3, 3]
-            lows.append(placed.min(axis=0))
-            highs.append(placed.max(axis=0))
+            low, high = _extent(points, placement)
+            lows.append(low)
+            highs.append(high)
     if not lows:
         return np.zeros(3), np.zeros(3)
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
@@ -131,9 +130,27 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
     return low, high
 
 
+def _extent(points: Array, placement: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner, (3,) float64 each, of points (V, 3) under a (4, 4) placement."""
+    if (placement == np.eye(4)).all():
+        columns = points.T
+        return tuple(np.array([pick(column) for column in columns], np.float64) + 0.0 for pick in (np.min, np.max))  # type: ignore[return-value]
+    lows, highs = [], []
+    for block in _blocks(len(points)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            placed = placement[:3, :3] @ points[block].T.astype(np.float64) + placement[:3, 3:]
+        lows.append(placed.min(axis=1))
+        highs.append(placed.max(axis=1))
+    return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
 def bounding_radius(scene: Scene) -> float:
     """Half the diagonal of the bounding box, scene units; 0 for a scene without faces or with a single point."""
-    low, high = bounding_box(scene)
+    return half_diagonal(*bounding_box(scene))
+
+
+def half_diagonal(low: Array, high: Array) -> float:
+    """Half the distance of two corners (3,), which may be as far apart as float64 allows."""
     half = high / 2 - low / 2
     exponent = _exponent(half)
     with np.errstate(over="ignore"):

@@ -49,7 +49,8 @@ def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
         raise complaint(owner, "GLB version", "2", str(version))
     if not 20 <= length <= len(data):
         raise complaint(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
-    view, found, offset = memoryview(data), [], 12
+    view, offset = memoryview(data), 12
+    found: list[tuple[int, memoryview]] = []
     while offset + 8 <= length and len(found) < 2:
         size, kind = struct.unpack_from("<II", data, offset)
         if size > length - offset - 8:

@@ -13,8 +13,8 @@ from .atomic import shown
 from .framing import AMBIENT
 from .gltf_buffers import Buffers
 from .gltf_json import Item
-from .images import decode_image
 from .images import MAX_BYTES as MAX_IMAGE_BYTES
+from .images import decode_image
 from .mtl_files import MAX_PIXELS
 from .reading import complaint, quoted, read_file
 from .scene import Array, Material, Texture
@@ -73,6 +73,7 @@ class Materials:
         self.document, self.buffers, self.own, self.ignored = document, buffers, own, ignored
         self._surfaces: dict[int | None, Surface] = {}
         self._images: dict[int, Array | None] = {}
+        self._textures: dict[tuple[int, bool], Texture | None] = {}
         self._pixels = 0
 
     def surface(self, index: int | None) -> Surface:
@@ -149,14 +150,17 @@ class Materials:
         if moved is not None:
             coordinates = moved.integer("texCoord", coordinates)
             transform = _transform(moved)
-        entry = self.document.entry("textures", index)
+        if (index, alpha) not in self._textures:
+            self._textures[index, alpha] = self._loaded(self.document.entry("textures", index), alpha)
+        return self._textures[index, alpha], coordinates, transform
+
+    def _loaded(self, entry: Item, alpha: bool) -> Texture | None:
         webp = entry.extension("EXT_texture_webp")
         source = (webp or entry).reference("source", "images")
         image = None if source is None else self._image(source)
         if image is None:
-            return None, coordinates, transform
-        image = image if alpha else image[:, :, :3]
-        return Texture(image, wrap=self._wraps(entry), name=self._name(entry, source)), coordinates, transform
+            return None
+        return Texture(image if alpha else image[:, :, :3], wrap=self._wraps(entry), name=self._name(entry, source))
 
     def _name(self, entry: Item, source: int | None) -> str:
         return entry.text("name") or ("" if source is None else self.document.entry("images", source).text("name"))

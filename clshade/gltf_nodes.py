@@ -26,13 +26,16 @@ class Placed:
 
 
 def placed(document: Item, ignored: list[str]) -> Placed:
-    """The content of the file's scene: the one it names, else its first, else all nodes that have no parent.
+    """The content of the file's scene: the one it names, else its first, else all nodes that have no parent; in a file
+    without nodes each mesh once.
 
     Raises InputError for more than MAX_NODES nodes, one that is reached twice, and broken fields.
     """
     if document.count("nodes") > MAX_NODES:
         raise document.refuse("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
     found, seen = Placed(), set()
+    if not document.count("nodes") and document.count("meshes") <= MAX_NODES:
+        found.meshes = {index: [np.eye(4)] for index in range(document.count("meshes"))}
     stack = [(index, np.eye(4)) for index in reversed(_roots(document))]
     while stack:
         index, parent = stack.pop()
@@ -114,8 +117,8 @@ def camera_of(
     """The first camera of the scene, None when there is none or its node has no direction.
 
     sphere: center and radius of the meshes; the camera looks at the point of its axis that is nearest to the center.
-    resolution: (N, M); default: 600 rows and the camera's aspect ratio, or framing.RESOLUTION. Pixels are square: of
-    a view of another shape than the image's, the height is kept.
+    resolution: (N, M); default: 600 rows and the camera's aspect ratio, or framing.RESOLUTION. Pixels are square; an
+    image of another shape shows all of the view, and more beside it or above and below.
     """
     if not found.cameras:
         return None
@@ -142,15 +145,12 @@ def camera_of(
         columns = round(min(RESOLUTION[1] * aspect, MAX_RESOLUTION))
         resolution = (max(columns, 1), RESOLUTION[1]) if aspect else RESOLUTION
     center, radius = sphere
+    height *= max(1.0, aspect * resolution[1] / resolution[0])
     eye = matrix[:3, 3]
     away = float((center - eye) @ forward)
     away = away if away > 1e-3 * radius else radius
     plane = (height, height * resolution[0] / resolution[1])
     return Camera(eye, eye + forward * away, up, 1.0, plane, resolution, orthographic=flat)
-
-
-def quoted_type(item: Item) -> str:
-    return repr(item.text("type")[:32])
 
 
 def lights_of(found: Placed, sphere: tuple[Array, float], ignored: list[str]) -> tuple[PointLight, ...]:

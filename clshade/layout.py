@@ -12,6 +12,8 @@ SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # |u|, |v| of a vertex that need no clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # stands for "beyond the guard band" in snapped positions
 TILE_SIZE = 16  # pixels a side
+MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are held to it: their squares then stay within float32
+MOST_DEPTH = 2.0**100  # scaled depths are held to it: their reciprocals then stay within float32
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -20,6 +22,8 @@ CONSTANTS = {
     "SNAP_LIMIT": SNAP_LIMIT,
     "TILE_SIZE": TILE_SIZE,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    "MOST_LENGTH": MOST_LENGTH,
+    "MOST_DEPTH": MOST_DEPTH,
     "WRAP_REPEAT": 0,
     "WRAP_CLAMP": 1,
     "WRAP_MIRROR": 2,

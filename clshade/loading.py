@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+import sys
+import threading
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,13 +15,18 @@ import numpy as np
 from .atomic import Path, shown
 from .course_files import read_course, save_course
 from .errors import InputError
-from .mesh_files import read_obj
+from .gltf_files import read_gltf
+from .images import as_texture
+from .mesh_files import DEFAULT_MATERIAL, read_obj
+from .mesh_options import Options
+from .ply_files import read_ply
 from .reading import complaint, quoted, size_of
 from .scene import MAX_RESOLUTION, Scene, integer, refuse
+from .stl_files import read_stl
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
-EXTENSIONS = (".npy", ".obj")
+EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
 
 
 def load(
@@ -28,8 +36,12 @@ def load(
     focal: float | None = None,
     resolution: tuple[int, int] | None = None,
     lights: Sequence[int] | None = None,
+    crease: float | None = None,
+    flat: bool = False,
+    up: str | None = None,
+    two_sided: bool | None = None,
 ) -> Scene:
-    """The scene in a file: a course scene (.npy, preset `course`) or a mesh (.obj, preset `standard`).
+    """The scene in a file: a course scene (.npy, preset `course`) or meshes (EXTENSIONS, preset `standard`).
 
     texture: an image in place of the file's: a path, an (h, w, 3) array (used as linear values; integers are divided
         by their type's maximum; row 0 is v = 0) or a Texture. An image file is value/255 for a course scene, where it
@@ -38,10 +50,18 @@ def load(
     resolution: (N, M), columns and rows, pixels; the image plane keeps its height and the pixels become square.
         Default: the file's, or 800 x 600 for a mesh.
     lights: indices, from 0, of the lights to keep, in that order; default all. Meshes get three: key, fill, rim.
+    crease: degrees, 0 to 180: edges of a larger angle between their faces are sharp, where a mesh has no normals of
+        its own. Default: all is smooth in OBJ and PLY files, flat in glTF (as it says) and STL.
+    flat: the same as crease=0.
+    up: `y` or `z`, the axis that points up in the chosen view of a mesh. Default: z for STL, y for the others.
+    two_sided: light surfaces seen from behind as those seen from the front. Default: as the file asks; for OBJ, PLY
+        and STL, which cannot ask, where the surface is open or its winding changes (always for STL).
 
-    A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`. What the file refers to
-    (materials, images) is opened only inside the file's own folder; what of that is missing, or is left out, is told
-    by a UserWarning of one line. Code in a file is never run.
+    A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`, unless a glTF file has
+    its own. What the file refers to (materials, images) is opened only inside the file's own folder; what of that is
+    missing, or is left out, is told by a UserWarning of one line, and what is not rendered also in `Scene.ignored`.
+    Code in a file is never run, and nothing is fetched. On a terminal a line on stderr tells of a file that takes more
+    than a second.
 
     Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
     file that is missing, unknown, malformed or too large, and for an argument out of range.
@@ -55,17 +75,54 @@ def load(
     if resolution is not None:
         resolution = _resolution(resolution)
     try:
-        if extension == ".npy":
-            scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
-        elif focal is not None:
-            raise refuse("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
-        else:
-            scene = read_obj(path, texture=texture, resolution=resolution)
+        with _told_when_slow(owner):
+            if extension == ".npy":
+                if (crease, up, flat) != (None, None, False):
+                    raise refuse("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
+                scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
+                scene = scene if two_sided is None else _lit(scene, two_sided)
+            elif focal is not None:
+                raise refuse("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
+            else:
+                own = None if texture is None else as_texture(texture, srgb=True)
+                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided)
+                scene = _read_mesh(path, extension, options)
     except InputError as error:
         raise _named(error, owner) from None
     except MemoryError:
         raise complaint(owner, "file", "a scene that fits into memory", "too large a one") from None
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
+
+
+def _read_mesh(path: Path, extension: str, options: Options) -> Scene:
+    if extension == ".obj":
+        return read_obj(path, options)
+    if extension == ".ply":
+        return read_ply(path, options, DEFAULT_MATERIAL)
+    if extension == ".stl":
+        return read_stl(path, options, DEFAULT_MATERIAL)
+    return read_gltf(path, options)
+
+
+def _lit(scene: Scene, two_sided: bool) -> Scene:
+    """The scene with every material lit on both sides, or not."""
+    meshes = (replace(mesh, material=replace(mesh.material, two_sided=two_sided)) for mesh in scene.meshes)
+    return replace(scene, meshes=tuple(meshes))
+
+
+@contextlib.contextmanager
+def _told_when_slow(owner: str) -> Iterator[None]:
+    """A line on stderr, where that is a terminal, when the block takes longer than a second."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    timer = threading.Timer(1.0, lambda: print(f"{owner}: loading ...", file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _resolution(resolution: Any) -> tuple[int, int]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from . import framing, geometry
 from .atomic import Path, shown
-from .images import as_texture
+from .creases import crease_normals, is_closed
+from .mesh_options import Options, told
 from .mtl_files import Library
 from .obj_text import ObjText, Run, parse_obj
 from .reading import complaint, quoted, read_file
@@ -22,30 +23,26 @@ MAX_BYTES = 1 << 31  # of a mesh file
 DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # of faces whose material the file does not give
 
 
-def read_obj(path: Path, *, texture: Any = None, resolution: tuple[int, int] | None = None) -> Scene:
+def read_obj(path: Path, options: Options) -> Scene:
     """The scene in a Wavefront OBJ file: its faces in the file's order, with a camera and lights by `framing.framed`.
-
-    texture: path of an image (decoded from sRGB), array (linear) or Texture, in place of the materials' own, for all
-        faces with texture coordinates.
-    resolution: (N, M), pixels.
 
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
     are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
-    without normals get those of the whole file's faces, so that no seam shows between meshes. A material or image that
-    is not there is left out, with a warning. See `obj_text.parse_obj` for the format and `mtl_files` for materials.
+    without normals get those of the whole file's faces, so that no seam shows between meshes; edges above
+    options.crease are sharp. Where the surface of all faces is open, or its winding changes, both sides are lit. A
+    material or image that is not there is left out, with a warning. See `obj_text.parse_obj` and `mtl_files`.
 
     Raises InputError, one line, see clshade.loading.load.
     """
     owner = shown(path)
     name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
     text = parse_obj(read_file(path, MAX_BYTES), owner)
-    if texture is not None and text.indices[:, 0, 1].max() < 0:
+    if options.texture is not None and text.indices[:, 0, 1].max() < 0:
         raise complaint(owner, "vt", "texture coordinates for the texture", "none")
-    own = None if texture is None else as_texture(texture, srgb=True)
     library = Library(os.fspath(path), text.libraries)
     text.colors = _finite_colors(text.colors, owner)
-    text.uvs = _flipped(text.uvs)
-    return framing.framed(_meshes(text, library, own, name, owner), name, resolution)
+    meshes = _meshes(text, library, options, name, owner)
+    return told(framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, library.ignored)
 
 
 def _flipped(uvs: Array) -> Array:
@@ -63,22 +60,39 @@ def _finite_colors(colors: Array | None, owner: str) -> Array | None:
     return colors
 
 
-def _meshes(text: ObjText, library: Library, texture: Texture | None, name: str, owner: str) -> tuple[Mesh, ...]:
+def _meshes(text: ObjText, library: Library, options: Options, name: str, owner: str) -> tuple[Mesh, ...]:
     """The file's faces as meshes, each of one object and one material, in the order of the file."""
     parts = _parts(text)
-    computed = None
-    if len(parts) > 1 and text.indices[:, 0, 2].min() < 0:
-        computed = geometry.vertex_normals(text.verts, text.indices[:, :, 0])
-    materials: dict[tuple[str | None, bool], Material] = {}
+    whole = len(parts) == 1
+    computed = _normals(text, options, whole)
+    is_open = options.two_sided is None and not is_closed(text.indices[:, :, 0])
+    materials: dict[tuple[str | None, bool], tuple[Material, Array | None]] = {}
+    flipped: dict[bytes, Array] = {}
     meshes = []
     for run, end in parts:
         indices = text.indices[run.first : end]
         key = (run.material, bool(indices[0, 0, 1] >= 0))
         if key not in materials:
-            materials[key] = _material(library, *key, texture, owner)
-        arrays = _arrays(text, indices, computed, whole=len(parts) == 1)
-        meshes.append(Mesh(**arrays, material=materials[key], name=run.object or run.group or name))
+            material, moved = _material(library, *key, options.texture, owner)
+            materials[key] = options.lit(material, open_surface=is_open), moved
+        material, moved = materials[key]
+        moment = b"" if moved is None else moved.tobytes()
+        if moment not in flipped:
+            flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
+        arrays = _arrays(text, flipped[moment], slice(run.first, end), computed, whole)
+        meshes.append(Mesh(**arrays, material=material, name=run.object or run.group or name))
     return tuple(meshes)
+
+
+def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array | None] | None:
+    """Normals (K, 3) for faces that have none, and indices (F, 3) into them or None for the vertices' own; None to
+    leave the normals to the mesh."""
+    if text.indices[:, 0, 2].min() >= 0:
+        return None
+    faces = text.indices[:, :, 0]
+    if options.crease is not None:
+        return crease_normals(text.verts, faces, options.crease)
+    return None if whole else (geometry.vertex_normals(text.verts, faces), None)
 
 
 def _parts(text: ObjText) -> list[tuple[Run, int]]:
@@ -95,19 +109,26 @@ def _parts(text: ObjText) -> list[tuple[Run, int]]:
     return list(zip(runs, [*starts[1:], len(text.indices)], strict=True))
 
 
-def _arrays(text: ObjText, indices: Array, computed: Array | None, whole: bool) -> dict[str, Any]:
-    """The arrays of a Mesh of the faces `indices` (F, 3, 3): the file's own where it is `whole`, else what is used.
+def _arrays(
+    text: ObjText, uvs: Array, chosen: slice, computed: tuple[Array, Array | None] | None, whole: bool
+) -> dict[str, Any]:
+    """The arrays of a Mesh of the chosen faces: the file's own where these are the `whole`, else what is used.
 
-    computed: (V, 3) normals at the vertices for faces that have none, None to leave them to the mesh.
+    uvs: (T, 2), used in place of the file's. computed: see _normals.
     """
-    faces, *others = (indices[:, :, column] for column in range(3))
-    verts, colors, normals = text.verts, text.colors, computed
+    faces, *others = (text.indices[chosen, :, column] for column in range(3))
+    at_verts = {"verts": text.verts, "colors": text.colors, "normals": None}
+    sources = [("uv", uvs, others[0]), ("normal", text.normals, others[1])]
+    if others[1][0, 0] < 0 and computed is not None:
+        if computed[1] is None:
+            at_verts["normals"] = computed[0]
+        else:
+            sources[1] = ("normal", computed[0], computed[1][chosen])
     if not whole:
         used, faces = _used(faces)
-        verts = verts[used]
-        colors, normals = (None if array is None else array[used] for array in (colors, normals))
-    arrays: dict[str, Any] = {"verts": verts, "faces": faces, "colors": colors, "normals": normals}
-    for name, values, own in zip(("uv", "normal"), (text.uvs, text.normals), others, strict=True):
+        at_verts = {name: None if values is None else values[used] for name, values in at_verts.items()}
+    arrays: dict[str, Any] = {**at_verts, "faces": faces}
+    for name, values, own in sources:
         if own[0, 0] >= 0:
             if not whole:
                 used, own = _used(own)
@@ -122,11 +143,16 @@ def _used(indices: Array) -> tuple[Array, Array]:
     return used, inverse.reshape(indices.shape)
 
 
-def _material(library: Library, name: str | None, textured: bool, texture: Texture | None, owner: str) -> Material:
-    material = None
+def _material(
+    library: Library, name: str | None, textured: bool, texture: Texture | None, owner: str
+) -> tuple[Material, Array | None]:
+    """A material, and what moves its texture coordinates: rows scale and offset of u and v, or None."""
+    found = None
     if name is not None:
-        material = library.material(name, textured and texture is None)
-        if material is None:
+        found = library.material(name, textured and texture is None)
+        if found is None:
             warnings.warn(f"{owner}: usemtl: no library defines the material {quoted(name)}", stacklevel=2)
-    material = material or DEFAULT_MATERIAL
-    return replace(material, texture=texture) if textured and texture is not None else material
+    material, moved = found or (DEFAULT_MATERIAL, None)
+    if textured and texture is not None:
+        return replace(material, texture=texture, alpha_cutoff=None), None
+    return material, moved

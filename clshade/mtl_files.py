@@ -1,8 +1,14 @@
-"""Wavefront MTL libraries: the parts that a plain OBJ scene needs (Ka, Kd, Ks, Ns, map_Kd)."""
+"""Wavefront MTL libraries as Phong's coefficients.
+
+The color of MTL's own formula, Ka*Ia + sum_l Ip_l*(Kd*(N.L) + Ks*(R.V)^Ns), is kept: ka = Ka, kd = Kd, ks = Ks and
+n = Ns, as most viewers read it; the surface color stays white, so that Kd does not tint the highlight. A material
+without Ka gets its Kd. illum 0 shows Kd whatever the lights are, illum 1 has no highlight.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,24 +16,57 @@ from typing import Any
 import numpy as np
 
 from .atomic import shown
-from .images import as_texture
+from .framing import AMBIENT
+from .images import MAX_BYTES as MAX_IMAGE_BYTES
+from .images import decode_image
 from .obj_lines import numbers
 from .reading import beside, complaint, quoted, read_file, within
-from .scene import Material, Texture
+from .scene import Array, Material, Texture
 
 MAX_BYTES = 1 << 24  # of a library
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
 _COLORS = {"ka": "ka", "kd": "kd", "ks": "ks"}
 # A material that an MTL file defines: nothing shines unless it says so.
-DEFAULTS = {"ka": 1.0, "kd": 0.8, "ks": 0.0, "n": 20.0}
+DEFAULTS = {"kd": 0.8, "ks": 0.0, "n": 20.0}
+# What is not rendered, by keyword.
+_IGNORED = {
+    **dict.fromkeys(("bump", "map_bump", "norm", "map_kn"), "normal maps"),
+    **dict.fromkeys(("ke", "map_ke"), "emission"),
+    **dict.fromkeys(("d", "tr", "tf"), "transparency"),
+    **dict.fromkeys(("map_ka", "map_ks", "map_ns"), "maps of Ka, Ks and Ns"),
+    **dict.fromkeys(("map_pr", "map_pm", "map_ps", "pr", "pm"), "metallic-roughness"),
+    **dict.fromkeys(("disp", "map_disp", "decal"), "displacement and decals"),
+    "refl": "reflection maps",
+}
+# Options of a map: how many arguments each has; -1: one to three numbers.
+_OPTIONS = {
+    **dict.fromkeys(("-s", "-o", "-t"), -1),
+    **dict.fromkeys(("-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"), 1),
+    "-mm": 2,
+}
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_WORD = re.compile(r"\S+")
+
+
+@dataclass(frozen=True)
+class _Map:
+    """An image that a library refers to. scale, offset: of u and v."""
+
+    path: str
+    scale: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    clamp: bool = False
 
 
 @dataclass
 class _Found:
-    """What a library says of one material. image: path of its map_Kd."""
+    """What a library says of one material. image, mask: its map_Kd and map_d."""
 
     values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
-    image: str | None = None
+    image: _Map | None = None
+    mask: _Map | None = None
+    model: int = 2
+    ignored: list[str] = field(default_factory=list)
 
 
 class Library:
@@ -43,7 +82,9 @@ class Library:
     def __init__(self, path: str, references: list[tuple[int, str]]) -> None:
         self.root, self.owner = os.path.dirname(path) or ".", shown(path)
         self.found: dict[str, _Found] = {}
-        self.textures: dict[str, Texture] = {}
+        self.images: dict[str, Array] = {}
+        self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture, bool]] = {}
+        self.ignored: list[str] = []
         seen = set()
         for line, text in references:
             if text in seen:
@@ -69,38 +110,123 @@ class Library:
             keyword, rest, where = words[0].lower(), words[1].strip(), f"line {number}: {words[0][:16]}"
             if keyword == "newmtl":
                 material = self.found.setdefault(rest, _Found())
-            elif material is None:
-                continue
-            elif keyword in _COLORS:
-                material.values[_COLORS[keyword]] = _color(rest, shown(library), where)
-            elif keyword == "ns":
-                material.values["n"] = _exponent(rest, shown(library), where)
-            elif keyword == "map_kd":
-                material.image = self._image(rest, library, where)
+            elif material is not None:
+                self._statement(material, keyword, rest, library, where)
 
-    def _image(self, text: str, library: str, where: str) -> str | None:
-        """The path of a map's image; options before the file's name are left out."""
-        name = text.split()[-1] if text.startswith("-") else text
+    def _statement(self, material: _Found, keyword: str, rest: str, library: str, where: str) -> None:
+        owner = shown(library)
+        if keyword in _COLORS:
+            material.values[_COLORS[keyword]] = _color(rest, owner, where)
+        elif keyword == "ns":
+            material.values["n"] = _exponent(rest, owner, where)
+        elif keyword == "illum":
+            (value,) = _floats(rest, owner, where, (1,), "a number")
+            material.model = int(min(max(value, 0.0), 99.0))
+            if material.model > 2:
+                material.ignored.append("reflection and refraction (illum)")
+        elif keyword == "map_kd":
+            material.image = self._map(rest, library, where, material)
+        elif keyword == "map_d":
+            material.mask = self._map(rest, library, where, material)
+        elif keyword in _IGNORED and not _is_default(keyword, rest):
+            material.ignored.append(_IGNORED[keyword])
+
+    def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
+        """A map's image and those of its options that are rendered; None, with a warning, where there is no image."""
+        name, options = _split_options(text, material.ignored)
         path = beside(self.root, os.path.dirname(library) or ".", name, shown(library), where)
         if path is None:
             warnings.warn(f"{shown(library)}: {where}: there is no file {quoted(name)}", stacklevel=2)
-        return path
+            return None
+        return _Map(path, **options)
 
-    def material(self, name: str, textured: bool) -> Material | None:
-        """The material of that name, None when no library has it. textured: whether its image is wanted."""
+    def material(self, name: str, textured: bool) -> tuple[Material, Array | None] | None:
+        """The material of that name, and (2, 2) scale and offset of its texture coordinates or None; None when no
+        library has it. textured: whether its image is wanted."""
         found = self.found.get(name)
         if found is None:
             return None
-        texture = None
-        if textured and found.image is not None:
-            if found.image not in self.textures:
-                with within(self.owner):
-                    self.textures[found.image] = as_texture(found.image, srgb=True)
-                pixels = sum(known.image.shape[0] * known.image.shape[1] for known in self.textures.values())
-                if pixels > MAX_PIXELS:
-                    raise complaint(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
-            texture = self.textures[found.image]
-        return Material(**found.values, texture=texture, name=name)
+        self.ignored += found.ignored
+        values = {"ka": found.values["kd"], **found.values}
+        if found.model == 1:
+            values["ks"] = 0.0
+        if found.model == 0:
+            values.update(color=values["kd"], ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
+        source = found.image or found.mask
+        if not textured or source is None:
+            return Material(**values, name=name), None
+        with within(self.owner):
+            key = (found.image, found.mask)
+            if key not in self.textures:
+                self.textures[key] = self._texture(found)
+            texture, masked = self.textures[key]
+        moved = np.array([source.scale, source.offset])
+        material = Material(**values, texture=texture, name=name, alpha_cutoff=0.5 if masked else None)
+        return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
+
+    def _texture(self, found: _Found) -> tuple[Texture, bool]:
+        """The texture of map_Kd, with map_d as its alpha, and whether it has one."""
+        source = found.image or found.mask
+        wrap = "clamp" if source is not None and source.clamp else "repeat"
+        image = None if found.image is None else self._decoded(found.image.path, True)
+        mask = None if found.mask is None else self._alpha(found.mask.path)
+        name = "" if source is None else os.path.basename(source.path)
+        if image is not None and mask is not None and image.shape[:2] != mask.shape:
+            self.ignored.append("map_d of another size than map_Kd")
+            mask = None
+        if mask is None and image is not None:
+            if image.shape[2] == 4 and found.image is not None:
+                warnings.warn(f"{shown(found.image.path)}: image: its alpha channel is left out", stacklevel=2)
+            return Texture(image[:, :, :3], wrap=wrap, name=name), False
+        assert mask is not None
+        colors = np.ones((*mask.shape, 3), np.float32) if image is None else image[:, :, :3]
+        return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
+
+    def _alpha(self, path: str) -> Array:
+        """(h, w) of a map_d: its alpha channel, or its mean color where it has none."""
+        image = self._decoded(path, False)
+        return image[:, :, 3] if image.shape[2] == 4 else image.mean(axis=2)
+
+    def _decoded(self, path: str, srgb: bool) -> Array:
+        key = f"{path}\0{srgb}"
+        if key not in self.images:
+            self.images[key] = decode_image(read_file(path, MAX_IMAGE_BYTES), shown(path), srgb=srgb)
+            pixels = sum(known.shape[0] * known.shape[1] for known in self.images.values())
+            if pixels > MAX_PIXELS:
+                raise complaint(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
+        return self.images[key]
+
+
+def _is_default(keyword: str, rest: str) -> bool:
+    """Whether a statement that is not rendered changes nothing."""
+    value = {"d": 1.0, "tr": 0.0, "ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0}.get(keyword)
+    words = rest.split("#", 1)[0].split()
+    return value is not None and all(_NUMBER.fullmatch(word) is not None and float(word) == value for word in words)
+
+
+def _split_options(text: str, ignored: list[str]) -> tuple[str, dict[str, Any]]:
+    """The file's name, with the blanks in it, after a map's options, and those options that are rendered."""
+    options: dict[str, Any] = {}
+    place = 0
+    while (word := _WORD.match(text, place)) and word.group().lower() in _OPTIONS:
+        name, place = word.group().lower(), word.end()
+        count, numbers_only = _OPTIONS[name], _OPTIONS[name] < 0
+        values: list[str] = []
+        while len(values) < (3 if numbers_only else count):
+            found = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
+            if found is None or (numbers_only and not _NUMBER.fullmatch(found.group(1))):
+                break
+            values.append(found.group(1))
+            place = found.end()
+        if name in ("-s", "-o") and values:
+            first, second = float(values[0]), float((values[1:] or ["1" if name == "-s" else "0"])[0])
+            options["scale" if name == "-s" else "offset"] = (first, second)
+        elif name == "-clamp":
+            options["clamp"] = values == ["on"]
+        else:
+            ignored.append(f"option {name} of maps")
+        place += len(text[place:]) - len(text[place:].lstrip())
+    return text[place:], options
 
 
 def _floats(text: str, owner: str, where: str, allowed: tuple[int, ...], expected: str) -> list[float]:

@@ -82,7 +82,7 @@ def beside(root: str, folder: str, reference: str, owner: str, field: str) -> st
     """
     parts = reference.replace("\\", "/")
     inside = "a file in the scene's folder"
-    if not parts.isprintable() or not parts:
+    if not parts.replace("\t", " ").isprintable() or not parts:
         raise complaint(owner, field, inside, quoted(reference))
     if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or ".." in parts.split("/"):
         raise complaint(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))

@@ -108,7 +108,7 @@ class Renderer:
         device = self.device
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
         self._low, self._high = packed.low, packed.high
-        self._radius = float(np.linalg.norm((packed.high - packed.low) / 2.0))
+        self._radius = math.hypot(*(packed.high / 2.0 - packed.low / 2.0))
         self._positions = Buffer(device, packed.positions)
         self._faces = Buffer(device, packed.faces)
         self._uvs_host = packed.uvs, packed.uv_faces if packed.uv_faces is not None else packed.faces
@@ -157,13 +157,15 @@ class Renderer:
             extent = float(farthest.max()) if self._face_count else 1.0
         if not math.isfinite(extent):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
-        self._scale = packing.scale_for(extent)
-        distance = float(np.linalg.norm(camera.lookat - camera.eye))
+        distance = math.hypot(*(camera.lookat - camera.eye))
         self._near = self.settings.near or 1e-4 * (self._radius or distance)
+        # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
+        self._scale = packing.scale_for(min(extent, 2.0**40 * self._near))
+        self._axes = look_at(camera.eye, camera.lookat, camera.up)
         with self._view.writing() as table:
             view = table[0]
             view["eye"] = camera.eye
-            view["axes"] = look_at(camera.eye, camera.lookat, camera.up).reshape(-1)
+            view["axes"] = self._axes.reshape(-1)
             view["principal"], view["focal"] = camera.principal, camera.focal
             view["plane_height"], view["plane_width"] = camera.plane
             view["columns"], view["rows"] = camera.resolution
@@ -184,7 +186,7 @@ class Renderer:
             if self.scene.background is not None:
                 image["background"] = packing.to_float32(self.scene.background)
             image["unscale"] = 1.0 / self._scale
-            image["to_eye"] = -look_at(camera.eye, camera.lookat, camera.up)[2]
+            image["to_eye"] = -self._axes[2]
 
     def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
         """Projects and sets up; returns the number of visible triangles, whose keys are written."""
@@ -214,9 +216,8 @@ class Renderer:
         """Cuts the listed faces and uploads the pieces; returns their number."""
         faces = np.sort(self._made.to_clip.to_host(count))
         corners = self._faces.array[faces]
-        axes = look_at(camera.eye, camera.lookat, camera.up)
         d = self._positions.array[corners].astype(np.float64) - camera.eye
-        points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in axes], axis=-1)
+        points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self._axes], axis=-1)
         cut = clipping.clip(points, camera, self._near)
         table = np.zeros(len(cut.source), layout.PIECE)
         z = points[..., 2]
@@ -224,7 +225,7 @@ class Renderer:
             table["key_depth"] = cut.points[..., 2].min(axis=1)
         else:
             table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
-        z_scaled = cut.points[..., 2] * self._scale
+        z_scaled = np.minimum(cut.points[..., 2] * self._scale, layout.MOST_DEPTH)
         w = -z_scaled if camera.orthographic else 1.0 / z_scaled
         table["w"], table["w_low"] = w, w - w.astype(np.float32)
         snapped = clipping.snap(clipping.image_positions(cut.points, camera))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,24 @@ _FLAGS = cl.mem_flags
 Sides = tuple["Buffer | None", "Buffer | None"]
 
 
+@cache
+def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
+    """Whether a finished queue leaves host memory given to a buffer up to date, both ways, without mapping it.
+
+    OpenCL promises it for mapped memory only; on a CPU it is so where the runtime works in that memory itself. Found
+    out by trying, because each mapping of a small table costs as much as a small kernel.
+    """
+    array = np.zeros(1024, np.uint32)
+    memory = cl.Buffer(context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=array)
+    cl.enqueue_fill_buffer(queue, memory, np.uint32(7), 0, array.nbytes)
+    queue.finish()
+    written = bool((array == 7).all())
+    array[:] = 9
+    seen = np.zeros_like(array)
+    cl.enqueue_copy(queue, seen, memory)
+    return written and bool((seen == 9).all())
+
+
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
@@ -31,13 +50,11 @@ class Buffer:
 
     def __init__(self, device: Device, array: Array) -> None:
         self._queue = device.queue
-        self._shared = device.is_cpu
+        self._shared = device.is_cpu and _coherent(device.context, device.queue)
         self.array = np.ascontiguousarray(array)
         size = self.array.nbytes
         if size > device.max_allocation:
-            raise DeviceError(
-                f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}"
-            )
+            raise DeviceError(f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}")
         try:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
@@ -52,34 +69,25 @@ class Buffer:
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
         return cls(device, np.empty(shape, dtype))
 
-    def _map(self, count: int, flags: Any) -> Any:
-        shape = (count, *self.array.shape[1:])
-        return cl.enqueue_map_buffer(self._queue, self.memory, flags, 0, shape, self.array.dtype)[0]
-
     @contextlib.contextmanager
     def writing(self, count: int | None = None) -> Iterator[Array]:
-        """The first `count` rows (all by default), to be written over by the host before the next kernel is enqueued."""
-        count = len(self.array) if count is None else count
-        if not self._shared or count == 0:
-            yield self.array[:count]
-            if count:
-                cl.enqueue_copy(self._queue, self.memory, self.array[:count], is_blocking=False)
-            return
-        mapped = self._map(count, cl.map_flags.WRITE_INVALIDATE_REGION)
-        try:
-            yield mapped
-        finally:
-            mapped.base.release(self._queue)
+        """The first `count` rows (all by default), to be written over by the host.
+
+        No kernel enqueued before may still use them; the next one enqueued sees them.
+        """
+        rows = self.array[: len(self.array) if count is None else count]
+        yield rows
+        if rows.nbytes and not self._shared:
+            cl.enqueue_copy(self._queue, self.memory, rows)
 
     def to_host(self, count: int | None = None) -> Array:
         """The first `count` rows (all by default), once the kernels enqueued so far are done."""
-        count = len(self.array) if count is None else count
-        if self.array.nbytes and count:
-            if self._shared:
-                self._map(count, cl.map_flags.READ).base.release(self._queue)
-            else:
-                cl.enqueue_copy(self._queue, self.array[:count], self.memory)
-        return self.array[:count]
+        rows = self.array[: len(self.array) if count is None else count]
+        if self._shared:
+            self._queue.finish()
+        elif rows.nbytes:
+            cl.enqueue_copy(self._queue, rows, self.memory)
+        return rows
 
 
 class Stages:

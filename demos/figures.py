@@ -18,15 +18,13 @@ if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
 import numpy as np  # noqa: E402
+import sheet  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.scene import Material, PointLight, Scene, Texture  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
-DPI = 100  # of the sheet
-ACROSS = 4  # panels in a row of the sheet
-PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: a panel's width, and the room around it
 
 
 @dataclass
@@ -188,93 +186,44 @@ def save(scene: Scene, figure: Figure, folder: Path) -> None:
 # The contact sheet
 
 
-@dataclass
-class Panel:
-    """One picture of the sheet, (height, PANEL, 3) uint8, row 0 at the top, a title above and a few lines below."""
-
-    picture: np.ndarray
-    title: str
-    text: str
-
-
 def _numbers(vector: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"
 
 
-def _reduced(picture: np.ndarray, height: int) -> np.ndarray:
-    """A picture in a panel's size, with a border."""
-    from PIL import Image
-
-    panel = np.array(Image.fromarray(picture).resize((PANEL, height), Image.Resampling.BOX))
-    panel[[0, -1]] = panel[:, [0, -1]] = 160
-    return panel
-
-
-def _shown(scene: Scene, figure: Figure, height: int) -> Panel:
+def shown(scene: Scene, figure: Figure) -> sheet.Panel:
     """The figure, clamped, with position and intensity of its lights and the time it took."""
     lights = [scene.lights[k] for k in figure.lights]
     lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
-    return Panel(_reduced(figure.picture, height), figure.title, "\n".join([*lines, f"{figure.milliseconds:.1f} ms"]))
+    text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
+    return sheet.Panel(sheet.reduced(figure.picture), figure.title, text)
 
 
-def _difference(gouraud: Figure, phong: Figure, height: int) -> Panel:
+def difference(gouraud: Figure, phong: Figure) -> sheet.Panel:
     """How far two figures are apart in the channel that differs most."""
-    from matplotlib import colormaps
-
     apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
     white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
     level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
-    table = (colormaps["magma"](np.arange(256))[:, :3] * 255.0).astype(np.uint8)
     text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
-    title = f"phong - gouraud: {phong.what}"
-    return Panel(_reduced(table[level], height), title, f"{text}\nmean {apart.mean():.2g}, largest {apart.max():.2g}")
+    text += f"\nmean {apart.mean():.2g}, largest {apart.max():.2g}"
+    return sheet.Panel(sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
 
 
-def sheet(scene: Scene, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], path: Path) -> None:
-    """All figures with captions, and for each pair (gouraud, phong) their difference, on one PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
-
+def heading(scene: Scene) -> str:
     columns, rows = scene.camera.resolution
-    height = min(max(PANEL * rows // columns, 16), 4 * PANEL)
-    panels = [_shown(scene, figure, height) for figure in figures] + [_difference(*pair, height) for pair in pairs]
-    step = height + TITLE + CAPTION
-    whole = np.full((HEAD + step * -(-len(panels) // ACROSS), (PANEL + GAP) * ACROSS, 3), 255, np.uint8)
-    total, wide = whole.shape[:2]
-    canvas = Canvas(figsize=(wide / DPI, total / DPI), dpi=DPI)
-    for k, panel in enumerate(panels):
-        x, y = k % ACROSS * (PANEL + GAP) + GAP // 2, HEAD + k // ACROSS * step + TITLE
-        whole[y : y + height, x : x + PANEL] = panel.picture
-        middle = (x + PANEL / 2) / wide
-        canvas.text(middle, 1.0 - (y - 3) / total, panel.title, ha="center", va="bottom", fontsize=8)
-        canvas.text(middle, 1.0 - (y + height + 4) / total, panel.text, ha="center", va="top", fontsize=6.5)
-    canvas.figimage(whole)
-    name = f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}"
-    ambient = f"ambient light {_numbers(scene.ambient)}; times: one call, its program built before"
-    canvas.text(0.5, 1.0 - 6 / total, f"{name}; {ambient}", ha="center", va="top", fontsize=8)
-    FigureCanvasAgg(canvas).print_png(str(path), pil_kwargs={"compress_level": 1})
+    return (
+        f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}; ambient light {_numbers(scene.ambient)}; "
+        "times: one call, its program built before"
+    )
 
 
 # The whole run
 
 
-def _import_slow_modules() -> None:
-    import matplotlib.backends.backend_agg
-    import matplotlib.figure
-    import OpenEXR
-    import PIL.Image  # noqa: F401
-
-
 def _run(
-    options: argparse.Namespace,
-    figures: Sequence[Figure],
-    pairs: Sequence[tuple[Figure, Figure]],
-    sheet_name: str,
+    options: argparse.Namespace, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], sheet_name: str
 ) -> None:
     from tqdm import tqdm
 
-    importing = threading.Thread(target=_import_slow_modules, daemon=True)
-    importing.start()
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
@@ -283,13 +232,16 @@ def _run(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: --out: expected a folder, found {error.strerror}") from None
+    importing = threading.Thread(target=sheet.prepare, daemon=True)
+    importing.start()
     build_all(scene, figures)
     importing.join()
+    for _ in tqdm(draw_all(scene, figures), total=len(figures), unit="figure", desc=scene.name):
+        pass
     with ThreadPoolExecutor(1) as writer:
-        for figure in tqdm(draw_all(scene, figures), total=len(figures), unit="figure", desc=scene.name):
-            pass
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
-        sheet(scene, figures, pairs, folder / sheet_name)
+        panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs]
+        sheet.write(panels, heading(scene), str(folder / sheet_name))
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")

@@ -15,6 +15,13 @@ int snap(double pixels)
     return (int)((pixels * (1 << SUBPIXEL_BITS) + 0x1.8p52) - 0x1.8p52);  // 1.5 * 2^52 has no fraction bits
 }
 
+// A scaled coordinate, held to what float32 takes; only vertices far out of sight need it.
+float held(double scaled)
+{
+    scaled = scaled < MOST_LENGTH ? scaled : MOST_LENGTH;
+    return (float)(scaled > -MOST_LENGTH ? scaled : -MOST_LENGTH);
+}
+
 kernel void project(global const position_t *positions,  // V x 3, world space
                     global const View *view,             // 1
                     global Vertex *vertices,             // V
@@ -33,18 +40,20 @@ kernel void project(global const position_t *positions,  // V x 3, world space
     double z = (dx * m[6] + dy * m[7]) + dz * m[8];
     Vertex v = {z, 0, 0, 0.0f, 0.0f};
     if (z >= view->near) {
+        double depth = z * view->scale;
+        depth = depth < MOST_DEPTH ? depth : MOST_DEPTH;
 #if ORTHOGRAPHIC
         v.x = snap((x / view->plane_width + view->principal[0]) * view->columns);
         v.y = snap((y / view->plane_height + view->principal[1]) * view->rows);
-        double w = -z * view->scale;
+        double w = -depth;
 #else
         v.x = snap(((view->focal * x) / (z * view->plane_width) + view->principal[0]) * view->columns);
         v.y = snap(((view->focal * y) / (z * view->plane_height) + view->principal[1]) * view->rows);
-        double w = 1.0 / (z * view->scale);
+        double w = 1.0 / depth;
 #endif
         v.w = (float)w;
         v.w_low = (float)(w - (double)v.w);
     }
     vertices[i] = v;
-    relative[i] = (float4)((float)(dx * view->scale), (float)(dy * view->scale), (float)(dz * view->scale), 0.0f);
+    relative[i] = (float4)(held(dx * view->scale), held(dy * view->scale), held(dz * view->scale), 0.0f);
 }

@@ -19,21 +19,27 @@ ulong sort_key(double depth, int index)
 
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
 
-// Whether a triangle, its box given, covers the center of a pixel. Only looked into where the box holds few pixels.
-int may_cover(const Triangle *t, const Bounds *b)
+// Whether a triangle, its box given, covers the center of a pixel. Only looked into where the box holds few pixels; such a
+// triangle reaches over less than FEW_PIXELS + 1 pixels, so that its edge functions fit an int.
+int may_cover(const Triangle *t, const Bounds *bounds)
 {
-    if ((b->box[2] - b->box[0] + 1) * (b->box[3] - b->box[1] + 1) > FEW_PIXELS)
+    int columns = bounds->box[2] - bounds->box[0] + 1, rows = bounds->box[3] - bounds->box[1] + 1;
+    if (columns * rows > FEW_PIXELS)
         return 1;
-    Edge e[3];
-    for (int k = 0; k < 3; ++k) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        e[k] = edge_between(t->x[i], t->y[i], t->x[j], t->y[j], t->orientation, b->box[0], b->box[1]);
-        e[k].value -= e[k].bias;
-    }
-    for (int y = 0; y <= b->box[3] - b->box[1]; ++y)
-        for (int x = 0; x <= b->box[2] - b->box[0]; ++x)
-            if ((edge_moved(e[0], x, y).value | edge_moved(e[1], x, y).value | edge_moved(e[2], x, y).value) >= 0)
+    int x = (bounds->box[0] << SUBPIXEL_BITS) + HALF_PIXEL, y = (bounds->box[1] << SUBPIXEL_BITS) + HALF_PIXEL;
+    int x0 = t->x[0] - x, x1 = t->x[1] - x, x2 = t->x[2] - x;
+    int y0 = t->y[0] - y, y1 = t->y[1] - y, y2 = t->y[2] - y;
+    int a0 = (y1 - y2) * t->orientation, a1 = (y2 - y0) * t->orientation, a2 = (y0 - y1) * t->orientation;
+    int b0 = (x2 - x1) * t->orientation, b1 = (x0 - x2) * t->orientation, b2 = (x1 - x0) * t->orientation;
+    int e0 = (x1 * y2 - x2 * y1) * t->orientation - edge_bias(a0, b0);
+    int e1 = (x2 * y0 - x0 * y2) * t->orientation - edge_bias(a1, b1);
+    int e2 = (x0 * y1 - x1 * y0) * t->orientation - edge_bias(a2, b2);
+    for (int row = 0; row < rows; ++row)
+        for (int column = 0; column < columns; ++column) {
+            int dx = column << SUBPIXEL_BITS, dy = row << SUBPIXEL_BITS;
+            if (((e0 + a0 * dx + b0 * dy) | (e1 + a1 * dx + b1 * dy) | (e2 + a2 * dx + b2 * dy)) >= 0)
                 return 1;
+        }
     return 0;
 }
 
@@ -123,8 +129,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         Triangle t;
         Bounds b;
         double depth[3];
-        int behind = 0, beyond = 0;
-        int above = 1, below = 1, right = 1, left = 1;
+        int behind = 0;
         for (int k = 0; k < 3; ++k) {
             Vertex at = vertices[faces[3 * face + k]];
             depth[k] = at.depth;
@@ -132,21 +137,19 @@ kernel void setup(global const int *faces,         // F x 3, vertices
             t.y[k] = at.y;
             t.w[k] = at.w;
             behind += depth[k] < view->near;
-            beyond |= abs(at.x) == SNAP_LIMIT || abs(at.y) == SNAP_LIMIT;
-            left &= at.x < 0;
-            below &= at.y < 0;
-            right &= at.x > image->columns << SUBPIXEL_BITS;
-            above &= at.y > image->rows << SUBPIXEL_BITS;
         }
+        int left = min(min(t.x[0], t.x[1]), t.x[2]), right = max(max(t.x[0], t.x[1]), t.x[2]);
+        int low = min(min(t.y[0], t.y[1]), t.y[2]), high = max(max(t.y[0], t.y[1]), t.y[2]);
         if (behind == 3) {
             counted.behind += 1;
             continue;
         }
-        if (behind == 0 && (left || below || right || above)) {
+        if (behind == 0 && (right < 0 || high < 0 || left > image->columns << SUBPIXEL_BITS ||
+                            low > image->rows << SUBPIXEL_BITS)) {
             counted.off_screen += 1;
             continue;
         }
-        if (behind || beyond) {
+        if (behind || left == -SNAP_LIMIT || right == SNAP_LIMIT || low == -SNAP_LIMIT || high == SNAP_LIMIT) {
             to_clip[atomic_inc(&counters->to_clip)] = face;
             continue;
         }

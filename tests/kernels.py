@@ -70,7 +70,7 @@ class Probe:
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
     """layout.VIEW of a camera; the axes are the oracle's."""
     view = np.zeros(1, layout.VIEW)
-    view["eye"], view["focal"] = camera.eye, camera.focal
+    view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
     view["plane_height"], view["plane_width"] = camera.plane
     view["columns"], view["rows"] = camera.resolution
@@ -93,13 +93,10 @@ def image_of(device: Device, resolution: tuple[int, int], **fields: Any) -> Buff
 
 def project(device: Device, positions: Array, camera: Camera, near: float, scale: float = 1.0) -> VertexBuffers:
     """What the stage `project` makes of world positions (V, 3), float32 or float64."""
-    features = mask(DOUBLE_POSITIONS=int(positions.dtype == np.float64))
+    features = mask(DOUBLE_POSITIONS=positions.dtype == np.float64, ORTHOGRAPHIC=camera.orthographic)
     stages = Stages(device, build(device, features, ("project.cl",)))
-    vertices, points, view = (
-        VertexBuffers(device, len(positions)),
-        Buffer(device, positions),
-        view_of(device, camera, near, scale),
-    )
+    vertices, points = VertexBuffers(device, len(positions)), Buffer(device, positions)
+    view = view_of(device, camera, near, scale)
     stages.project(points, view, vertices, len(positions))
     vertices.projected.to_host()
     vertices.relative.to_host()

@@ -14,12 +14,17 @@ GUARD = layout.GUARD_PIXELS
 
 
 def cameras() -> list[Camera]:
-    """Odd view directions, oblong pixels, a far-off and a huge scene."""
+    """Odd view directions, oblong pixels, a far-off and a huge scene; an image off the center; parallel lines."""
     return [
         Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217)),
         Camera((1e6, 1e6, 1e6 + 4), (1e6, 1e6, 1e6), (0.0, 1.0, 0.0), 70.0, (15.0, 15.0), (512, 512)),
         Camera((2e20, -1e20, 3e20), (1e19, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5, (2.0, 3.0), (16384, 1)),
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217), (0.3, -0.9)),
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.0, (2, 3), (333, 217), (0.4, 0.6), True),
     ]
+
+
+CAMERAS = ["near", "offset", "huge", "principal", "orthographic"]
 
 
 def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:
@@ -36,11 +41,11 @@ def oracle_of(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarra
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     at = transform.to_camera(points, camera.eye, axes)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return at[:, 2], transform.project(at, camera.focal, camera.plane, camera.resolution)
+        return at[:, 2], transform.project(at, *transform.lens_of(camera))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("camera", cameras(), ids=["near", "offset", "huge"])
+@pytest.mark.parametrize("camera", cameras(), ids=CAMERAS)
 def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
     points = around(camera, dtype=dtype)
     near = 1e-3 * np.linalg.norm(camera.lookat - camera.eye)
@@ -60,9 +65,10 @@ def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
     assert not found["w"][~before].any()
 
 
-@pytest.mark.parametrize("camera", cameras(), ids=["near", "offset", "huge"])
+@pytest.mark.parametrize("camera", cameras(), ids=CAMERAS)
 def test_inverse_depth_and_relative_positions(device, camera):
-    """1/depth to 48 bits in two float32 (each rounding leaves at most 2^-24 of its value); positions rounded once."""
+    """1/depth to 48 bits in two float32 (each rounding leaves at most 2^-24 of its value), in parallel projection minus
+    the depth; positions rounded once."""
     points = around(camera)
     distance = np.linalg.norm(camera.lookat - camera.eye)
     near, scale = 1e-3 * distance, 2.0 ** -np.ceil(np.log2(distance))
@@ -70,9 +76,9 @@ def test_inverse_depth_and_relative_positions(device, camera):
     depth, _ = oracle_of(points, camera)
     before = depth >= near
     w, low = (made.projected.array[name][before].astype(np.float64) for name in ("w", "w_low"))
-    exact = 1.0 / (depth[before] * scale)
+    exact = -depth[before] * scale if camera.orthographic else 1.0 / (depth[before] * scale)
     assert np.array_equal(w, exact.astype(np.float32))
-    assert (np.abs(w + low - exact) <= 2.0**-48 * exact).all()
+    assert (np.abs(w + low - exact) <= 2.0**-48 * np.abs(exact)).all()
     relative = made.relative.array
     assert np.array_equal(relative[:, :3], ((points - camera.eye) * scale).astype(np.float32))
     assert not relative[:, 3].any()

@@ -22,12 +22,12 @@ def struct_text(name: str, dtype: np.dtype) -> str:
 def probe(device):
     text = "".join(struct_text(name, dtype) for name, dtype in layout.DTYPES.items())
     values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(layout.CONSTANTS))
-    return Probe(device, text + f"kernel void constants(global const float *unused, global int *out) {{ {values} }}")
+    return Probe(device, text + f"kernel void constants(global const float *unused, global float *out) {{ {values} }}")
 
 
-def single(probe, name: str, count: int) -> list[int]:
+def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
     """What a single work-item writes: all of them write the same."""
-    return probe(name, np.zeros(32, np.float32), dtype=np.int32)[:count].tolist()
+    return probe(name, np.zeros(32, np.float32), dtype=dtype)[:count].tolist()
 
 
 @pytest.mark.parametrize("name", layout.DTYPES)
@@ -38,7 +38,8 @@ def test_sizes_and_offsets(probe, name):
 
 
 def test_constants(probe):
-    assert single(probe, "constants", len(layout.CONSTANTS)) == list(layout.CONSTANTS.values())
+    """As float32, which holds every one of them exactly."""
+    assert single(probe, "constants", len(layout.CONSTANTS), np.float32) == list(layout.CONSTANTS.values())
 
 
 @pytest.mark.parametrize("name", layout.DTYPES)

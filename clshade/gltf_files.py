@@ -1,0 +1,224 @@
+"""Scenes from glTF 2.0 files, .gltf and .glb.
+
+Own code on NumPy, because trimesh 5.2 loses what a picture needs: wrap modes, texture transforms, alpha masks, which
+sides are drawn, vertex colors beside a texture, cameras and lights, and the order of the file; it accepts indices out
+of range and infinite positions.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+
+from . import framing
+from .atomic import Path, shown
+from .creases import crease_normals
+from .gltf_buffers import Buffers, open_gltf
+from .gltf_json import Item
+from .gltf_materials import Materials, Surface
+from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
+from .mesh_options import Options, told
+from .reading import complaint, quoted
+from .scene import MAX_FACES, Array, Mesh, Scene
+from .triangulation import single_fan, strips
+
+# Extensions that are rendered, and those that only hold what a renderer may leave out.
+RENDERED = (
+    "KHR_lights_punctual",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+)
+_SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
+
+
+def read_gltf(path: Path, options: Options) -> Scene:
+    """The scene in a glTF file. Every triangle primitive of a mesh is a Mesh with all its placements; where some of
+    them mirror, these are a second Mesh with its faces turned round, so that the front stays the front.
+
+    Rendered: node transforms, base color (factor, texture, vertex colors, which are linear), metallic and roughness
+    factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, which sides are drawn (two-sided materials
+    are lit on both), wrap modes, KHR_texture_transform, strips, fans and sparse accessors, the first camera, point and
+    directional lights. Faces without normals are flat, as glTF says, unless options.crease is given. What else the
+    file asks for is named in Scene.ignored and in one warning.
+
+    Raises InputError, one line that names the file and the field, see clshade.loading.load.
+    """
+    owner = shown(path)
+    document, buffers = open_gltf(path)
+    ignored = _check_asset(document)
+    nodes = placed(document, ignored)
+    materials = Materials(document, buffers, options.texture, ignored)
+    meshes = _Builder(document, buffers, materials, options, ignored).meshes(nodes)
+    if not meshes:
+        raise complaint(owner, "meshes", "at least one triangle in the scene", "none")
+    if options.texture is not None and all(mesh.uvs is None for mesh in meshes):
+        raise complaint(owner, "TEXCOORD_0", "texture coordinates for the texture", "none")
+    sphere = framing.bounding_sphere(meshes)
+    camera = camera_of(document, nodes, sphere, options.resolution)
+    if len(nodes.cameras) > 1:
+        ignored.append("cameras but the first")
+    scene = framing.framed(
+        meshes,
+        os.path.splitext(os.path.basename(os.fspath(path)))[0],
+        options.resolution,
+        up=options.up or "y",
+        camera=camera,
+        lights=lights_of(nodes, sphere, ignored),
+        sphere=sphere,
+    )
+    return told(scene, owner, ignored)
+
+
+def _check_asset(document: Item) -> list[str]:
+    """What of the file's extensions and contents is not rendered. Raises InputError for another version, and for an
+    extension that is required and unknown."""
+    asset = document.item("asset")
+    version = "" if asset is None else asset.text("version")
+    if version.split(".")[0] != "2":
+        raise document.refuse("asset.version", "2.0", quoted(version) if version else "none")
+    for name in _names(document, "extensionsRequired"):
+        if name not in RENDERED and name not in _SILENT:
+            raise document.refuse("extensionsRequired", "known ones (" + ", ".join(RENDERED) + ")", quoted(name))
+    used = _names(document, "extensionsUsed")
+    ignored = [name for name in used if name not in RENDERED and name not in _SILENT]
+    return ignored + (["animations"] if document.count("animations") else [])
+
+
+def _names(document: Item, key: str) -> list[str]:
+    names = document.value.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) and name.isprintable() for name in names):
+        raise document.refuse(key, "a list of names", quoted(repr(names)))
+    return [name if len(name) <= 64 else name[:64] + "..." for name in names[:64]]
+
+
+class _Builder:
+    """Makes the meshes of a document; the arrays of an accessor are shared between them."""
+
+    def __init__(
+        self, document: Item, buffers: Buffers, materials: Materials, options: Options, ignored: list[str]
+    ) -> None:
+        self.document, self.buffers, self.materials = document, buffers, materials
+        self.options, self.ignored = options, ignored
+        self.faces = self.placements = 0
+
+    def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
+        """All primitives of the meshes that are placed, in the order of the file."""
+        found = []
+        for index in sorted(nodes.meshes):
+            item, matrices = self.document.entry("meshes", index), np.stack(nodes.meshes[index])
+            primitives = list(item.items("primitives"))
+            for number, primitive in enumerate(primitives):
+                mesh = self._mesh(primitive, len(matrices))
+                if mesh is not None:
+                    name = item.text("name") + (f".{number}" if len(primitives) > 1 else "")
+                    found += _turned(replace(mesh, name=name), matrices)
+        return tuple(found)
+
+    def _mesh(self, item: Item, placements: int) -> Mesh | None:
+        """A primitive without its placements, None when it has no triangles that can be seen."""
+        attributes = item.item("attributes")
+        if attributes is None:
+            raise item.refuse("attributes", "an object", "none")
+        if "targets" in item.value:
+            self.ignored.append("morph targets")
+        if item.integer("mode", 4) in (0, 1, 2, 3):
+            self.ignored.append("points and lines")
+            return None
+        verts = self._attribute(attributes, "POSITION", 3)
+        surface = self.materials.surface(item.reference("material", "materials"))
+        if verts is None or not surface.visible:
+            return None
+        faces = self._triangles(item, len(verts))
+        self.faces += len(faces) * placements
+        self.placements += placements
+        if self.faces > MAX_FACES or self.placements > MAX_NODES:
+            expected = f"at most {MAX_FACES} triangles and {MAX_NODES} placements"
+            raise item.refuse("", expected, "more")
+        if not len(faces):
+            return None
+        if len(verts) > 6 * len(faces):  # a share of a large array
+            used, inverse = np.unique(faces, return_inverse=True)
+            return self._assembled(attributes, surface, verts, inverse.reshape(faces.shape).astype(np.int32), used)
+        return self._assembled(attributes, surface, verts, faces, None)
+
+    def _assembled(self, attributes: Item, surface: Surface, verts: Array, faces: Array, used: Array | None) -> Mesh:
+        """used: (V,) the rows that are kept of each attribute, None for all."""
+
+        def rows(name: str, *widths: int) -> Array | None:
+            values = self._attribute(attributes, name, *widths, count=len(verts))
+            return values if used is None or values is None else values[used]
+
+        normals, colors = rows("NORMAL", 3), rows("COLOR_0", 3, 4)
+        uvs = rows(f"TEXCOORD_{surface.coordinates}", 2) if surface.material.texture is not None else None
+        if uvs is not None and surface.transform is not None:
+            uvs = uvs.astype(np.float64) @ surface.transform[:, :2].T + surface.transform[:, 2]
+        if colors is not None and colors.shape[1] == 4:
+            if surface.material.alpha_cutoff is not None and (colors[:, 3] < 1.0).any():
+                self.ignored.append("alpha of vertex colors")
+            colors = colors[:, :3]
+        own = verts if used is None else verts[used]
+        normal_faces = None
+        if normals is None:
+            normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
+        material = self.options.lit(surface.material)
+        return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material)
+
+    def _attribute(self, attributes: Item, name: str, *widths: int, count: int | None = None) -> Array | None:
+        """(V, width) float32 values of an attribute, finite but for texture coordinates; None where it is absent."""
+        index = attributes.reference(name, "accessors")
+        if index is None:
+            return None
+        values = self.buffers.array(index)
+        if values.shape[1] not in widths or (count is not None and len(values) != count):
+            expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
+            raise attributes.refuse(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
+        if values.dtype != np.float32:
+            values = values.astype(np.float32)
+        if not name.startswith("TEXCOORD") and not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+            raise attributes.refuse(
+                name, "finite numbers", f"{values[row].tolist()} in row {row} of accessors[{index}]"
+            )
+        return values
+
+    def _triangles(self, item: Item, count: int) -> Array:
+        """(F, 3) int32 indices below `count`. Raises InputError for others, and for a number that fits no triangles."""
+        index, mode = item.reference("indices", "accessors"), item.integer("mode", 4)
+        if mode not in (4, 5, 6):
+            raise item.refuse("mode", "a number from 0 to 6", str(mode))
+        if index is None:
+            flat = np.arange(count, dtype=np.int32)
+        else:
+            values = self.buffers.array(index, normalized=False)
+            if values.shape[1] != 1 or values.dtype.kind != "u":
+                raise item.refuse("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
+            flat = values.reshape(-1)
+            if int(flat.max()) >= count:
+                place = int(np.argmax(flat >= count))
+                found = f"{flat[place]} at place {place} of accessors[{index}]"
+                raise item.refuse("indices", f"indices below {count}", found)
+            flat = flat.astype(np.int32)
+        if mode == 4 and len(flat) % 3:
+            raise item.refuse("indices", "a multiple of 3", str(len(flat)))
+        if mode == 4:
+            return flat.reshape(-1, 3)
+        return strips(flat) if mode == 5 else single_fan(flat)
+
+
+def _turned(mesh: Mesh, matrices: Array) -> list[Mesh]:
+    """The mesh at its placements (K, 4, 4), with the faces of those that mirror turned round."""
+    mirrored = np.linalg.det(matrices[:, :3, :3]) < 0.0
+    if not mirrored.any():
+        return [replace(mesh, instances=matrices)]
+    turned = replace(
+        mesh,
+        faces=mesh.faces[:, ::-1],
+        normals=None if mesh.normals is None else -np.asarray(mesh.normals),
+        normal_faces=None if mesh.normal_faces is None else mesh.normal_faces[:, ::-1],
+        instances=matrices[mirrored],
+    )
+    return ([] if mirrored.all() else [replace(mesh, instances=matrices[~mirrored])]) + [turned]

@@ -1,0 +1,52 @@
+"""What `load` may be asked of any mesh file: texture, resolution, creases, the axis that is up, two-sided light."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .creases import crease_angle
+from .scene import Material, Scene, Texture, choice
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of `clshade.loading.load` for mesh files, checked on construction.
+
+    texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for what
+    the format means. up: `y`, `z` or None. two_sided: True, False or None for what the file asks for.
+    """
+
+    texture: Texture | None = None
+    resolution: tuple[int, int] | None = None
+    crease: float | None = None
+    up: str | None = None
+    two_sided: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.crease is not None:
+            object.__setattr__(self, "crease", crease_angle("load", "crease", self.crease))
+        if self.up is not None:
+            choice("load", "up", self.up, ("y", "z"))
+
+    def lit(self, material: Material, *, open_surface: bool = False) -> Material:
+        """The material with the sides that are drawn and lit as asked for; what a file cannot say follows from whether
+        its surface is open."""
+        if self.two_sided is None:
+            return replace(material, two_sided=True) if open_surface else material
+        if material.two_sided == self.two_sided and material.sides == "both":
+            return material
+        sides = "both" if self.two_sided else material.sides
+        return replace(material, two_sided=self.two_sided, sides=sides)
+
+
+def told(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
+    """The scene with what is not rendered in `Scene.ignored`, each once, and in one UserWarning."""
+    names: Any = tuple(dict.fromkeys((*scene.ignored, *ignored)))
+    if not names:
+        return scene
+    line = f"{owner}: not rendered: {', '.join(names)}"
+    warnings.warn(line if line.isprintable() else ascii(line), stacklevel=2)
+    return replace(scene, ignored=names)

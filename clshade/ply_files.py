@@ -1,0 +1,226 @@
+"""Scenes from PLY files, ascii and binary.
+
+Own code on NumPy, because trimesh 5.2 returns no faces for triangle strips, in silence, accepts NaN, infinity and
+indices out of range, doubles the precision of every position, and opens the textures that a comment names.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from . import framing, geometry
+from .atomic import Path, shown
+from .creases import crease_normals, is_closed
+from .images import as_texture, srgb_to_linear
+from .mesh_options import Options, told
+from .ply_rows import Element, read_ply_rows
+from .reading import beside, complaint, quoted, read_file
+from .scene import MAX_FACES, Array, Material, Mesh, Scene, Texture
+from .triangulation import fans, strips
+
+MAX_BYTES = 1 << 31
+_INDICES = ("vertex_indices", "vertex_index")
+_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
+
+
+def read_ply(path: Path, options: Options, material: Material) -> Scene:
+    """The scene in a PLY file: one Mesh of its faces (polygons as fans) and then its triangle strips.
+
+    Rendered: positions (as float32, or float64 where the file has double or text), normals, colors of vertices or of
+    faces, texture coordinates of vertices or of the corners of faces (v = 0 is the bottom), and the image that a
+    comment `TextureFile` names, in the file's folder. Colors of whole numbers are value/255 (65535) and decoded from
+    sRGB, those of floats are linear. Faces of one color each get vertices of their own. Without normals the surface is
+    smooth, but for edges above options.crease. What else the faces hold is named in Scene.ignored.
+
+    Raises InputError, one line naming the element, property and row, see clshade.loading.load.
+    """
+    owner = shown(path)
+    elements, comments = read_ply_rows(read_file(path, MAX_BYTES), owner)
+    vertex = elements.get("vertex")
+    if vertex is None or not vertex.rows:
+        raise complaint(owner, "element vertex", "at least one vertex", "none")
+    verts = _columns(vertex, ("x", "y", "z"), owner)
+    if verts is None:
+        raise complaint(owner, "element vertex", "properties x, y and z", "others")
+    ignored: list[str] = []
+    faces, polygon = _faces(elements, len(verts), owner)
+    arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
+    _shade(arrays, options)
+    _color(arrays, elements, polygon, ignored, owner)
+    texture = _texture(arrays, elements, comments, options, path, faces, polygon)
+    material = options.lit(material, open_surface=options.two_sided is None and not is_closed(faces))
+    name = os.path.splitext(os.path.basename(owner))[0]
+    if texture is not None:
+        material = replace(material, texture=texture)
+    mesh = Mesh(**arrays, material=material, name=name)
+    ignored += [f"element {key[:32]}" for key in elements if key not in ("vertex", "face", "tristrips")]
+    scene = framing.framed((mesh,), name, options.resolution, up=options.up or "y")
+    return told(scene, owner, ignored)
+
+
+def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bool = True) -> Array | None:
+    """(rows, len(names)) values of single-value properties, float32 or float64; None unless all are there."""
+    columns = [element.columns.get(name) for name in names]
+    if any(column is None or isinstance(column, tuple) for column in columns):
+        return None
+    single = all(column.dtype == np.float32 for column in columns)  # type: ignore[union-attr]
+    values = np.empty((element.rows, len(names)), np.float32 if single else np.float64)
+    for number, (name, column) in enumerate(zip(names, columns, strict=True)):
+        values[:, number] = column
+        if finite and not np.isfinite(values[:, number]).all():
+            row = int(np.argmin(np.isfinite(values[:, number])))
+            where = f"element {element.name}: row {row}: {name}"
+            raise complaint(owner, where, "a finite number", str(values[row, number]))
+    return values
+
+
+def _faces(elements: dict[str, Element], count: int, owner: str) -> tuple[Array, Array]:
+    """(F, 3) int32 indices below `count`, and the (F,) row of element face of each, -1 for those of strips."""
+    faces, polygons = [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int64)]
+    face, strip = elements.get("face"), elements.get("tristrips")
+    for element in (face, strip):
+        if element is None or not element.rows:
+            continue
+        values, lengths = _lists(element, _INDICES, owner)
+        least = 0 if element is face else -1
+        whole = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+        if len(values) and not (whole and values.min() >= least and values.max() < count):
+            where = np.flatnonzero(~((values >= least) & (values < count) & (values == np.floor(values))))
+            row = int(np.searchsorted(np.cumsum(lengths), where[0], side="right"))
+            expected = f"indices from 0 to {count - 1}"
+            raise complaint(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
+        if element is face:
+            _check_corners(element, lengths, owner)
+            triangles, polygon = fans(values.astype(np.int32, copy=False), lengths)
+        else:
+            ends = np.cumsum(lengths)[:-1]
+            triangles = strips(np.insert(values.astype(np.int32), ends, -1))
+            polygon = np.full(len(triangles), -1)
+        faces.append(triangles)
+        polygons.append(polygon)
+    joined = faces[1] if len(faces) == 2 else np.concatenate(faces)
+    if not len(joined):
+        raise complaint(owner, "element face", "at least one triangle, in faces or tristrips", "none")
+    return joined, np.concatenate(polygons)
+
+
+def _check_corners(element: Element, lengths: Array, owner: str) -> None:
+    if lengths.min() < 3:
+        row = int(np.argmax(lengths < 3))
+        raise complaint(owner, f"element {element.name}: row {row}", "at least 3 corners", str(lengths[row]))
+    if int((lengths - 2).sum()) > MAX_FACES:
+        raise complaint(owner, "element face", f"at most {MAX_FACES} triangles", "more")
+
+
+def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array, Array]:
+    for name in names:
+        found = element.columns.get(name)
+        if isinstance(found, tuple):
+            return found
+    expected = f"a list property {' or '.join(names)}"
+    raise complaint(owner, f"element {element.name}", expected, "none")
+
+
+def _shade(arrays: dict[str, Any], options: Options) -> None:
+    """Normals by the crease angle, where the file has none and one is asked for."""
+    if arrays["normals"] is None and options.crease is not None:
+        normals, normal_faces = crease_normals(arrays["verts"], arrays["faces"], options.crease)
+        arrays.update(normals=normals, normal_faces=normal_faces)
+
+
+def _linear(element: Element, owner: str) -> Array | None:
+    """(rows, 3) linear colors of an element, None when it has none."""
+    for names in _COLORS:
+        values = _columns(element, names, owner)
+        if values is not None:
+            kinds = {item.kind for item in element.properties if item.name in names}
+            if all(kind[0] in "iu" for kind in kinds):
+                most = np.iinfo(kinds.pop()).max if len(kinds) == 1 else 255
+                values = srgb_to_linear(np.clip(values / most, 0.0, 1.0))
+            return values.astype(np.float32)
+    return None
+
+
+def _color(
+    arrays: dict[str, Any], elements: dict[str, Element], polygon: Array, ignored: list[str], owner: str
+) -> None:
+    """Colors of the vertices or, where these have none, of the faces, whose corners then get vertices of their own."""
+    arrays["colors"] = _linear(elements["vertex"], owner)
+    face = elements.get("face")
+    colors = None if face is None or not face.rows else _linear(face, owner)
+    if colors is None:
+        return
+    if arrays["colors"] is not None:
+        ignored.append("colors of faces (the vertices have some)")
+        return
+    faces, verts = arrays["faces"], arrays["verts"]
+    if arrays["normals"] is None:
+        arrays["normals"] = geometry.vertex_normals(verts, faces)
+    if arrays.get("normal_faces") is None:
+        arrays["normal_faces"] = faces
+    own = np.where(polygon[:, None] < 0, np.float32(1.0), colors[polygon])
+    arrays.update(verts=verts[faces].reshape(-1, 3), colors=np.repeat(own, 3, axis=0))
+    arrays["faces"] = np.arange(len(arrays["verts"]), dtype=np.int32).reshape(-1, 3)
+
+
+def _texture(
+    arrays: dict[str, Any],
+    elements: dict[str, Element],
+    comments: list[str],
+    options: Options,
+    path: Path,
+    faces: Array,
+    polygon: Array,
+) -> Texture | None:
+    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image.
+
+    faces: (F, 3) indices into the file's vertices.
+    """
+    owner = shown(path)
+    uvs, uv_faces = _uvs(elements, polygon, owner)
+    if uvs is None:
+        if options.texture is not None:
+            raise complaint(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
+        return None
+    if uv_faces is None and arrays["faces"] is not faces:
+        uv_faces = faces
+    uvs[:, 1] = 1.0 - uvs[:, 1]
+    arrays.update(uvs=uvs, uv_faces=uv_faces)
+    if options.texture is not None:
+        return options.texture
+    names = [match.group(1).strip() for match in map(_TEXTURE.fullmatch, comments) if match]
+    if not names:
+        return None
+    root = os.path.dirname(os.fspath(path)) or "."
+    found = beside(root, root, names[0], owner, "comment TextureFile")
+    if found is None:
+        warnings.warn(f"{owner}: comment TextureFile: there is no file {quoted(names[0])}", stacklevel=2)
+        return None
+    return as_texture(found, srgb=True)
+
+
+def _uvs(elements: dict[str, Element], polygon: Array, owner: str) -> tuple[Array | None, Array | None]:
+    """(T, 2) coordinates, and for those of corners their (F, 3) indices."""
+    face = elements.get("face")
+    listed = face.columns.get("texcoord") if face is not None else None
+    if face is not None and isinstance(listed, tuple) and (polygon >= 0).all():
+        values, lengths = listed
+        corners = _lists(face, _INDICES, owner)[1]
+        if (lengths == 2 * corners).all():
+            index = fans(np.arange(int(corners.sum()), dtype=np.int32), corners)[0]
+            return values.reshape(-1, 2).astype(np.float64), index
+        row = int(np.argmax(lengths != 2 * corners))
+        raise complaint(owner, f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
+    for names in _UVS:
+        values = _columns(elements["vertex"], names, owner, finite=False)
+        if values is not None:
+            return values, None
+    return None, None

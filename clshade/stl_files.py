@@ -1,0 +1,129 @@
+"""Scenes from STL files, ascii and binary."""
+
+from __future__ import annotations
+
+import os
+import re
+
+import numpy as np
+
+from . import framing
+from .atomic import Path, shown
+from .creases import crease_normals, welded
+from .mesh_options import Options, told
+from .obj_lines import numbers
+from .reading import complaint, quoted, read_file
+from .scene import MAX_FACES, Array, Material, Mesh, Scene
+
+MAX_BYTES = 1 << 31
+_RECORD = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attribute", "<u2")])
+_CHUNK = 1 << 20  # bytes of text taken at once
+_WORDS = (b"facet", b"normal", None, None, None, b"outer", b"loop") + (b"vertex", None, None, None) * 3
+_FACET = (*_WORDS, b"endloop", b"endfacet")
+_NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b.*$", re.MULTILINE)
+
+
+def read_stl(path: Path, options: Options, material: Material) -> Scene:
+    """The scene in an STL file: one Mesh with three float32 vertices of its own for each facet, in the file's order.
+
+    Facets are flat, as the format means them; with options.crease vertices at equal positions are welded and edges up
+    to that angle smooth. The file's own normals, which many programs write wrong, are not read. Both sides are lit:
+    STL cannot say that a surface is closed. z is up unless options.up says otherwise, as CAD and printing have it.
+
+    A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
+    ascii. Raises InputError, one line that names the file and the facet, see clshade.loading.load.
+    """
+    owner = shown(path)
+    if options.texture is not None:
+        raise complaint(owner, "texture", "none: an STL file has no texture coordinates", "one")
+    data = read_file(path, MAX_BYTES)
+    ignored = []
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if len(data) == 84 + 50 * count:
+        records = np.frombuffer(data, _RECORD, count, 84)
+        if records["attribute"].any():
+            ignored.append("colors or attributes of facets")
+        verts = records["verts"].reshape(-1, 3).astype(np.float32)
+    elif data[:512].lstrip().lower().startswith(b"solid"):
+        verts = _ascii(data, owner)
+    else:
+        expected = f"{84 + 50 * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
+        raise complaint(owner, "facet count", expected, f"{len(data)} bytes")
+    mesh = _mesh(verts, owner, options, material)
+    scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up or "z")
+    return told(scene, owner, ignored)
+
+
+def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mesh:
+    """verts: (3F, 3), corners of the facets."""
+    count = len(verts) // 3
+    if not 0 < count <= MAX_FACES:
+        raise complaint(owner, "facet count", f"from 1 to {MAX_FACES}", str(count))
+    if not np.isfinite(verts).all():
+        row = int(np.flatnonzero(~np.isfinite(verts).all(axis=1))[0])
+        found = f"{verts[row].tolist()}"
+        raise complaint(owner, f"facet {row // 3}: vertex {row % 3}", "finite numbers", found)
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    normals = normal_faces = None
+    if options.crease:
+        kept, which = welded(verts)
+        verts, faces = verts[kept], which[faces]
+        normals, normal_faces = crease_normals(verts, faces, options.crease)
+    name = os.path.splitext(os.path.basename(owner))[0]
+    material = options.lit(material, open_surface=True)
+    return Mesh(verts, faces, None, normals, normal_faces, material=material, name=name)
+
+
+def _ascii(data: bytes, owner: str) -> Array:
+    """(3F, 3) float32 corners of an ascii file."""
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    start, facets, parts = 0, 0, []
+    while start < len(data):
+        end = start + _CHUNK
+        if end < len(data):
+            end = _facet_end(data, end)
+        end = min(end, len(data))
+        part = _facets(data[start:end], owner, facets)
+        parts.append(part)
+        facets += len(part) // 3
+        if facets > MAX_FACES:
+            raise complaint(owner, "facet count", f"at most {MAX_FACES}", "more")
+        start = end
+    return np.concatenate(parts)
+
+
+def _facet_end(data: bytes, start: int) -> int:
+    """The place after the next `endfacet`, in lower or upper case; the end of the data where there is none."""
+    found = re.compile(rb"endfacet", re.IGNORECASE).search(data, start)
+    return found.end() if found else len(data)
+
+
+def _facets(text: bytes, owner: str, before: int) -> Array:
+    """(3F, 3) float32 corners of whole facets. before: facets in the file before these."""
+    words = _NAMES.sub(b"", text.lower()).split()
+    length = len(_FACET)
+    for place, word in enumerate(_FACET):
+        if word is not None and words[place::length].count(word) != -(-len(words) // length):
+            break
+    else:
+        if len(words) % length == 0:
+            columns = [place for place in range(7, 19) if _FACET[place] is None]
+            rows = np.empty((len(words) // length, 9), object)
+            for column, place in enumerate(columns):
+                rows[:, column] = words[place::length]
+            values = numbers(b" ".join(rows.reshape(-1).tolist()), float, rows.size)
+            if values is not None:
+                with np.errstate(over="ignore"):
+                    return values.reshape(-1, 3).astype(np.float32)
+    raise _first_fault(words, owner, before)
+
+
+def _first_fault(words: list[bytes], owner: str, before: int) -> Exception:
+    """The complaint about the first word that does not belong where it is."""
+    for place, word in enumerate(words):
+        facet, expected = before + place // len(_FACET), _FACET[place % len(_FACET)]
+        if expected is None and place % len(_FACET) > 5 and numbers(word, float, 1) is None:
+            return complaint(owner, f"facet {facet}: vertex", "numbers", quoted(word))
+        if expected is not None and word != expected:
+            return complaint(owner, f"facet {facet}", expected.decode(), quoted(word))
+    return complaint(owner, f"facet {before + len(words) // len(_FACET)}", "endfacet", "the end of the file")

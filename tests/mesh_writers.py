@@ -1,0 +1,108 @@
+"""Small glTF, PLY and STL files for the tests, written by the formats' own rules."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+_COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
+_KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+
+
+class Gltf:
+    """A document that grows: arrays become accessors of one buffer."""
+
+    def __init__(self) -> None:
+        self.data = b""
+        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": []}
+
+    def view(self, data: bytes) -> int:
+        self.data += bytes(-len(self.data) % 4)
+        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
+        self.data += data
+        return len(self.json["bufferViews"]) - 1
+
+    def accessor(self, values: Any, **fields: Any) -> int:
+        values = np.asarray(values)
+        width = values.shape[1] if values.ndim == 2 else 1
+        entry = {
+            "bufferView": self.view(values.tobytes()),
+            "componentType": _COMPONENTS[str(values.dtype)],
+            "count": len(values),
+            "type": _KINDS[width],
+            **fields,
+        }
+        self.json["accessors"].append(entry)
+        return len(self.json["accessors"]) - 1
+
+    def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
+        """A mesh of one primitive; arrays become accessors, whole numbers are accessors already."""
+        given = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
+        primitive = {"attributes": given, **fields}
+        if indices is not None:
+            primitive["indices"] = self.accessor(indices)
+        self.json.setdefault("meshes", []).append({"primitives": [primitive]})
+        return len(self.json["meshes"]) - 1
+
+    def add(self, kind: str, entry: dict[str, Any]) -> int:
+        self.json.setdefault(kind, []).append(entry)
+        return len(self.json[kind]) - 1
+
+    def glb(self, path) -> str:
+        self.json["buffers"] = [{"byteLength": max(len(self.data), 1)}]
+        path.write_bytes(pack_glb(json.dumps(self.json).encode(), self.data or b"\0"))
+        return str(path)
+
+    def gltf(self, path, uri: str | None = None) -> str:
+        """A .gltf file with a data URI, or with a buffer of its own beside it."""
+        encoded = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
+        if uri is not None:
+            (path.parent / uri).write_bytes(self.data)
+        self.json["buffers"] = [{"byteLength": len(self.data), "uri": uri or encoded}]
+        path.write_text(json.dumps(self.json))
+        return str(path)
+
+
+def pack_glb(text: bytes, binary: bytes | None) -> bytes:
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text
+    if binary is not None:
+        binary += bytes(-len(binary) % 4)
+        body += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+
+
+def triangle(**fields: Any) -> Gltf:
+    """A document of one triangle, without nodes."""
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.array([0, 1, 2], np.uint16), **fields)
+    return document
+
+
+def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:
+    """A PLY file. rows: (struct format without byte order, values) in the order of the file."""
+    text = f"ply\nformat {form} 1.0\n{header}end_header\n".encode()
+    if form == "ascii":
+        return text + "".join(" ".join(map(str, values)) + "\n" for _, values in rows).encode()
+    order = "<" if "little" in form else ">"
+    return text + b"".join(struct.pack(order + kind, *values) for kind, values in rows)
+
+
+def stl(triangles: Any, attribute: int = 0) -> bytes:
+    """A binary STL file of (F, 3, 3) corners, its normals all wrong."""
+    facets = np.asarray(triangles, np.float32)
+    body = b"".join(struct.pack("<3f", 9, 9, 9) + facet.tobytes() + struct.pack("<H", attribute) for facet in facets)
+    return b"solid but binary".ljust(80) + struct.pack("<I", len(facets)) + body
+
+
+def stl_text(triangles: Any) -> str:
+    lines = ["solid a name of facets"]
+    for facet in np.asarray(triangles).tolist():
+        corners = [f"      vertex {x!r} {y!r} {z!r}" for x, y, z in facet]
+        lines += ["  facet normal 0 0 0", "    outer loop", *corners, "    endloop", "  endfacet"]
+    return "\n".join([*lines, "endsolid a name of facets", ""])
