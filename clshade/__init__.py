@@ -23,12 +23,14 @@ _HOMES = {
     "render": "renderer",
     "Renderer": "renderer",
     "Frame": "frame",
+    "course": "",
     "errors": "",
 }
 
 __all__ = [*_HOMES, "__version__"]
 
 if TYPE_CHECKING:
+    from . import course as course
     from . import errors as errors
     from .frame import Frame as Frame
     from .loading import load as load

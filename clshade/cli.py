@@ -139,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def load_scene(arguments: argparse.Namespace) -> Scene:
     """The scene of the command line: a file, or a built-in one where no such file exists."""
-    from . import loading, scenes, viewpoint
+    from . import scenes, viewpoint
 
     name = arguments.scene
     if name in scenes.BUILTINS and not Path(name).exists():
@@ -148,6 +148,8 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
                 raise InputError(f"--{option}: expected a scene file to apply it to, found the built-in scene {name!r}")
         scene = scenes.builtin(name)
     else:
+        from . import loading
+
         scene = loading.load(name, texture=arguments.texture, focal=arguments.focal)
     if arguments.lights is not None:
         for index in arguments.lights:

@@ -1,23 +1,23 @@
 """The functions of the course's assignments, with its names, argument order and array shapes, run by OpenCL kernels.
 
-Images are (M, N, 3) float64 with row 0 at the BOTTOM, linear and never clamped: values above 1 are kept. To show or save
-one as 8 bits as the course does, turn it and clamp it: `np.clip(image[::-1], 0.0, 1.0)`.
+Images are (M, N, 3) float64 with row 0 at the BOTTOM, linear and never clamped: values above 1 are kept. To show or
+save one as 8 bits as the course does, turn it and clamp it: `np.clip(image[::-1], 0.0, 1.0)`.
 
 Shapes. `verts`, `verts_colors`, `faces`, `uvs`, `uvs_faces` are 3xN (2xN), a column per item; they may all come
 transposed, which any of them that is not square shows. `l_pos` and `l_int` are Lx3, rows are lights, or lists of L
-3-vectors; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c` are 3x3, columns are corners. 3-vectors
-come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are numbers or 3-vectors; one of the first three
-that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
+3-vectors; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c` are 3x3, columns are corners.
+3-vectors come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are numbers or 3-vectors; one of the
+first three that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
 
 Light, for a point P with unit normal N, V towards the eye, L towards a light, R = 2N(N.L) - L, per channel:
 `I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)`, the highlight only where N.L > 0 and
-R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM 18(6), 1975). A normal of 0, a light at P or an
-eye at P contributes 0.
+R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM 18(6), 1975). A normal of 0, a light at P or
+an eye at P contributes 0.
 
 Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument, what was expected
-and what was found, for wrong shapes, indices out of range, NaN or infinite values and unknown shaders, before anything is
-allocated; and `clshade.errors.DeviceError` where no OpenCL device works. The device is the default one, or the one that
-the environment variable CLSHADE_DEVICE names, and stays open; the last scenes stay on it (see `release`).
+and what was found, for wrong shapes, indices out of range, NaN or infinite values and unknown shaders, before anything
+is allocated; and `clshade.errors.DeviceError` where no OpenCL device works. The device is the default one, or the one
+that the environment variable CLSHADE_DEVICE names, and stays open; the last scenes stay on it (see `release`).
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def bilerp(uv: Any, texture_map: Any) -> Array:
     uv: 2 numbers, (2,), (1, 2) or (2, 1): u to the right and v down the rows, held to [0, 1].
     texture_map: (h, w, 3), row 0 is v = 0; floats as they are, integers divided by their type's maximum.
 
-    With x = u*(w-1) and x0 = floor(x), x1 = min(x0+1, w-1), the same for y: the mean of the texels at x0, x1 and y0, y1.
+    With x = u*(w-1) and x0 = floor(x), x1 = min(x0+1, w-1), the same for y: a mean of the texels at x0, x1 and y0, y1.
     Returns (3,) float64. The texture stays on the device for the next call with an equal one.
     """
     owner = "bilerp"
@@ -246,13 +246,14 @@ def render_object(
 
     shader: gouraud, phong, or nolight (the colors themselves).
     focal: distance of the image plane from the eye, scene units. eye, lookat, up: 3-vectors, world space.
-    bg_color: linear RGB. M, N: rows and columns of the image, 1 to 16384. H, W: height and width of the image plane, scene
-        units.
+    bg_color: linear RGB. M, N: rows and columns of the image, 1 to 16384. H, W: height and width of the image plane,
+        scene units.
     verts: (3, V) positions. verts_colors: (3, V) linear RGB. faces: (3, F) indices into verts, up to 2**24 faces.
     k_a, k_d, k_s, n: coefficients and exponent. l_pos, l_int: (L, 3). light_amb: intensity of the ambient light.
 
     A triangle's depth is the mean depth of its corners; of equal ones the later face is seen. Directions to eye and
-    lights are taken at the triangle's center of mass; normals are those of `calculate_normals`, interpolated in the image.
+    lights are taken at the triangle's center of mass; normals, those of `calculate_normals`, and colors are
+    interpolated in the image.
     Returns (M, N, 3) float64, row 0 at the bottom, not clamped: `np.clip(image, 0, 1)` clamps as the course does.
     """
     owner = "render_object"
@@ -317,7 +318,7 @@ def _render(
     background = coefficient(owner, "bg_color", bg_color)
     coefficients = (material.ka, material.kd, material.ks, material.n)
     with _lock:
-        renderer = _renderers.get(shared_device(), owner, shader, *geometry, *coefficients, *around, background)
+        renderer = _renderers.get(shared_device(), owner, shader, *coefficients, *around, background, *geometry)
         image = _turned(renderer.render(camera).rgba)
         if image.size > 3 * _LARGE:
             release()
@@ -341,12 +342,6 @@ def _make_renderer(
     device: Device,
     owner: str,
     shader: str,
-    verts: Array,
-    colors: Array | None,
-    faces: Array,
-    uvs: Array | None,
-    uvs_faces: Array | None,
-    texels: Array | None,
     ka: Array,
     kd: Array,
     ks: Array,
@@ -355,6 +350,12 @@ def _make_renderer(
     intensities: Array,
     ambient: Array,
     background: Array,
+    verts: Array,
+    colors: Array | None,
+    faces: Array,
+    uvs: Array | None,
+    uvs_faces: Array | None,
+    texels: Array | None,
 ) -> Renderer:
     texture = None if texels is None else checked.texture(owner, texels)
     mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uvs_faces, material=Material(ka, kd, ks, n, texture))
@@ -367,7 +368,7 @@ def _make_lookup(device: Device, texels: Array) -> Lookup:
     return Lookup(device, checked.texture("bilerp", texels))
 
 
-_ANYWHERE = Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))  # each call brings its own
+_ANYWHERE = Camera(np.zeros(3), np.ones(3), np.array([0.0, 1.0, 0.0]), 1.0, (1.0, 1.0))  # each call brings its own
 _renderers: Recent[Renderer] = Recent(_make_renderer, Renderer.close)
 _lookups: Recent[Lookup] = Recent(_make_lookup, lambda lookup: None, most=2)
 

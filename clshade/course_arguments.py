@@ -71,9 +71,9 @@ def camera(owner: str, focal: Any, eye: Any, lookat: Any, up: Any, M: Any, N: An
     count_rows, columns = (integer(owner, name, value, 1, MAX_RESOLUTION) for name, value in (("M", M), ("N", N)))
     plane = number(owner, "H", H, above=0.0), number(owner, "W", W, above=0.0)
     distance = number(owner, "focal", focal, above=0.0)
-    directions = (vector(owner, name, value) for name, value in (("eye", eye), ("lookat", lookat), ("up", up)))
+    eye, lookat, up = (vector(owner, name, value) for name, value in (("eye", eye), ("lookat", lookat), ("up", up)))
     try:
-        return Camera(*directions, distance, plane, (columns, count_rows))
+        return Camera(eye, lookat, up, distance, plane, (columns, count_rows))
     except InputError as error:
         raise InputError(str(error).replace("Camera", owner, 1)) from None
 

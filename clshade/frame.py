@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -98,28 +99,32 @@ class Frame:
         compression: str = "zip",
         deterministic: bool = False,
     ) -> list[str]:
-        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), each whole or not at all.
+        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
 
         tonemap, exposure: of the PNG, see `clshade.tonemap`; None: `none` for course scenes, else `srgb`.
         half, compression: of the EXR, see `clshade.exr.write`. deterministic: leave times out of its header.
         Returns warnings, one line each. Raises OutputError when a file can't be written.
         """
-        from . import exr, png
+        from . import atomic, exr, png
 
         path = Path(path)
         stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
         if not stem.name:
             raise refuse("Frame.save", "path", "a file name", str(path))
-        warnings = exr.write(
-            stem.with_name(stem.name + ".exr"),
-            self.channels(),
-            compression=compression,
-            half=half,
-            metadata=self.metadata(deterministic=deterministic),
-            window="drawn",
-        )
-        png.write(stem.with_name(stem.name + ".png"), self.to_png8(tonemap, exposure))
-        return list(warnings or [])
+        # The PNG appears once the EXR has: of the two, either both are written or none. Both compress outside Python's
+        # lock, so they do it side by side.
+        with atomic.replacing(stem.with_name(stem.name + ".png")) as file, ThreadPoolExecutor(1) as beside:
+            encoded = beside.submit(lambda: png.encode(file, self.to_png8(tonemap, exposure)))
+            warnings = exr.write(
+                stem.with_name(stem.name + ".exr"),
+                self.channels(),
+                compression=compression,
+                half=half,
+                metadata=self.metadata(deterministic=deterministic),
+                window="drawn",
+            )
+            encoded.result()
+        return list(warnings)
 
 
 def default_tonemap(scene: Scene) -> str:

@@ -118,8 +118,9 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
         used = np.zeros(len(mesh.verts), bool)
         used[mesh.faces.reshape(-1)] = True
         points = mesh.verts if used.all() else mesh.verts[used]
-        for placement in np.asarray(mesh.instances):
-            low, high = _extent(points, placement)
+        many = max(1, (1 << 16) // len(points))  # placements at once
+        for first in range(0, len(np.asarray(mesh.instances)), many):
+            low, high = _extent(points, np.asarray(mesh.instances)[first : first + many])
             lows.append(low)
             highs.append(high)
     if not lows:
@@ -130,17 +131,17 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
     return low, high
 
 
-def _extent(points: Array, placement: Array) -> tuple[Array, Array]:
-    """Lowest and highest corner, (3,) float64 each, of points (V, 3) under a (4, 4) placement."""
-    if (placement == np.eye(4)).all():
-        columns = points.T
-        return tuple(np.array([pick(column) for column in columns], np.float64) + 0.0 for pick in (np.min, np.max))  # type: ignore[return-value]
+def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner, (3,) float64 each, of points (V, 3) under placements (K, 4, 4)."""
+    if (placements == np.eye(4)).all():
+        low, high = (np.array([pick(column) for column in points.T], np.float64) for pick in (np.min, np.max))
+        return low + 0.0, high + 0.0
     lows, highs = [], []
     for block in _blocks(len(points)):
         with np.errstate(over="ignore", invalid="ignore"):
-            placed = placement[:3, :3] @ points[block].T.astype(np.float64) + placement[:3, 3:]
-        lows.append(placed.min(axis=1))
-        highs.append(placed.max(axis=1))
+            placed = placements[:, :3, :3] @ points[block].T.astype(np.float64) + placements[:, :3, 3:]
+        lows.append(placed.min(axis=(0, 2)))
+        highs.append(placed.max(axis=(0, 2)))
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 

@@ -104,21 +104,40 @@ class _Builder:
         self.document, self.buffers, self.materials = document, buffers, materials
         self.options, self.ignored = options, ignored
         self.faces = self.placements = 0
+        self._checked: dict[tuple[int, bool], Array] = {}
 
     def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
         """All primitives of the meshes that are placed, in the order of the file."""
         found = []
         for index in sorted(nodes.meshes):
+            for primitive in self.document.entry("meshes", index).items("primitives"):
+                self._count(primitive, len(nodes.meshes[index]))
+        for index in sorted(nodes.meshes):
             item, matrices = self.document.entry("meshes", index), np.stack(nodes.meshes[index])
             primitives = list(item.items("primitives"))
             for number, primitive in enumerate(primitives):
-                mesh = self._mesh(primitive, len(matrices))
+                mesh = self._mesh(primitive)
                 if mesh is not None:
                     name = item.text("name") + (f".{number}" if len(primitives) > 1 else "")
                     found += _turned(replace(mesh, name=name), matrices)
         return tuple(found)
 
-    def _mesh(self, item: Item, placements: int) -> Mesh | None:
+    def _count(self, item: Item, placements: int) -> None:
+        """Add up triangles and placements before anything is made of them. Raises InputError for too many."""
+        attributes = item.item("attributes")
+        index = item.reference("indices", "accessors")
+        if index is None and attributes is not None:
+            index = attributes.reference("POSITION", "accessors")
+        if index is None:
+            return
+        corners = self.document.entry("accessors", index).integer("count", least=1)
+        self.faces += placements * (corners // 3 if item.integer("mode", 4) == 4 else max(corners - 2, 0))
+        self.placements += placements
+        if self.faces > MAX_FACES or self.placements > MAX_NODES:
+            expected = f"a scene of at most {MAX_FACES} triangles and {MAX_NODES} placements"
+            raise complaint(item.owner, item.where, expected, "more")
+
+    def _mesh(self, item: Item) -> Mesh | None:
         """A primitive without its placements, None when it has no triangles that can be seen."""
         attributes = item.item("attributes")
         if attributes is None:
@@ -133,11 +152,6 @@ class _Builder:
         if verts is None or not surface.visible:
             return None
         faces = self._triangles(item, len(verts))
-        self.faces += len(faces) * placements
-        self.placements += placements
-        if self.faces > MAX_FACES or self.placements > MAX_NODES:
-            expected = f"at most {MAX_FACES} triangles and {MAX_NODES} placements"
-            raise item.refuse("", expected, "more")
         if not len(faces):
             return None
         if len(verts) > 6 * len(faces):  # a share of a large array
@@ -176,14 +190,15 @@ class _Builder:
         if values.shape[1] not in widths or (count is not None and len(values) != count):
             expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
             raise attributes.refuse(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
-        if values.dtype != np.float32:
-            values = values.astype(np.float32)
-        if not name.startswith("TEXCOORD") and not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-            raise attributes.refuse(
-                name, "finite numbers", f"{values[row].tolist()} in row {row} of accessors[{index}]"
-            )
-        return values
+        any_value = name.startswith("TEXCOORD")
+        if (index, any_value) not in self._checked:
+            values = values.astype(np.float32, copy=False)
+            if not any_value and not np.isfinite(values).all():
+                row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+                found = f"{values[row].tolist()} in row {row} of accessors[{index}]"
+                raise attributes.refuse(name, "finite numbers", found)
+            self._checked[index, any_value] = values
+        return self._checked[index, any_value]
 
     def _triangles(self, item: Item, count: int) -> Array:
         """(F, 3) int32 indices below `count`. Raises InputError for others, and for a number that fits no triangles."""

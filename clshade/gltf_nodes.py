@@ -43,13 +43,20 @@ def placed(document: Item, ignored: list[str]) -> Placed:
             raise document.refuse(f"nodes[{index}]", "a tree of nodes", "a node that is reached twice")
         seen.add(index)
         node = document.entry("nodes", index)
-        with np.errstate(over="ignore", invalid="ignore"):
-            matrix = parent @ _matrix(node)
-        if not np.isfinite(matrix).all():
-            raise node.refuse("matrix", "a finite placement in the world", "an overflow")
+        matrix = parent
+        if node.value.keys() & {"matrix", "translation", "rotation", "scale"}:
+            matrix = _product(node, parent, _matrix(node))
         _collect(node, matrix, found, ignored)
         stack += [(child, matrix) for child in reversed(node.references("children", "nodes"))]
     return found
+
+
+def _product(node: Item, parent: Array, own: Array) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = parent @ own
+    if not np.isfinite(matrix).all():
+        raise node.refuse("matrix", "a finite placement in the world", "an overflow")
+    return matrix
 
 
 def _roots(document: Item) -> list[int]:
@@ -88,8 +95,6 @@ def _matrix(node: Item) -> Array:
         matrix[3] = 0.0, 0.0, 0.0, 1.0
         return matrix
     matrix = np.eye(4)
-    if not node.value.keys() & {"translation", "rotation", "scale"}:
-        return matrix
     x, y, z, w = node.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)).tolist()
     length = math.hypot(x, y, z, w)
     if not 0.0 < length < math.inf:

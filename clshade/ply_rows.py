@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ from .reading import complaint, quoted
 from .scene import Array
 
 MAX_HEADER = 1 << 16  # bytes
+MAX_LISTS = 8  # in an element
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
@@ -83,6 +85,10 @@ def _header(data: bytes, owner: str) -> Header:
         _header_line(header, line, owner, f"line {number}")
     if header.order == "?":
         raise complaint(owner, "header", "a line of format", "none")
+    for element in header.elements:
+        lists = sum(bool(item.count) for item in element.properties)
+        if lists > MAX_LISTS:
+            raise complaint(owner, f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
     names = [element.name for element in header.elements]
     if len(set(names)) != len(names):
         raise complaint(owner, "header", "elements of different names", ", ".join(names)[:80])
@@ -182,14 +188,12 @@ def _ragged_rows(data: bytes, place: int, element: Element, order: str, owner: s
         (np.dtype(p.kind).itemsize, np.dtype(p.count).itemsize if p.count else 0, p.count[:1] == "i")
         for p in element.properties
     ]
-    places: list[list[int]] = [[] for _ in steps]
-    counts: list[list[int]] = [[] for _ in steps]
+    places, counts = ([array("q") for _ in steps] for _ in range(2))
     total = len(data)
     for row in range(element.rows):
         for number, (size, width, signed) in enumerate(steps):
             if width == 1 and place < total:
-                count = data[place]
-                count -= 256 if signed and count > 127 else 0
+                count = data[place] if not signed or data[place] < 128 else -1
             else:
                 count = _length(data[place : place + width], order, signed) if width else 1
             place += width
@@ -253,9 +257,8 @@ def _ascii_rows(values: Array, place: int, element: Element, owner: str) -> int:
         table = values[place : place + element.rows * len(listed)].reshape(element.rows, len(listed))
         element.columns.update({item.name: table[:, k] for k, item in enumerate(element.properties)})
         return place + table.size
-    starts: list[list[int]] = [[] for _ in listed]
-    counts: list[list[int]] = [[] for _ in listed]
-    words, first = values[place:].tolist(), place
+    starts, counts = ([array("q") for _ in listed] for _ in range(2))
+    words, first = memoryview(values)[place:], place
     place = 0
     for row in range(element.rows):
         for number, is_list in enumerate(listed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import BinaryIO
 
 import numpy as np
 
@@ -25,10 +26,15 @@ def write(path: Path, rgb8: np.ndarray) -> None:
     rgb8 = np.asarray(rgb8)
     if rgb8.ndim != 3 or rgb8.shape[2] != 3 or 0 in rgb8.shape or rgb8.dtype != np.uint8:
         raise InputError(f"png: rgb8: expected uint8 of shape (M, N, 3), found {rgb8.dtype} of shape {rgb8.shape}")
+    with atomic.replacing(path) as file:
+        encode(file, rgb8)
+
+
+def encode(file: BinaryIO, rgb8: np.ndarray) -> None:
+    """The same into an open file."""
     from PIL import Image
 
-    with atomic.replacing(path) as file:
-        Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
+    Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
 
 
 def read(path: Path) -> np.ndarray:

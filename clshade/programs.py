@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import re
 import time
 from dataclasses import dataclass, field
@@ -9,8 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from . import runtimes
+from .atomic import write_bytes
 from .device import Device
-from .errors import DeviceError
+from .errors import ClshadeError, DeviceError
 from .features import Features
 from .layout import header
 
@@ -96,11 +100,46 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     key = (device.context.int_ptr, features.values, source, lanes)
     if key not in _built:
         start = time.perf_counter()
-        try:
-            program = cl.Program(device.context, source).build(options)
-        except cl.RuntimeError as error:
-            lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-            raise DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}") from error
+        stored = _stored_at(device, source, options)
+        program = _load(device, stored)
+        if program is None:
+            try:
+                program = cl.Program(device.context, source).build(options)
+            except cl.RuntimeError as error:
+                lines = [line for line in str(error).splitlines() if "error" in line.lower()]
+                raise DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}") from error
+            _store(program, stored)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
         _built[key] = Program(features, lanes, time.perf_counter() - start, kernels)
     return _built[key]
+
+
+# Built programs are kept in this process's cache folder: loading one skips the compiler's front end, which takes most of
+# the start-up even where the runtime has a cache of its own.
+
+
+def _stored_at(device: Device, source: str, options: list[str]) -> Path:
+    parts = (source, *options, device.platform, device.name, device.version, device.driver)
+    name = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    return runtimes.prepare().folder / "binaries" / name
+
+
+def _load(device: Device, path: Path) -> Any:
+    """The stored program, or None where there is none that is whole and that the device takes."""
+    import pyopencl as cl
+
+    try:
+        digest, binary = path.read_bytes().split(b"\n", 1)
+        if hashlib.sha256(binary).hexdigest().encode() != digest:
+            return None
+        return cl.Program(device.context, [device.device], [binary]).build()
+    except (OSError, ValueError, cl.Error):
+        return None
+
+
+def _store(program: Any, path: Path) -> None:
+    """Keeps a built program. A cache that can't be written costs time later, nothing else."""
+    (binary,) = program.binaries
+    with contextlib.suppress(OSError, ClshadeError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)

@@ -8,12 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 
 from . import clipping, layout, packing
 from .device import Device, open_device
 from .errors import DeviceError, InputError
-from .features import replaces_colors
 from .frame import Frame
 from .geometry import look_at
 from .memory import Pool
@@ -122,7 +120,7 @@ class Renderer:
         self._attributes = [optional(packed.normals), optional(packed.normal_faces), optional(colors)]
         self._attributes += [optional(packed.uvs), optional(packed.uv_faces), optional(packed.face_materials)]
         self._attributes += [Buffer(device, packed.materials), optional(packed.textures), optional(packed.texels)]
-        self._sides = self._attributes[5:7] if self.features["SIDES"] else (None, None)
+        self._sides = (self._attributes[5], self._attributes[6]) if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count)
         self._made = TriangleBuffers(device, self._face_count, 0)
         self._view = Buffer(device, np.zeros(1, layout.VIEW))

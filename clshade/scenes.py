@@ -43,7 +43,7 @@ def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
         ((-7.5, 4.0, -0.5), (2.1, 0.62, 0.07)),
         ((7.5, 4.2, 0.5), (0.12, 0.45, 1.8)),
     )
-    porcelain = {"ka": 0.10, "kd": 0.58, "ks": 1.2, "n": 90.0}
+    porcelain: dict[str, Any] = {"ka": 0.10, "kd": 0.58, "ks": 1.2, "n": 90.0}
     images = {"body": newell.body_image(), "lid": newell.lid_image(), "tube": newell.tube_image()}
     glazed = {k: Material(**porcelain, texture=Texture(image, name=k), name=k) for k, image in images.items()}
     clay = Material(ka=0.05, kd=0.15, ks=0.0, n=1.0, name="clay")

@@ -88,9 +88,10 @@ def light_point(device: Device, around: Surroundings, normal: Array, color: Arra
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
     stages = _stages(device, "phong", around, "light.cl")
     lit = _Lit(device, around)
-    normals, colors = _four(device, unit(normal[None])), _four(device, color[None])
+    # Every buffer keeps its name until the kernels are done: its memory goes with it.
+    points, normals, colors = Buffer(device, lit.relative), _four(device, unit(normal[None])), _four(device, color[None])
     result = Buffer.empty(device, (1, 4), np.float32)
-    stages.light(Buffer(device, lit.relative), normals, colors, lit.materials, lit.lights, result, lit.count, 1)
+    stages.light(points, normals, colors, lit.materials, lit.lights, result, lit.count, 1)
     return result.to_host()[0, :3].astype(np.float64)
 
 
@@ -115,7 +116,7 @@ class Lookup:
 # One triangle
 
 
-def _clipped(corners: Array) -> list[list[list[Fraction]]]:
+def _clipped(corners: Array) -> list[list[Fraction]]:
     """The polygon that the guard band leaves of a triangle (3, 2): rows u, v and the three corners' weights.
 
     Sutherland and Hodgman's algorithm in rational numbers: a corner may be as far away as float64 goes.
@@ -171,7 +172,9 @@ def _bin(stages: Stages, order: Buffer, made: TriangleBuffers, image: Buffer, vi
     stages.bin_count(order, made, image, counts, visible, visible)
     starts = np.concatenate([[0], np.cumsum(counts.to_host()[0])]).astype(np.uint32)
     lists = Buffer.empty(device, int(starts[-1]), layout.ENTRY)
-    stages.bin_fill(made, image, Buffer(device, starts[:-1]), lists, visible, visible)
+    cursors = Buffer(device, starts[:-1].copy())  # bin_fill moves them on
+    stages.bin_fill(made, image, cursors, lists, visible, visible)
+    lists.to_host()
     return lists, Buffer(device, starts)
 
 
@@ -181,8 +184,8 @@ def draw_triangle(
     """Draws a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
 
     shader: gouraud, phong or nolight. corners: (3, 2) image coordinates. normals, colors: (3, 3), rows are corners.
-    around: of the whole triangle: the directions to eye and lights are those at its point. Normals are used at the
-    length they have; a common power of two is taken out.
+    around: of the whole triangle: the directions to eye and lights are those at its point. Normals of any length:
+    gouraud takes each one's direction, phong mixes them as they are.
     """
     pieces = _pieces(corners)
     if not len(pieces):
@@ -226,7 +229,7 @@ def _draw(
     order = Buffer(device, front_to_back(made.keys.to_host(visible)))
     lists, starts = _bin(stages, order, made, image, visible)
     normals, colors = attributes
-    normals = np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
+    normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     # All corners lie at the one point, so that the triangle's centroid does.
     relative = Buffer(device, np.repeat(lit.relative, 3, axis=0))
     faces = Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3))

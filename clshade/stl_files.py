@@ -31,7 +31,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     STL cannot say that a surface is closed. z is up unless options.up says otherwise, as CAD and printing have it.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii. Raises InputError, one line that names the file and the facet, see clshade.loading.load.
+    ascii, if it is text. Raises InputError, one line that names the file and the facet, see clshade.loading.load.
     """
     owner = shown(path)
     if options.texture is not None:
@@ -44,7 +44,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
         if records["attribute"].any():
             ignored.append("colors or attributes of facets")
         verts = records["verts"].reshape(-1, 3).astype(np.float32)
-    elif data[:512].lstrip().lower().startswith(b"solid"):
+    elif data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data:
         verts = _ascii(data, owner)
     else:
         expected = f"{84 + 50 * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,7 +22,8 @@ import sheet  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.scene import Material, PointLight, Scene, Texture  # noqa: E402
+from clshade.images import as_texture  # noqa: E402
+from clshade.scene import Scene, Texture  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
 
@@ -106,7 +107,7 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
         size = {} if resolution is None else {"resolution": resolution}
         scene = clshade.builtin("course", **size)
         if mapped and options.texture:
-            scene = clshade.scenes.with_texture(scene, texture)
+            scene = _with_texture(scene, texture)
     else:
         if mapped and not texture:
             raise InputError(f"--texture: expected an image for {path}, found none")
@@ -116,6 +117,12 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
     if scene.preset != "course":
         raise InputError(f"{path}: expected a course scene (.npy), found a mesh without lights and camera")
     return scene
+
+
+def _with_texture(scene: Scene, path: str) -> Scene:
+    mesh = scene.meshes[0]
+    material = replace(mesh.material, texture=as_texture(path, srgb=False, lookup="course"))
+    return replace(scene, meshes=(replace(mesh, material=material),))
 
 
 def texels_of(scene: Scene) -> np.ndarray:
@@ -263,6 +270,3 @@ def main(
     except KeyboardInterrupt:
         return 130
     return 0
-
-
-__all__ = ["Figure", "Material", "PointLight", "draw", "main"]

@@ -4,22 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
+from devices import working_devices
 
-from clshade.device import Device, list_devices, open_device
-from clshade.errors import DeviceError
-
-
-@cache
-def working_devices() -> tuple[str, ...]:
-    """Indices "P:D" of the devices that work; empty where there is none."""
-    try:
-        return tuple(info.index for info in list_devices() if info.works)
-    except DeviceError:
-        return ()
+from clshade.device import Device, open_device
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -32,7 +22,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     """Each device that works, opened once."""
     if request.param is None:
         pytest.skip("no OpenCL device works here: see `python -m clshade devices`")
-    yield open_device(request.param, profiling=True)
+    return open_device(request.param, profiling=True)
 
 
 @pytest.fixture(scope="session")

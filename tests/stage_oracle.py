@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from kernels import Pipeline, float32, four, light_rows, material_rows, vertices_at
 
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
+from kernels import Pipeline, float32, four, light_rows, material_rows, vertices_at
 
 Array = np.ndarray
 EXPONENTS = (1.0, 20.0, 200.0, 1e4)

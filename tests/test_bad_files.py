@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 import pytest
 
-from clshade.loading import load
+from clshade.loading import EXTENSIONS, load
 
 FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")
@@ -34,6 +34,7 @@ VALID = {
     "self_collinear.obj": 2,
     "self_coords_1e38.obj": 1,
     "self_nan_uv.obj": 1,
+    "self_ok.glb": 1,
 }
 REFUSED = {
     "assimp_malformed.obj": ("line ", ": f: "),
@@ -59,6 +60,18 @@ REFUSED = {
     "self_zero_index.obj": ("line 4: f: ",),
     "tinyobj_issue-140-zero-face-idx.obj": ("line 16: f: ",),
     "tinyobj_test-nan.obj": (": v: ",),
+    "assimp_BoxWithInfinites.glb": (".attributes.POSITION: ", "inf", "row 0"),
+    "assimp_IndexOutOfRange.gltf": (".indices: ", "255"),
+    "assimp_MissingBin.gltf": (": buffers[0].uri: ", "'BoxTextured0.bin'"),
+    "khr_glb_invalid_magic.glb": (": magic: ",),
+    "khr_glb_truncated_chunk_data.glb": (": GLB length: ", "48"),
+    "khr_mesh_index_buffer_oob.gltf": (".indices: ", "found 5"),
+    "self_hugecount_vertex.ply": (": line 3: element vertex: ", "4611686018427387904"),
+    "self_index_minus1.ply": (": element face: row 0: ", "-1"),
+    "self_inf.ply": (": element vertex: row 2: y: ", "inf"),
+    "self_oob_index.ply": (": element face: row 1: ", "3"),
+    "self_trunc.glb": (": GLB length: ", "120484"),
+    "trimesh_empty_nodes.glb": (": meshes: ", "none"),
 }
 LOAD_ALL = """
 import json, os, resource, sys, time, warnings
@@ -80,7 +93,7 @@ for path in sys.argv[1:]:
 def verdicts(tmp_path_factory):
     """By file of bad/: number of triangles or refusal, seconds, peak memory of the process in MiB."""
     folder = tmp_path_factory.mktemp("bad")
-    paths = sorted(str(path.resolve()) for path in (FOLDER / "bad").iterdir() if path.suffix in (".npy", ".obj"))
+    paths = sorted(str(path.resolve()) for path in (FOLDER / "bad").iterdir() if path.suffix in EXTENSIONS)
     root = str(pathlib.Path(__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": root}
     done = subprocess.run(
@@ -149,3 +162,28 @@ def test_meshes(name, verts, faces):
         assert mesh.uvs.shape == (3225, 2)
         assert mesh.material.texture.image.shape == (1024, 1024, 3)
         assert (mesh.material.n, mesh.material.ks.tolist()) == (32.0, [0.2] * 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "meshes", "faces", "drawn"),
+    [("Duck", 1, 4212, 4212), ("BoxTextured", 1, 12, 12), ("2CylinderEngine", 34, 75730, 121496)],
+)
+def test_gltf_scenes(name, meshes, faces, drawn):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = load(FOLDER / f"{name}.glb")
+    assert (len(scene.meshes), sum(len(mesh.faces) for mesh in scene.meshes), scene.face_count) == (
+        meshes,
+        faces,
+        drawn,
+    )
+    assert all(mesh.normals is not None and mesh.verts.dtype == np.float32 for mesh in scene.meshes)
+    assert (scene.meshes[0].material.texture is not None) == (name != "2CylinderEngine")
+
+
+def test_the_engine_has_faces_without_area():
+    count = 0
+    for mesh in load(FOLDER / "2CylinderEngine.glb").meshes:
+        a, b, c = (mesh.verts[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
+        count += int((np.cross(b - a, c - a) == 0.0).all(axis=1).sum())
+    assert count == 10419

@@ -256,14 +256,13 @@ def test_a_triangle_far_larger_than_the_screen(device, preset, far):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
-    """A triangle to 1e38 and one to 1e200 behind the blob: its own pixels keep their owners."""
-    plain = draw(device, blob_scene(), preset=preset)
-    for far in (1e38, 1e200):
+    """A triangle out to 1e20, 1e38, 1e200 among the others: what it covers is the oracle's, and no digit is lost beside
+    it. (Its own plane is anywhere: it is seen where corners so far off put it in float64.)"""
+    for far in (1e20, 1e38, 1e200):
         mesh = flat((-far, -far, -20.0), (far, -far, -20.0), (0.0, far, -20.0))
         frame = draw(device, blob_scene(meshes=(blob(), mesh)), preset=preset, near=0.1)
-        owned = plain["id"] > 0
-        assert np.isfinite(frame.rgba).all()
-        assert np.array_equal(frame["id"][owned], plain["id"][owned])
+        assert ((frame["id"] > 0) & (frame["id"] <= 250)).mean() > 0.3
+        assert_equals_oracle(frame)
 
 
 # Light and background

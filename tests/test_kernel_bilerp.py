@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import pytest
-from kernels import LANES, Probe, bits, float32, mask, split
 
 from clshade import layout
 from clshade.oracle import texture
@@ -14,6 +13,7 @@ from clshade.packing import texture_tables
 from clshade.programs import build
 from clshade.scene import Texture
 from clshade.stages import Buffer, Stages
+from kernels import LANES, Probe, bits, float32, mask, split
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (16, 9), (1024, 1))  # columns, rows
 WRAPS = ("repeat", "clamp", "mirror")

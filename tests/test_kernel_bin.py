@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels import Pipeline, vertices_at
 
 from clshade import layout
 from clshade.oracle import coverage
+from kernels import Pipeline, vertices_at
 
 TILE = layout.TILE_SIZE
 FILES = ("setup.cl", "bin.cl")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import compare
 import numpy as np
 import pytest
-from kernels import LANES, Pipeline, vertices_at
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
 from clshade.oracle import coverage, shade, transform
+from kernels import LANES, Pipeline, vertices_at
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 GUARD = layout.GUARD_PIXELS * 256

@@ -6,10 +6,10 @@ import compare
 import numpy as np
 import pytest
 import stage_oracle
-from kernels import LANES, Pipeline, bits, four
 from stage_oracle import EXPONENTS, options, patches
 
 from clshade.stages import Buffer
+from kernels import LANES, Pipeline, bits, four
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 RESOLUTION = (93, 71)

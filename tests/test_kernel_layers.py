@@ -5,13 +5,13 @@ from __future__ import annotations
 import compare
 import numpy as np
 import pytest
-from kernels import LANES, bits, image_of, mask
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
 from clshade.oracle import coverage, shade
 from clshade.programs import build
 from clshade.stages import Buffer, Stages
+from kernels import LANES, bits, image_of, mask
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ import compare
 import mpmath
 import numpy as np
 import pytest
-from kernels import LANES, bits, float32, four, light_rows, mask, material_rows
 
 from clshade.oracle import OracleFrame, shade
 from clshade.programs import build
 from clshade.stages import Buffer, Stages
+from kernels import LANES, bits, float32, four, light_rows, mask, material_rows
 
 HALF_ULP = 2.0**-24
 EYE = np.zeros(3)  # points and lights are relative to it
@@ -102,7 +102,7 @@ def test_a_naive_power_would_not_pass(device):
     """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above tells the two forms apart."""
     points, normals, light = in_the_lobe(1e6)
     expected, inside = exact_highlight(points, normals, light, 1e6)
-    n_l, r_v, _ = shade.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
+    _, r_v, _ = shade.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
     naive = float32(r_v).astype(np.float64) ** 1e6
     assert np.abs(naive / expected - 1.0)[inside].max() > 16.0 * math.sqrt(1e6) * HALF_ULP
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+
 from kernels import LANES, Probe, bits, float32, split
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one operation

@@ -8,8 +8,9 @@ import compare
 import numpy as np
 import pytest
 import stage_oracle
-from kernels import LANES, Pipeline, bits
 from stage_oracle import EXPONENTS, options, patches
+
+from kernels import LANES, Pipeline, bits
 
 FILES = ("setup.cl", "bin.cl", "phong.cl")
 RESOLUTION = (93, 71)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels import project
 
 from clshade import geometry, layout
 from clshade.oracle import transform
 from clshade.scene import Camera
+from kernels import project
 
 GUARD = layout.GUARD_PIXELS
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels import Pipeline, vertices_at
 
 from clshade import layout
 from clshade.oracle import coverage, transform
 from clshade.sorting import front_to_back
 from clshade.stages import Buffer, TriangleBuffers
+from kernels import Pipeline, vertices_at
 
 COLUMNS, ROWS = 61, 43
 LIMIT = layout.SNAP_LIMIT

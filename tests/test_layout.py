@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels import Probe
 
 from clshade import layout
+from kernels import Probe
 
 
 def struct_text(name: str, dtype: np.dtype) -> str:

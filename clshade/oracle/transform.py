@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..scene import Camera
-
 from .vectors import Array, cross, dot, length, power_of_two, unit
 
 SUBPIXELS = 256  # snapped steps per pixel

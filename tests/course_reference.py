@@ -1,0 +1,123 @@
+"""The course's functions once more in plain float64, from the formulas, and how far float32 may be off them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clshade import course
+from clshade.oracle import coverage, shade
+from clshade.scene import Scene
+
+HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
+FACTOR = 32.0  # roundings that may add up; DESIGN section 5
+# A device may flush what is below float32's normal range.
+TINY = float(np.finfo(np.float32).tiny)
+Array = np.ndarray
+
+
+def unit(v: Any) -> Array:
+    v = np.asarray(v, np.float64)
+    length = np.sqrt((v * v).sum(axis=-1, keepdims=True))
+    return v / np.where(length > 0.0, length, 1.0)
+
+
+def light(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -> Array:
+    """Phong's formula at points (..., 3) of which each has a normal and a color."""
+    normal, to_eye = unit(normal), unit(np.asarray(eye, np.float64) - point)
+    total = np.zeros_like(normal) + k_a
+    for position, intensity in zip(positions, intensities, strict=True):
+        to_light = unit(np.asarray(position, np.float64) - point)
+        cosine = (normal * to_light).sum(axis=-1, keepdims=True)
+        mirrored = 2.0 * normal * cosine - to_light
+        towards = (mirrored * to_eye).sum(axis=-1, keepdims=True)
+        diffuse = np.maximum(0.0, cosine)
+        specular = np.where((cosine > 0.0) & (towards > 0.0), np.maximum(towards, 0.0) ** n, 0.0)
+        total = total + np.asarray(intensity) * color * (k_d * diffuse + k_s * specular)
+    return total
+
+
+def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -> Array:
+    """What float32 may be off by, (..., 3): all of the light budget where a highlight may be decided either way."""
+    point, normal, eye = (np.asarray(v, np.float64) for v in (point, normal, eye))
+    positions = np.asarray(positions, np.float64).reshape(-1, 3)
+    length = np.sqrt((normal * normal).sum(axis=-1))
+    extent = np.abs(point - eye).max(axis=-1)
+    kappa = shade.conditioning(point, extent, np.where(length > 0.0, length, 1.0), eye, positions)
+    budget = shade.budget(np.asarray(color, np.float64), k_a, np.asarray(k_d), np.asarray(k_s), intensities)
+    gate = shade.at_gate(point, normal, eye, positions) & bool(np.any(k_s))
+    share = np.where(gate, 1.0, FACTOR * np.sqrt(max(n, 1.0)) * HALF_ULP * kappa)
+    return np.minimum(share, 1.0)[..., None] * budget + TINY
+
+
+def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[Array, Array, Array]:
+    """One triangle over X: the image, what it may be off by, and which pixels are drawn, row 0 at the bottom.
+
+    around: point, eye, k_a (times the ambient light), k_d, k_s, n, positions, intensities.
+    """
+    xy = np.rint(np.asarray(verts_p, np.float64) * coverage.SUBPIXELS).astype(np.int64)
+    rows, columns = np.shape(X)[:2]
+    drawn = coverage.triangle_mask(xy, columns, rows)
+    row, column = np.nonzero(drawn)
+    edges = coverage.edge_functions(xy, column, row)
+    weights = edges / np.maximum(edges.sum(axis=1, keepdims=True), 1)
+    normals, colors = np.asarray(verts_n, np.float64).T, np.asarray(verts_c, np.float64).T
+    image, off = np.array(X, np.float64), np.zeros(np.shape(X))
+    if shader == "nolight":
+        image[drawn], off[drawn] = weights @ colors, FACTOR * HALF_ULP * np.abs(colors).max()
+        return image, off, drawn
+    point, *lit_by = around
+    if shader == "gouraud":
+        lit = light(point, normals, colors, *lit_by)
+        image[drawn] = weights @ lit
+        off[drawn] = bound(point, unit(normals), colors, *lit_by).max(axis=0)
+    else:
+        normals = normals / max(np.abs(normals).max(), TINY)
+        image[drawn] = light(point, weights @ normals, weights @ colors, *lit_by)
+        off[drawn] = bound(point, weights @ normals, weights @ colors, *lit_by)
+    return image, off, drawn
+
+
+def scene_arguments(scene: Scene, **changes: Any) -> dict[str, Any]:
+    """The arguments of `render_object` that draw a course scene of one mesh; 3xN, `changes` put in."""
+    mesh, camera, material = scene.meshes[0], scene.camera, scene.meshes[0].material
+    (N, M), (H, W) = camera.resolution, camera.plane
+    colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
+    arguments: dict[str, Any] = {
+        "shader": "phong",
+        "focal": camera.focal,
+        "eye": camera.eye,
+        "lookat": camera.lookat,
+        "up": camera.up,
+        "bg_color": scene.background,
+        "M": M,
+        "N": N,
+        "H": H,
+        "W": W,
+        "verts": mesh.verts.T,
+        "verts_colors": colors.T,
+        "faces": mesh.faces.T,
+        "k_a": material.ka,
+        "k_d": material.kd,
+        "k_s": material.ks,
+        "n": material.n,
+        "l_pos": np.array([light.position for light in scene.lights]).reshape(-1, 3),
+        "l_int": np.array([light.intensity for light in scene.lights]).reshape(-1, 3),
+        "light_amb": scene.ambient,
+    }
+    return {**arguments, **changes}
+
+
+def map_arguments(scene: Scene, texture_map: Any, **changes: Any) -> dict[str, Any]:
+    """The same for `render_object_map`."""
+    mesh = scene.meshes[0]
+    arguments = scene_arguments(scene)
+    del arguments["verts_colors"]
+    uv_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
+    arguments.update(uvs=np.asarray(mesh.uvs).T, uvs_faces=uv_faces.T, texture_map=texture_map)
+    return {**arguments, **changes}
+
+
+def render(**arguments: Any) -> Array:
+    return course.render_object(**arguments)

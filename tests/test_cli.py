@@ -1,0 +1,290 @@
+"""The command line: files, exit codes, one line on stderr for whatever is refused, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scene_files
+from devices import working_devices
+
+from clshade import cli, exr, png
+
+ROOT = Path(__file__).resolve().parent.parent
+SMALL = ("render", "quads", "--resolution", "32,24")
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+
+
+def listing(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
+    """The exit code of a command line, its standard output, and the lines of its standard error."""
+    capsys.readouterr()
+    code = cli.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err.splitlines()
+
+
+def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120)
+
+
+# Rendering
+
+
+@needs_device
+@pytest.mark.parametrize(
+    ("output", "stem"),
+    [("picture", "picture"), ("picture.exr", "picture"), ("a.png", "a"), ("v1.2", "v1.2"), ("sub/x", "sub/x")],
+)
+def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
+    (tmp_path / "sub").mkdir()
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / output)
+    assert (code, err) == (0, [])
+    assert listing(tmp_path) == sorted([f"{stem}.exr", f"{stem}.png", "sub"])
+    assert "32x24" in out
+    assert f"{stem}.exr" in out
+    channels, _ = exr.read(tmp_path / f"{stem}.exr")
+    assert set(channels) == {"R", "G", "B", "A"}
+    assert channels["R"].shape == (24, 32)
+    assert png.read(tmp_path / f"{stem}.png").shape == (24, 32, 3)
+
+
+@needs_device
+def test_render_as_a_process_in_a_folder(tmp_path):
+    """The defaults: `out.exr` and `out.png` here."""
+    done = process(*SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert listing(tmp_path) == ["out.exr", "out.png"]
+
+
+@needs_device
+def test_options_reach_the_image(tmp_path, capsys):
+    lit = ("--shader", "gouraud", "--preset", "course", "--layers", "Z,id", "--deterministic", "--stats")
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", *lit)
+    assert (code, err) == (0, [])
+    stats = json.loads(out)
+    assert stats["resolution"] == [32, 24]
+    assert "gouraud" in stats["times_ms"]
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert {"Z", "id"} < set(channels)
+    assert channels["id"].min() > 0
+    assert "renderTimeSeconds" not in header
+    first = (tmp_path / "a.exr").read_bytes()
+    run(capsys, *SMALL, "-o", tmp_path / "b", *lit)
+    assert (tmp_path / "b.exr").read_bytes() == first
+    # Without one light, and without any but ambient light, it is darker.
+    levels = [channels["G"].mean()]
+    for name, more in (("c", ("--lights", "1")), ("d", ("--components", "ambient"))):
+        assert run(capsys, *SMALL, "-o", tmp_path / name, *lit, *more)[0] == 0
+        levels.append(exr.read(tmp_path / f"{name}.exr")[0]["G"].mean())
+    assert levels[0] > levels[1] > levels[2] > 0.0
+
+
+@needs_device
+def test_a_file_is_rendered(tmp_path, capsys):
+    mesh = scene_files.write(tmp_path / "one.obj", scene_files.TRIANGLE + "f 1 2 3\n")
+    code, _, err = run(capsys, "render", mesh, "--resolution", "32,24", "-o", tmp_path / "one")
+    assert (code, err) == (0, [])
+    assert exr.read(tmp_path / "one.exr")[0]["A"].sum() > 20
+    course = scene_files.save_npy(tmp_path / "course.npy", scene_files.course_dict())
+    code, _, err = run(capsys, "render", course, "--resolution", "32,24", "-o", tmp_path / "two")
+    assert (code, err) == (0, [])
+
+
+@needs_device
+def test_exposure_and_tone_map_change_the_png_alone(tmp_path, capsys):
+    run(capsys, *SMALL, "-o", tmp_path / "a", "--deterministic")
+    run(capsys, *SMALL, "-o", tmp_path / "b", "--deterministic", "--exposure", "-2", "--tonemap", "aces")
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert png.read(tmp_path / "a.png").mean() > png.read(tmp_path / "b.png").mean() + 5
+
+
+# Refusals
+
+
+def assert_refused(found: tuple[int, str, list[str]], *parts: str) -> None:
+    code, out, err = found
+    assert code == 2, (out, err)
+    assert out == ""
+    assert len(err) == 1, err
+    assert all(part in err[0] for part in parts), err[0]
+    assert "Traceback" not in err[0]
+
+
+USAGE = [
+    (("render", "--shader", "flat"), ("--shader", "'flat'", "gouraud")),
+    (("render", "--preset", "fancy"), ("--preset", "fancy")),
+    (("render", "--tonemap", "film"), ("--tonemap", "film")),
+    (("render", "--layers", "Z,N7"), ("--layers", "'N7'")),
+    (("render", "--components", "shine"), ("--components", "'shine'")),
+    (("render", "--resolution", "10"), ("--resolution", "'10'")),
+    (("render", "--resolution", "10,x"), ("--resolution", "'10,x'")),
+    (("render", "--lights", "one"), ("--lights", "'one'")),
+    (("render", "--exposure", "bright"), ("--exposure", "bright")),
+    (("render", "--near", "far"), ("--near", "far")),
+    (("render", "--precision", "float16"), ("--precision", "float16")),
+    (("render", "--no-such-option"), ("--no-such-option",)),
+    (("paint",), ("paint",)),
+    ((), ("COMMAND",)),
+    (("inspect",), ("FILE",)),
+    (("render", "teapot", "extra"), ("extra",)),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), USAGE, ids=[" ".join(arguments) for arguments, _ in USAGE])
+def test_bad_usage(capsys, arguments, parts):
+    assert_refused(run(capsys, *arguments), *parts)
+
+
+BAD = [
+    (("no_such_file.obj",), ("no_such_file.obj",)),
+    (("no_such_file.npy",), ("no_such_file.npy",)),
+    (("no_such_scene",), ("no_such_scene",)),
+    (("scene.xyz",), ("scene.xyz", "extension", ".npy", ".obj")),
+    (("empty.obj",), ("empty.obj",)),
+    (("text.npy",), ("text.npy",)),
+    (("folder.obj",), ("folder.obj",)),
+    (("quads", "--resolution", "0,10"), ("resolution", "0")),
+    (("quads", "--resolution", "10,99999"), ("resolution", "99999")),
+    (("quads", "--near", "-1"), ("near", "-1")),
+    (("quads", "--near", "nan"), ("near", "nan")),
+    (("quads", "--lights", "5"), ("--lights", "0 to 1", "5")),
+    (("quads", "--texture", "x.png"), ("--texture", "quads")),
+    (("quads", "--focal", "3"), ("--focal", "quads")),
+    (("quads", "-o", "missing/out"), ("missing/out", "missing")),
+    (("quads", "--device", "no such platform"), ("no such platform",)),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), BAD, ids=[" ".join(arguments) for arguments, _ in BAD])
+def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.xyz").write_text("what is this")
+    (tmp_path / "empty.obj").write_text("")
+    (tmp_path / "text.npy").write_text("not NumPy's")
+    (tmp_path / "folder.obj").mkdir()
+    before = listing(tmp_path)
+    assert_refused(run(capsys, "render", *arguments), *parts)
+    assert listing(tmp_path) == before
+
+
+@needs_device
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (("--compression", "lzma"), ("compression", "lzma", "zip")),
+        (("--exposure", "nan"), ("exposure", "nan")),
+        (("--exposure", "1000"), ("exposure", "1000")),
+    ],
+)
+def test_refused_output_options_leave_nothing(tmp_path, capsys, options, parts):
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", *options), *parts)
+    assert listing(tmp_path) == []
+
+
+@needs_device
+@pytest.mark.parametrize("taken", ["out.exr", "out.png"])
+def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
+    """A folder in the place of either file: the other is not left alone."""
+    (tmp_path / taken).mkdir()
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), taken)
+    assert listing(tmp_path) == [taken]
+
+
+@needs_device
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(tmp_path, capsys):
+    tmp_path.chmod(0o500)
+    try:
+        assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), "out")
+        assert listing(tmp_path) == []
+    finally:
+        tmp_path.chmod(0o700)
+
+
+@needs_device
+def test_earlier_files_survive_a_refusal(tmp_path, capsys):
+    (tmp_path / "out.exr").write_text("kept")
+    (tmp_path / "out.png").write_text("kept too")
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", "--exposure", "nan"), "exposure")
+    assert (tmp_path / "out.exr").read_text() == "kept"
+    assert (tmp_path / "out.png").read_text() == "kept too"
+
+
+def test_refusals_as_a_process(tmp_path):
+    """Exit code, one line, no traceback: as a shell sees them."""
+    for arguments in (("render", "none.obj"), ("render", "--shader", "flat")):
+        done = process(*arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert done.stderr.count("\n") == 1
+        assert done.stderr.startswith("clshade")
+    assert listing(tmp_path) == []
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    done = process("--debug", "render", "none.obj", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+    assert "none.obj" in done.stderr
+
+
+def test_interrupted(capsys, monkeypatch):
+    def stop(arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "load_scene", stop)
+    code, out, err = run(capsys, *SMALL)
+    assert (code, out) == (130, "")
+    assert len(err) == 1
+
+
+# The other commands
+
+
+def test_help_and_version(capsys):
+    for arguments in (("--help",), ("render", "--help"), ("devices", "--help"), ("inspect", "--help"), ("--version",)):
+        code, out, err = run(capsys, *arguments)
+        assert (code, err) == (0, [])
+        assert out.startswith(("usage: clshade", "clshade "))
+    help_text = run(capsys, "render", "--help")[1]
+    for option in ("--shader", "--preset", "--resolution", "--layers", "--tonemap", "--exposure", "--device", "--stats"):
+        assert option in help_text
+
+
+def test_devices(capsys):
+    code, out, err = run(capsys, "devices")
+    assert err == []
+    assert code == (0 if working_devices() else 1)
+    assert all(index in out for index in working_devices())
+    assert "works" in out or "install" in out
+
+
+def test_inspect(tmp_path, capsys):
+    image = np.random.default_rng(1).uniform(0, 2, (12, 16, 3)).astype(np.float32)
+    exr.write(tmp_path / "a.exr", image)
+    code, out, err = run(capsys, "inspect", tmp_path / "a.exr")
+    assert (code, err) == (0, [])
+    assert listing(tmp_path) == ["a-ladder.png", "a.exr"]
+    assert all(f"\n{name} " in f"\n{out}" or f" {name} " in out for name in "RGB")
+    code, _, _ = run(capsys, "inspect", tmp_path / "a.exr", "-o", tmp_path / "b.png")
+    assert code == 0
+    assert (tmp_path / "b.png").exists()
+
+
+def test_inspect_refuses(tmp_path, capsys):
+    (tmp_path / "bad.exr").write_bytes(b"v/1\x01" + bytes(40))
+    for name in ("none.exr", "bad.exr"):
+        assert_refused(run(capsys, "inspect", tmp_path / name), name)
+    assert listing(tmp_path) == ["bad.exr"]

@@ -1,0 +1,114 @@
+"""Creases, welding and closed surfaces, against plain loops and shapes whose normals are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from clshade import geometry
+from clshade.creases import crease_normals, is_closed, welded
+from clshade.errors import InputError
+from clshade.scenes import builtin
+from clshade.triangulation import fans, strips
+
+RNG = np.random.default_rng(8)
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+FACES = fans(SQUARES.reshape(-1), np.full(6, 4))[0]
+
+
+def test_a_cube():
+    for degrees in (1, 89):
+        normals, index = crease_normals(CUBE, FACES, degrees)
+        assert len(normals) == 24  # the two triangles of a side share theirs
+        flat, flat_index = crease_normals(CUBE, FACES, 0)
+        assert len(flat) == 12
+        np.testing.assert_allclose(normals[index], flat[flat_index], atol=1e-15)
+    smooth, index = crease_normals(CUBE, FACES, 91)
+    np.testing.assert_allclose(smooth[index], geometry.vertex_normals(CUBE, FACES)[FACES], atol=1e-15)
+
+
+def test_at_180_it_is_smooth_and_at_0_flat():
+    mesh = builtin("teapot").meshes[0]
+    verts, faces = np.asarray(mesh.verts, float), mesh.faces
+    kept, which = welded(verts)
+    normals, index = crease_normals(verts, faces, 180)
+    cross = np.cross(verts[faces[:, 1]] - verts[faces[:, 0]], verts[faces[:, 2]] - verts[faces[:, 0]])
+    area = np.linalg.norm(cross, axis=1) > 0
+    flat, flat_index = crease_normals(verts, faces, 0)
+    np.testing.assert_allclose(
+        flat[flat_index[area, 0]], (cross / np.linalg.norm(cross, axis=1)[:, None].clip(1e-300))[area], atol=1e-9
+    )
+    smooth = geometry.vertex_normals(verts[kept], which[faces])[which[faces]]
+    same = np.isclose(normals[index], smooth, atol=1e-9).all(axis=2)
+    assert same.mean() > 0.95  # vertices where parts only touch stay apart
+
+
+def roof(degrees: float) -> tuple[np.ndarray, np.ndarray]:
+    """Two triangles on one edge, whose normals are `degrees` apart."""
+    angle = math.radians(degrees)
+    verts = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [math.cos(angle), 0, -math.sin(angle)]])
+    return verts, np.array([[0, 1, 2], [1, 0, 3]])
+
+
+@pytest.mark.parametrize(("angle", "crease", "count"), [(20, 30, 4), (40, 30, 6), (30, 30, 4), (179, 178, 6)])
+def test_the_angle(angle, crease, count):
+    verts, faces = roof(angle)
+    normals, index = crease_normals(verts, faces, crease)
+    assert len(normals) == count
+    assert (index[0, 0] == index[1, 1]) == (count == 4)
+
+
+def test_split_vertices_count_as_one():
+    verts, faces = roof(20)
+    apart = verts[faces].reshape(-1, 3)
+    one, index = crease_normals(verts, faces, 30)
+    two, other = crease_normals(apart, np.arange(6).reshape(2, 3), 30)
+    np.testing.assert_allclose(one[index], two[other], atol=1e-15)
+
+
+def test_degenerate_meshes():
+    for faces in (np.zeros((0, 3), int), np.array([[0, 0, 0]]), np.array([[0, 1, 1], [1, 0, 0]])):
+        normals, index = crease_normals(CUBE, faces, 30)
+        assert index.shape == faces.shape
+        assert not normals.any()
+    many = np.array([[0, 1, 2]] * 1000)  # one edge of a thousand faces
+    normals, index = crease_normals(CUBE, many, 30)
+    assert len(np.unique(index)) == 3
+    tiny, index = crease_normals(CUBE * 1e-140, FACES, 30)
+    np.testing.assert_allclose(np.linalg.norm(tiny, axis=1), 1, atol=1e-12)
+    for degrees in (-1, 181, math.nan, "a"):
+        with pytest.raises(InputError):
+            crease_normals(CUBE, FACES, degrees)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_welding(kind):
+    verts = RNG.integers(-2, 3, (500, 3)).astype(kind) * kind(0.1)
+    verts[::7] *= -1.0  # makes -0.0 too
+    kept, which = welded(verts)
+    assert np.array_equal(verts[kept][which], verts)
+    assert len(kept) == len(np.unique(verts + 0.0, axis=0))
+    assert (np.diff(kept) > 0).all()
+    assert (kept <= np.arange(500)[[np.flatnonzero(which == k)[0] for k in range(len(kept))]]).all()
+
+
+def test_closed_surfaces():
+    assert is_closed(FACES)
+    assert is_closed(np.concatenate([FACES, [[0, 0, 5]]]))
+    assert not is_closed(FACES[1:])
+    turned = FACES.copy()
+    turned[3] = turned[3, ::-1]
+    assert not is_closed(turned)
+    many = np.concatenate([FACES + 8 * k for k in range(5000)])
+    assert is_closed(many)
+    assert not is_closed(many[:-1])
+
+
+def test_strips():
+    indices = np.array([5, 6, 7, 8, -1, -1, 1, 2, -1, 3, 4, 5])
+    assert strips(indices).tolist() == [[5, 6, 7], [6, 8, 7], [3, 4, 5]]
+    for short in ([], [1], [1, 2], [-1, -1, -1]):
+        assert len(strips(np.array(short, np.int32))) == 0

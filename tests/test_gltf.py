@@ -1,0 +1,450 @@
+"""glTF and GLB: what a file means, against files written by hand, and what is refused, with its field."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import math
+import struct
+import warnings
+
+import numpy as np
+import pytest
+from mesh_writers import CORNERS, Gltf, pack_glb, triangle
+from PIL import Image
+from scene_files import refusal
+
+from clshade.framing import AMBIENT
+from clshade.gltf_materials import phong
+from clshade.images import srgb_to_linear
+from clshade.loading import load
+
+RNG = np.random.default_rng(5)
+INDICES = np.array([0, 1, 2], np.uint16)
+
+
+def told(path, **options):
+    """The scene and the warnings of loading it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(path, **options)
+    return scene, [str(warning.message) for warning in caught]
+
+
+def png(pixels: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **info) -> None:
+    """Gives the document a textured material and a triangle with it."""
+    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
+    document.add("textures", {"source": 0})
+    reflection = material.setdefault("pbrMetallicRoughness", {})
+    reflection["baseColorTexture"] = {"index": 0, **info}
+    index = document.add("materials", material)
+    uvs = np.array([[0, 0], [1, 0], [0, 1]], np.float32) if uvs is None else uvs
+    document.mesh({"POSITION": CORNERS, "TEXCOORD_0": uvs}, INDICES, material=index)
+
+
+@pytest.mark.parametrize("form", ["glb", "data", "beside"])
+def test_containers(tmp_path, form):
+    document = triangle()
+    if form == "glb":
+        path = document.glb(tmp_path / "a.glb")
+    else:
+        path = document.gltf(tmp_path / "a.gltf", None if form == "data" else "my data.bin")
+    scene, messages = told(path)
+    (mesh,) = scene.meshes
+    assert messages == []
+    assert (scene.preset, scene.name, scene.ignored) == ("standard", "a", ())
+    assert (mesh.verts.dtype, mesh.verts.tolist()) == (np.float32, CORNERS.tolist())
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]  # flat, as glTF says
+    assert (mesh.material.sides, mesh.material.two_sided) == ("front", False)
+
+
+def test_escaped_names_and_a_glb_by_content(tmp_path):
+    path = triangle().gltf(tmp_path / "a.gltf", "my data.bin")
+    text = (tmp_path / "a.gltf").read_text().replace("my data.bin", "my%20data.bin")
+    (tmp_path / "a.gltf").write_text(text)
+    assert load(path).face_count == 1
+    triangle().glb(tmp_path / "b.gltf")
+    assert load(tmp_path / "b.gltf").face_count == 1
+
+
+def test_nodes_place_meshes_in_their_order(tmp_path):
+    document = triangle()
+    half = math.sqrt(0.5)
+    document.add("nodes", {"children": [1, 2], "translation": [1, 2, 3]})
+    document.add("nodes", {"mesh": 0, "rotation": [0, 0, half, half], "scale": [2, 3, 4]})
+    matrix = np.array([[1, 0, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
+    document.add("nodes", {"mesh": 0, "matrix": matrix.T.reshape(-1).tolist(), "children": [3]})
+    document.add("nodes", {"mesh": 0})
+    document.add("nodes", {"mesh": 0, "translation": [99, 0, 0]})  # in no scene
+    document.add("scenes", {"nodes": []})
+    document.add("scenes", {"nodes": [0]})
+    document.json["scene"] = 1
+    (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
+    turned = np.array([[0, -3, 0, 1], [2, 0, 0, 2], [0, 0, 4, 3], [0, 0, 0, 1]])
+    moved = np.array([[1, 0, 0, 6], [0, 1, 0, 8], [0, 0, 1, 10], [0, 0, 0, 1]])
+    np.testing.assert_allclose(mesh.instances, [turned, moved, moved], atol=1e-12)
+
+
+def test_mirrored_placements_are_turned_round(tmp_path):
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS, "NORMAL": np.array([[0, 0, 1]] * 3, np.float32)}, INDICES)
+    for x in (1, -1):
+        document.add("nodes", {"mesh": 0, "scale": [x, 1, 1]})
+    plain, turned = load(document.glb(tmp_path / "a.glb")).meshes
+    assert (plain.instances[:, 0, 0].tolist(), turned.instances[:, 0, 0].tolist()) == ([1], [-1])
+    assert turned.faces.tolist() == [[2, 1, 0]]
+    assert turned.normals.tolist() == [[0, 0, -1]] * 3  # which the renderer's cofactors turn to (0, 0, 1)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
+def test_strips_fans_and_types_of_indices(tmp_path, kind):
+    for mode, expected in ((5, [[0, 1, 2], [1, 3, 2], [2, 3, 4]]), (6, [[1, 2, 0], [2, 3, 0], [3, 4, 0]])):
+        document = Gltf()
+        verts = RNG.random((5, 3), np.float32)
+        document.mesh({"POSITION": verts}, np.arange(5, dtype=kind), mode=mode)
+        document.mesh({"POSITION": verts}, mode=mode)
+        meshes = load(document.glb(tmp_path / "a.glb")).meshes
+        assert [mesh.faces.tolist() for mesh in meshes] == [expected, expected]
+
+
+def test_interleaved_quantized_and_sparse_accessors(tmp_path):
+    document = Gltf()
+    rows = np.zeros(3, [("p", "<f4", 3), ("c", "u1", 4)])
+    rows["p"], rows["c"] = CORNERS, [[255, 0, 51, 255], [0, 255, 0, 255], [0, 0, 0, 255]]
+    view = document.view(rows.tobytes())
+    document.json["bufferViews"][view]["byteStride"] = 16
+    entry = {"bufferView": view, "count": 3}
+    position = document.add("accessors", {**entry, "componentType": 5126, "type": "VEC3"})
+    fields = {"byteOffset": 12, "componentType": 5121, "type": "VEC4", "normalized": True}
+    color = document.add("accessors", {**entry, **fields})
+    document.mesh({"POSITION": position, "COLOR_0": color}, INDICES)
+    short = document.accessor(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.int16))
+    normal = document.accessor(np.array([[0, 0, 127]] * 3, np.int8), normalized=True)
+    document.mesh({"POSITION": short, "NORMAL": normal}, INDICES)
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": document.view(struct.pack("<H", 2)), "componentType": 5123},
+        "values": {"bufferView": document.view(struct.pack("<3f", 7, 8, 9))},
+    }
+    empty = document.add("accessors", {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": sparse})
+    document.mesh({"POSITION": empty}, INDICES)
+    meshes = load(document.glb(tmp_path / "a.glb")).meshes
+    assert meshes[0].verts.tolist() == CORNERS.tolist()
+    np.testing.assert_allclose(meshes[0].colors, [[1, 0, 0.2], [0, 1, 0], [0, 0, 0]], atol=1e-7)
+    assert meshes[1].verts.tolist() == [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
+    assert meshes[1].normals.tolist() == [[0, 0, 1]] * 3
+    assert meshes[2].verts.tolist() == [[0, 0, 0], [0, 0, 0], [7, 8, 9]]
+
+
+def test_a_share_of_a_large_array_is_cut_out(tmp_path):
+    document = Gltf()
+    verts = RNG.random((100, 3), np.float32)
+    document.mesh({"POSITION": verts, "COLOR_0": verts}, np.array([50, 3, 90], np.uint16))
+    (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
+    assert np.array_equal(mesh.verts[mesh.faces[0]], verts[[50, 3, 90]])
+    assert np.array_equal(mesh.colors, mesh.verts)
+    assert len(mesh.verts) == 3
+
+
+def test_materials_and_textures(tmp_path):
+    document = Gltf()
+    pixels = RNG.integers(0, 256, (2, 4, 4), dtype=np.uint8)
+    pixels[0, 0, 3] = 7
+    reflection = {"baseColorFactor": [0.5, 1, 0.25, 1], "metallicFactor": 0.0, "roughnessFactor": 0.5}
+    textured(document, pixels, {"name": "m", "doubleSided": True, "pbrMetallicRoughness": reflection})
+    document.json["textures"][0]["sampler"] = document.add("samplers", {"wrapS": 33071, "wrapT": 33648})
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    (mesh,) = scene.meshes
+    material = mesh.material
+    assert messages == []
+    assert mesh.uvs.tolist() == [[0, 0], [1, 0], [0, 1]]  # v = 0 is row 0 in glTF and here
+    assert (material.sides, material.two_sided, material.alpha_cutoff, material.name) == ("both", True, None, "m")
+    assert material.color.tolist() == [0.5, 1, 0.25]
+    assert material.texture.wrap == ("clamp", "mirror")
+    linear = srgb_to_linear(pixels[..., :3] / 255)
+    np.testing.assert_allclose(material.texture.image, linear, atol=1e-6)
+    kd, ks, n = phong(0.0, 0.5, float((linear * [0.5, 1, 0.25]).mean()))
+    assert (material.kd.tolist(), material.n) == ([kd] * 3, n)
+    np.testing.assert_allclose(material.ks, ks, rtol=1e-6)
+
+
+def test_phong_of_metallic_roughness():
+    assert phong(0.0, math.sqrt(0.5), 1.0)[2] == pytest.approx((1 / 0.25 - 1) / 2)
+    assert phong(0.0, 1.0, 1.0)[2] == 1.0
+    assert phong(0.0, 0.0, 1.0)[2] <= 5000.0
+    assert phong(0.0, 1.0, 0.5)[:2] == pytest.approx((1.0, 0.04 * 1.5 / 0.5))
+    assert phong(1.0, 0.1, 0.5)[:2] == pytest.approx((0.4, 1.0 / 0.5))  # the peak is held to 1 under the color
+    exponents = [phong(0.0, roughness, 0.5)[2] for roughness in np.linspace(0, 1, 20)]
+    assert exponents == sorted(exponents, reverse=True)
+
+
+def test_alpha_masks(tmp_path):
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[0, 0, 3] = 0
+    document = Gltf()
+    factor = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5]}}
+    textured(document, pixels, {"alphaMode": "MASK", "alphaCutoff": 0.25, **factor})
+    material = load(document.glb(tmp_path / "a.glb")).meshes[0].material
+    assert material.alpha_cutoff == 0.5  # of the texel, whose alpha the factor halves
+    assert material.texture.image[:, :, 3].tolist() == [[0, 1], [1, 1]]
+    document.json["materials"][0].update(alphaMode="BLEND")
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    assert scene.ignored == ("blending (opaque where alpha is not 0)",)
+    assert len(messages) == 1
+    assert 0 < scene.meshes[0].material.alpha_cutoff < 0.01
+    factor["pbrMetallicRoughness"]["baseColorFactor"] = [1, 1, 1, 0]
+    document.json["materials"][0].update(alphaMode="MASK", **factor)
+    refusal(document.glb(tmp_path / "a.glb"), "meshes: expected at least one triangle")
+
+
+def test_texture_transforms_and_coordinate_sets(tmp_path):
+    document = Gltf()
+    moved = {"offset": [0.25, 0.5], "rotation": math.pi / 2, "scale": [2, 3]}
+    info = {"texCoord": 1, "extensions": {"KHR_texture_transform": {**moved, "texCoord": 0}}}
+    textured(document, np.zeros((1, 1, 3), np.uint8), {}, **info)
+    document.json["extensionsRequired"] = ["KHR_texture_transform"]
+    uvs = load(document.glb(tmp_path / "a.glb")).meshes[0].uvs
+    # The specification's translation * rotation * scale of (0, 0), (1, 0) and (0, 1).
+    np.testing.assert_allclose(uvs, [[0.25, 0.5], [0.25, -1.5], [3.25, 0.5]], atol=1e-12)
+    info["extensions"].clear()
+    document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].pop("extensions")
+    assert load(document.glb(tmp_path / "a.glb")).meshes[0].uvs is None  # there is no set 1
+
+
+def test_images_beside_missing_broken_and_in_data(tmp_path):
+    document = Gltf()
+    textured(document, np.zeros((1, 1, 3), np.uint8), {})
+    image = document.json["images"][0]
+    image.clear()
+    image["uri"] = "my%20image.png"
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    assert len(messages) == 1
+    assert "images[0].uri: there is no file 'my%20image.png'" in messages[0]
+    assert scene.meshes[0].material.texture is None
+    (tmp_path / "my image.png").write_bytes(png(np.full((3, 2, 3), 255, np.uint8)))
+    assert load(tmp_path / "a.glb").meshes[0].material.texture.image.shape == (3, 2, 3)
+    image["uri"] = "data:image/png;base64," + base64.b64encode(png(np.zeros((5, 4, 3), np.uint8))).decode()
+    assert load(document.glb(tmp_path / "a.glb")).meshes[0].material.texture.image.shape == (5, 4, 3)
+    image["uri"] = "data:image/png;base64,AAAA"
+    refusal(document.glb(tmp_path / "a.glb"), "a.glb: images[0]: image: ")
+    own = load(tmp_path / "a.glb", texture=np.ones((6, 7, 3))).meshes[0].material.texture
+    assert own.image.shape == (6, 7, 3)
+    refusal(triangle().glb(tmp_path / "b.glb"), "b.glb: TEXCOORD_0: ", texture=np.ones((1, 1, 3)))
+
+
+@pytest.mark.parametrize(
+    "uri",
+    ["/etc/passwd", "../a.bin", "%2e%2e/a.bin", "http://localhost/a.bin", "file:///dev/zero", "C:\\a", "/dev/zero"],
+)
+def test_references_out_of_the_folder(tmp_path, uri):
+    (tmp_path / "a.bin").write_bytes(bytes(100))
+    (tmp_path / "scene").mkdir()
+    document = triangle()
+    path = document.gltf(tmp_path / "scene" / "a.gltf", "own.bin")
+    document.json["buffers"][0]["uri"] = uri
+    (tmp_path / "scene" / "a.gltf").write_text(json.dumps(document.json))
+    refusal(path, "buffers[0].uri: ", "scene's folder")
+
+
+def test_what_is_not_rendered_is_told_once(tmp_path):
+    document = triangle(material=0, targets=[{}])
+    document.mesh({"POSITION": CORNERS}, INDICES, mode=1)
+    document.add("materials", {"normalTexture": {"index": 0}, "emissiveFactor": [1, 1, 1], "occlusionTexture": {}})
+    document.json["materials"][0]["pbrMetallicRoughness"] = {"metallicRoughnessTexture": {"index": 0}}
+    document.add("animations", {})
+    document.json["extensionsUsed"] = ["KHR_materials_clearcoat", "KHR_texture_transform"]
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    assert set(scene.ignored) == {
+        *("KHR_materials_clearcoat", "animations", "normal maps", "emission", "occlusion maps"),
+        *("metallic-roughness textures", "morph targets", "points and lines"),
+    }
+    assert len(messages) == 1
+    assert "a.glb: not rendered: " in messages[0]
+    document.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    refusal(document.glb(tmp_path / "a.glb"), "a.glb: extensionsRequired: ", "'KHR_draco_mesh_compression'")
+
+
+def test_unlit_shows_the_color(tmp_path):
+    document = triangle(material=0)
+    document.add("materials", {"extensions": {"KHR_materials_unlit": {}}})
+    scene = load(document.glb(tmp_path / "a.glb"))
+    material = scene.meshes[0].material
+    assert (material.ka * scene.ambient).tolist() == [1.0] * 3
+    assert scene.ambient[0] == AMBIENT
+    assert not material.kd.any()
+    assert not material.ks.any()
+
+
+def test_cameras(tmp_path):
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    document.add("nodes", {"camera": 0, "translation": [1, 2, 9]})
+    lens = {"yfov": 1.0, "aspectRatio": 2.0, "znear": 0.1}
+    document.add("cameras", {"type": "perspective", "perspective": lens})
+    camera = load(document.glb(tmp_path / "a.glb")).camera
+    assert (camera.eye.tolist(), camera.up.tolist()) == ([1, 2, 9], [0, 1, 0])
+    assert (camera.lookat - camera.eye)[:2].tolist() == [0, 0]
+    assert camera.lookat[2] < 9
+    height = 2 * math.tan(0.5)
+    assert (camera.plane, camera.resolution) == (pytest.approx((height, 2 * height)), (1200, 600))
+    narrow = load(tmp_path / "a.glb", resolution=(300, 300)).camera  # all of the view stays visible
+    assert narrow.plane == pytest.approx((2 * height, 2 * height))
+    document.json["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1}}]
+    camera = load(document.glb(tmp_path / "a.glb")).camera
+    assert (camera.orthographic, camera.plane) == (True, (2.0, 4.0))
+    lens["yfov"] = 4
+    document.json["cameras"] = [{"type": "perspective", "perspective": lens}]
+    refusal(document.glb(tmp_path / "a.glb"), "cameras[0].perspective.yfov: ")
+
+
+def test_lights(tmp_path):
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    for index, place in enumerate(([0.5, 0.5, 10], [0.5, 20.5, 0], [0, 0, 0], [0, 0, 0])):
+        document.add("nodes", {"translation": place, "extensions": {"KHR_lights_punctual": {"light": index}}})
+    kinds = ({"intensity": 100}, {"intensity": 100, "color": [1, 0.5, 0]}, {"type": "directional"}, {"type": "spot"})
+    lights = [{"type": "point", **kind} for kind in kinds]
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    one, two, far = scene.lights
+    assert (one.position.tolist(), one.intensity.tolist()) == ([0.5, 0.5, 10], [1, 1, 1])
+    np.testing.assert_allclose(two.intensity, np.array([1, 0.5, 0]) / 4)  # twice as far
+    assert far.position[2] > 1e5
+    assert scene.ignored == ("spot lights",)
+    assert len(messages) == 1
+
+
+BROKEN = [
+    ({"accessors": 5}, "accessors: expected a list"),
+    ({"accessors.0.count": 4}, "accessors[0].count: "),
+    ({"accessors.0.count": 1 << 40}, "accessors[0].count: "),
+    ({"accessors.0.count": -1}, "accessors[0].count: "),
+    ({"accessors.0.count": 2.5}, "accessors[0].count: "),
+    ({"accessors.0.bufferView": 9}, "accessors[0].bufferView: expected an index of the 2 bufferViews, found 9"),
+    ({"accessors.0.componentType": 5124}, "accessors[0].componentType: "),
+    ({"accessors.0.type": "VEC9"}, "accessors[0].type: "),
+    ({"accessors.0.type": "VEC2"}, "attributes.POSITION: "),
+    ({"accessors.0.byteOffset": -4}, "accessors[0].byteOffset: "),
+    ({"accessors.1.componentType": 5126}, "accessors[1].count: "),
+    ({"bufferViews.0.byteLength": 1 << 50}, "bufferViews[0].byteLength: "),
+    ({"bufferViews.0.byteOffset": 1 << 50}, "bufferViews[0].byteLength: "),
+    ({"bufferViews.0.byteStride": 4}, "accessors[0].bufferView: expected a byteStride of at least 12"),
+    ({"bufferViews.0.buffer": 3}, "bufferViews[0].buffer: "),
+    ({"buffers.0.byteLength": 4096}, "buffers[0].byteLength: "),
+    ({"meshes.0.primitives.0.attributes.POSITION": "x"}, "meshes[0].primitives[0].attributes.POSITION: "),
+    ({"meshes.0.primitives.0.mode": 7}, "meshes[0].primitives[0].mode: "),
+    ({"meshes.0.primitives.0.material": 0}, "material: expected an index of the 0 materials"),
+    ({"meshes.0.primitives.0": []}, "meshes[0].primitives[0]: expected an object"),
+    ({"asset.version": "1.0"}, "asset.version: "),
+    ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "nodes[0]: expected a tree"),
+    ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh: "),
+    ({"nodes": [{"mesh": 0, "matrix": [0] * 15}]}, "nodes[0].matrix: "),
+    ({"nodes": [{"mesh": 0, "matrix": [0] * 16}]}, "nodes[0].matrix: "),
+    ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "nodes[0].rotation: "),
+    ({"nodes": [{"mesh": 0, "scale": [1e300, 1e300, True]}]}, "nodes[0].scale: "),
+    ({"scene": 3, "scenes": [{}]}, "scene: "),
+]
+
+
+@pytest.mark.parametrize(("changes", "part"), BROKEN)
+def test_broken_fields(tmp_path, changes, part):
+    document = triangle()
+    document.glb(tmp_path / "a.glb")
+    for place, value in changes.items():
+        *keys, last = place.split(".")
+        target = document.json
+        for key in keys:
+            target = target[int(key)] if key.isdigit() else target[key]
+        target[int(last) if last.isdigit() else last] = value
+    (tmp_path / "a.glb").write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
+    refusal(tmp_path / "a.glb", "a.glb: ", part)
+
+
+def test_broken_values(tmp_path):
+    for bad in (np.nan, np.inf):
+        document = Gltf()
+        verts = CORNERS.copy()
+        verts[1, 2] = bad
+        document.mesh({"POSITION": verts}, INDICES)
+        refusal(document.glb(tmp_path / "a.glb"), "POSITION: expected finite numbers", "in row 1")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.array([0, 1, 3], np.uint16))
+    refusal(document.glb(tmp_path / "a.glb"), "indices: expected indices below 3, found 3 at place 2")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.array([0, 1], np.uint16))
+    refusal(document.glb(tmp_path / "a.glb"), "indices: expected a multiple of 3")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS, "NORMAL": CORNERS[:2]}, INDICES)
+    refusal(document.glb(tmp_path / "a.glb"), "attributes.NORMAL: ")
+
+
+def test_broken_containers(tmp_path):
+    good = (tmp_path / "good.glb", triangle().glb(tmp_path / "good.glb"))[0].read_bytes()
+    text = b'{"asset":{"version":"2.0"}}'
+    for data, part in (
+        (b"gltf" + good[4:], "magic: "),
+        (good[:4] + struct.pack("<I", 1) + good[8:], "GLB version: "),
+        (good[:-1], "GLB length: "),
+        (good[:16], "GLB header: "),
+        (good[:12] + struct.pack("<I", 1 << 31) + good[16:], "GLB chunk 0 length: "),
+        (good[:16] + b"BIN\0" + good[20:], "GLB chunk 0 type: "),
+        (pack_glb(b"{", None), "JSON: "),
+        (pack_glb(b"[]", None), "JSON: expected an object"),
+        (pack_glb(b"\xff\xfe", None), "JSON: expected UTF-8"),
+        (pack_glb(b"[" * 100000, None), "JSON: "),
+        (pack_glb(b'{"a":NaN}', None), "JSON: "),
+        (pack_glb(b'{"a":1' + b"0" * 5000 + b"}", None), "JSON: "),
+        (pack_glb(b"[" + b"{}," * 3000000 + b"{}]", None), "JSON: expected at most"),
+        (pack_glb(text, None), "meshes: expected at least one triangle"),
+    ):
+        (tmp_path / "a.glb").write_bytes(data)
+        refusal(tmp_path / "a.glb", "a.glb: ", part)
+
+
+def test_too_many_triangles_are_refused_before_they_are_made(tmp_path):
+    document = triangle()
+    primitive = document.json["meshes"][0]["primitives"][0]
+    document.json["meshes"][0]["primitives"] = [primitive] * 600
+    for _ in range(600):
+        document.add("nodes", {"mesh": 0})
+    refusal(document.glb(tmp_path / "a.glb"), "expected at most", "placements")
+
+
+def test_mutations_never_raise_anything_else(tmp_path):
+    document = Gltf()
+    textured(document, np.zeros((2, 2, 3), np.uint8), {"alphaMode": "MASK"})
+    document.add("nodes", {"mesh": 0, "rotation": [0, 0, 0, 1]})
+    good = (tmp_path / "good.glb", document.glb(tmp_path / "good.glb"))[0].read_bytes()
+    path = tmp_path / "a.glb"
+    from clshade.errors import InputError
+
+    for _ in range(300):
+        data = bytearray(good)
+        for place in RNG.integers(0, len(data), RNG.integers(1, 6)):
+            data[place] = RNG.integers(0, 256) if RNG.random() < 0.5 else ord(RNG.choice(list('0159-,:[]{}"e')))
+        path.write_bytes(data[: RNG.integers(1, len(data) + 1)] if RNG.random() < 0.2 else data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                load(path)
+            except InputError as error:
+                assert str(error).isprintable()
+
+
+def test_options(tmp_path):
+    path = triangle().glb(tmp_path / "a.glb")
+    material = load(path, two_sided=True).meshes[0].material
+    assert (material.two_sided, material.sides) == (True, "both")
+    assert load(path, up="z").camera.up.tolist() == [0, 0, 1]
+    assert load(path, crease=40).meshes[0].normals.tolist() == [[0, 0, 1]] * 3
+    refusal(path, "load: up: ", up="x")
+    refusal(path, "load: crease: ", crease=181)
+    refusal(path, "load: crease: ", crease=-1)

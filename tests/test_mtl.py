@@ -1,0 +1,128 @@
+"""Material libraries: options of maps, masks, illumination models, what is told; creases and light of OBJ files."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+from scene_files import TRIANGLE, refusal, write
+
+from clshade.framing import AMBIENT
+from clshade.images import decode_image, read_image
+from clshade.loading import load
+
+TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
+RNG = np.random.default_rng(9)
+
+
+def material_of(tmp_path, text: str):
+    """The mesh of a triangle with that material, and the scene and messages of loading it."""
+    write(tmp_path / "a.mtl", "newmtl m\n" + text)
+    path = write(tmp_path / "a.obj", TEXTURED)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(path)
+    return scene.meshes[0], scene, [str(warning.message) for warning in caught]
+
+
+@pytest.mark.parametrize("name", ["image.png", "my image.png", "my\timage.png", "two  blanks.png", "-s.png", "1 2.png"])
+def test_names_of_images(tmp_path, name):
+    Image.new("RGB", (3, 2)).save(tmp_path / name)
+    mesh, _, messages = material_of(tmp_path, f"map_Kd {name}\n")
+    assert messages == []
+    assert mesh.material.texture.image.shape == (2, 3, 3)
+
+
+def test_options_of_maps(tmp_path):
+    Image.new("RGB", (3, 2)).save(tmp_path / "my image.png")
+    mesh, scene, _ = material_of(tmp_path, "map_Kd -s 2 3 1 -o 0.5 -0.25 -clamp on -blendu on my image.png\n")
+    assert mesh.material.texture.wrap == ("clamp", "clamp")
+    assert scene.ignored == ("option -blendu of maps",)
+    # (u, v) * (2, 3) + (0.5, -0.25) with v = 0 at the bottom, then v = 0 at row 0.
+    assert mesh.uvs.tolist() == [[0.5, 1.25], [2.5, 1.25], [0.5, -1.75]]
+    mesh, _, _ = material_of(tmp_path, "map_Kd -s 2 my image.png\n")
+    assert mesh.uvs.tolist() == [[0, 1], [2, 1], [0, 0]]
+    assert material_of(tmp_path, "map_Kd -mm 0 1 my image.png\n")[1].ignored == ("option -mm of maps",)
+
+
+def test_masks(tmp_path):
+    colors = RNG.integers(0, 256, (2, 3, 3), dtype=np.uint8)
+    mask = np.array([[0, 128, 255], [255, 0, 64]], np.uint8)
+    Image.fromarray(colors).save(tmp_path / "c.png")
+    Image.fromarray(mask).save(tmp_path / "m.png")
+    Image.fromarray(np.dstack([colors, mask])).save(tmp_path / "both.png")
+    plain = read_image(tmp_path / "c.png", srgb=True)
+    for text in ("map_Kd c.png\nmap_d m.png\n", "map_Kd both.png\nmap_d both.png\n"):
+        mesh, scene, messages = material_of(tmp_path, text)
+        assert messages == []
+        assert mesh.material.alpha_cutoff == 0.5
+        assert np.array_equal(mesh.material.texture.image[:, :, :3], plain)
+        np.testing.assert_allclose(mesh.material.texture.image[:, :, 3], mask / 255, atol=1e-6)
+    mesh, _, _ = material_of(tmp_path, "map_d m.png\n")
+    assert (mesh.material.texture.image[:, :, :3] == 1).all()
+    Image.fromarray(np.dstack([colors, mask])[:1]).save(tmp_path / "small.png")
+    mesh, scene, _ = material_of(tmp_path, "map_Kd c.png\nmap_d small.png\n")
+    assert scene.ignored == ("map_d of another size than map_Kd",)
+    assert mesh.material.alpha_cutoff is None
+    _, _, messages = material_of(tmp_path, "map_Kd both.png\n")
+    assert [message.split("/")[-1] for message in messages] == ["both.png: image: its alpha channel is left out"]
+
+
+def test_models_of_illumination(tmp_path):
+    values = "Kd 1 0.5 0.25\nKs 1 1 1\nNs 9\n"
+    mesh, _, _ = material_of(tmp_path, values + "illum 2\n")
+    found = mesh.material
+    assert (found.kd.tolist(), found.ks.tolist(), found.n) == ([1, 0.5, 0.25], [1] * 3, 9)
+    assert found.ka.tolist() == found.kd.tolist()  # no Ka is given
+    assert material_of(tmp_path, values + "illum 1\n")[0].material.ks.tolist() == [0] * 3
+    flat = material_of(tmp_path, values + "illum 0\n")[0].material
+    assert (flat.ka * AMBIENT * flat.color).tolist() == [1, 0.5, 0.25]
+    assert not flat.kd.any()
+    assert material_of(tmp_path, "illum 7\n")[1].ignored == ("reflection and refraction (illum)",)
+
+
+def test_what_is_not_rendered_is_told_once(tmp_path):
+    text = "d 0.5\nTr 0.5\nKe 1 1 1\nmap_Bump -bm 2 b.png\nbump b.png\nmap_Ks k.png\n"
+    _, scene, messages = material_of(tmp_path, text)
+    assert scene.ignored == ("transparency", "emission", "normal maps", "maps of Ka, Ks and Ns")
+    assert len(messages) == 1
+    assert "a.obj: not rendered: transparency, emission" in messages[0]
+    assert material_of(tmp_path, "d 1.0\nTr 0\nKe 0 0 0\nNi 1.5\n")[2] == []
+
+
+def test_creases_of_a_whole_file(tmp_path):
+    verts = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\n"
+    text = verts + "o a\nf 1 2 3\no b\nf 2 1 4\n"
+    for crease, same in ((30, True), (10, False)):
+        one, two = load(write(tmp_path / "a.obj", text), crease=crease).meshes
+        shared = one.normals[one.normal_faces[0, 0]], two.normals[two.normal_faces[0, 1]]
+        assert np.allclose(*shared) is same
+    flat = load(tmp_path / "a.obj", flat=True).meshes[0]
+    assert np.ptp(flat.normals[flat.normal_faces], axis=(0, 1)).max() == 0
+    given = load(write(tmp_path / "b.obj", TRIANGLE + "vn 1 0 0\nf 1//1 2//1 3//1\n"), crease=10).meshes[0]
+    assert given.normals.tolist() == [[1, 0, 0]]  # the file's own stay
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_alpha_is_kept_only_where_it_is_needed(tmp_path, channels):
+    pixels = RNG.integers(0, 256, (4, 5, channels), dtype=np.uint8)
+    image = Image.fromarray(pixels[:, :, 0] if channels == 1 else pixels)
+    image.save(tmp_path / "a.png")
+    found = decode_image((tmp_path / "a.png").read_bytes(), "a.png", srgb=False)
+    assert found.shape == (4, 5, 4 if channels in (2, 4) else 3)
+    expected = np.asarray(image.convert("RGBA")) / 255
+    np.testing.assert_allclose(found, expected[:, :, : found.shape[2]], atol=1e-6)
+    if channels in (2, 4):
+        pixels[:, :, -1] = 255
+        Image.fromarray(pixels).save(tmp_path / "a.png")
+        assert decode_image((tmp_path / "a.png").read_bytes(), "a.png", srgb=False).shape == (4, 5, 3)
+
+
+def test_course_files_take_no_mesh_options(tmp_path):
+    from scene_files import course_dict, save_npy
+
+    path = save_npy(tmp_path / "a.npy", course_dict())
+    refusal(path, "load: crease, flat, up: ", crease=30)
+    assert load(path, two_sided=True).meshes[0].material.two_sided

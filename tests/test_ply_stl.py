@@ -1,0 +1,267 @@
+"""PLY and STL: what a file means, against files written by hand, and what is refused, with its element and row."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from mesh_writers import ply, stl, stl_text
+from PIL import Image
+from scene_files import refusal, write
+
+from clshade import geometry, ply_rows, stl_files
+from clshade.errors import InputError
+from clshade.images import srgb_to_linear
+from clshade.loading import load
+
+RNG = np.random.default_rng(6)
+FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+VERTS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]]
+POINTS = [("3f", row) for row in VERTS]
+HEAD = f"comment x\nelement vertex 4\n{XYZ}"
+FACES = "element face {}\nproperty list uchar int vertex_indices\n"
+
+
+def told(path, **options):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(path, **options)
+    return scene, [str(warning.message) for warning in caught]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_polygons_become_fans(tmp_path, form):
+    for lists in ([[0, 1, 2], [1, 3, 2]], [[0, 1, 3, 2]], [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]]):
+        rows = POINTS + [(f"B{len(row)}i", [len(row), *row]) for row in lists]
+        path = write(tmp_path / "a.ply", ply(form, HEAD + FACES.format(len(lists)), rows))
+        scene, messages = told(path)
+        (mesh,) = scene.meshes
+        assert messages == []
+        assert mesh.verts.tolist() == VERTS
+        assert mesh.verts.dtype == (np.float64 if form == "ascii" else np.float32)
+        assert mesh.faces.tolist() == [[row[0], *row[k : k + 2]] for row in lists for k in range(1, len(row) - 1)]
+        assert mesh.normals is None
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_strips_are_decoded(tmp_path, form):
+    strip = [0, 1, 2, 3, -1, 3, 2, -1, 2, 1, 0]
+    header = HEAD + "element tristrips 2\nproperty list int int vertex_indices\n"
+    rows = [*POINTS, (f"{len(strip) + 1}i", [len(strip), *strip]), ("4i", [3, 1, 2, 3])]
+    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 1, 0], [1, 2, 3]]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_colors_normals_and_coordinates(tmp_path, form):
+    more = "property float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\n"
+    header = HEAD + more + "property uchar blue\nproperty float s\nproperty float t\n" + FACES.format(1)
+    rows = [("6f3B2f", [*row, 0.0, 0.0, 2.0, 255, 0, 128, 0.25, 0.75]) for row in VERTS] + [("B3i", [3, 0, 1, 2])]
+    path = write(tmp_path / "a.ply", ply(form, header, rows))
+    (mesh,) = load(path).meshes
+    np.testing.assert_allclose(mesh.colors[0], srgb_to_linear(np.array([255, 0, 128]) / 255), rtol=1e-6)
+    assert mesh.normals.tolist() == [[0, 0, 2]] * 4
+    assert mesh.uvs.tolist() == [[0.25, 0.25]] * 4  # v = 0 is the bottom in the file
+    assert mesh.material.texture is None
+    assert load(path, texture=np.ones((2, 2, 3))).meshes[0].material.texture.image.shape == (2, 2, 3)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_coordinates_of_corners_and_a_texture(tmp_path, form):
+    header = "comment TextureFile my image.png\n" + HEAD + FACES.format(2) + "property list uchar float texcoord\n"
+    uvs = [[0.0, 0.0, 1.0, 0.0, 0.0, 1.0], [0.5, 0.5, 1.0, 1.0, 0.25, 1.0, 0.0, 0.0]]
+    faces = [[0, 1, 2], [0, 1, 3, 2]]
+    rows = [*POINTS]
+    for face, uv in zip(faces, uvs, strict=True):
+        rows.append((f"B{len(face)}iB{len(uv)}f", [len(face), *face, len(uv), *uv]))
+    path = write(tmp_path / "a.ply", ply(form, header, rows))
+    _, messages = told(path)
+    assert len(messages) == 1
+    assert "TextureFile: there is no file 'my image.png'" in messages[0]
+    Image.new("RGB", (3, 2)).save(tmp_path / "my image.png")
+    (mesh,) = load(path).meshes
+    assert mesh.material.texture.image.shape == (2, 3, 3)
+    corners = mesh.uvs[mesh.uv_faces]
+    assert corners.tolist() == [
+        [[0, 1], [1, 1], [0, 0]],
+        [[0.5, 0.5], [1, 0], [0.25, 0]],
+        [[0.5, 0.5], [0.25, 0], [0, 1]],
+    ]
+    refusal(
+        write(tmp_path / "b.ply", ply(form, header.replace("my image.png", "../a"), rows)), "TextureFile: ", "no .."
+    )
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_colors_of_faces(tmp_path, form):
+    colors = "property float red\nproperty float green\nproperty float blue\n"
+    header = HEAD + FACES.format(2) + colors
+    rows = [*POINTS, ("=B3i3f", [3, 0, 1, 2, 1, 0, 0]), ("=B4i3f", [4, 0, 1, 3, 2, 0, 0.5, 0])]
+    rows = [(kind.lstrip("="), values) for kind, values in rows]
+    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
+    assert mesh.colors.tolist() == [[1, 0, 0]] * 3 + [[0, 0.5, 0]] * 6
+    faces = [[0, 1, 2], [0, 1, 3], [0, 3, 2]]
+    assert mesh.verts[mesh.faces].tolist() == [[VERTS[k] for k in face] for face in faces]
+    smooth = geometry.vertex_normals(VERTS, faces)
+    np.testing.assert_allclose(mesh.normals[mesh.normal_faces], smooth[faces], atol=1e-6)
+
+
+def test_line_ends_and_other_elements(tmp_path):
+    header = HEAD + "element edge 1\nproperty int vertex1\n" + FACES.format(1)
+    data = ply("ascii", header, [*POINTS, ("i", [0]), ("B3i", [3, 0, 1, 2])])
+    scene, messages = told(write(tmp_path / "a.ply", data.replace(b"\n", b"\r\n")))
+    assert scene.ignored == ("element edge",)
+    assert len(messages) == 1
+    assert scene.face_count == 1
+
+
+GOOD = ply("ascii", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])]).decode()
+BINARY = ply("binary_little_endian", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])])
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("plx\n", ["magic: "]),
+        ("ply\nformat ascii 1.0\n", ["header: expected end_header"]),
+        (GOOD.replace("ascii", "zip"), ["line 2: "]),
+        (GOOD.replace("format ascii 1.0\n", ""), ["header: expected a line of format"]),
+        (GOOD.replace("vertex 4", "vertex -4"), ["line 4: element vertex: "]),
+        (GOOD.replace("vertex 4", "vertex 400000000000"), ["element vertex: expected 400000000000 rows"]),
+        (GOOD.replace("vertex 4", "vertex " + "9" * 5000), ["line 4: "]),
+        (GOOD.replace("face 1", "face 1000000"), ["element face: "]),
+        (GOOD.replace("face 1", "face 2"), ["element face: "]),
+        (GOOD.replace("float x", "half x"), ["line 5: "]),
+        (GOOD.replace("float y", "float x"), ["line 6: "]),
+        (GOOD.replace("float z", "float w"), ["element vertex: expected properties x, y and z"]),
+        (GOOD.replace("vertex_indices", "others"), ["element face: expected a list property"]),
+        (GOOD.replace("element face", "element vertex"), ["elements of different names"]),
+        (GOOD.replace("3 0 1 2", "3 0 1 -1"), ["element face: row 0: expected indices from 0 to 3, found -1"]),
+        (GOOD.replace("3 0 1 2", "3 0 1 4"), ["element face: row 0", "found 4"]),
+        (GOOD.replace("3 0 1 2", "3 0 1 4294967298"), ["element face: row 0"]),
+        (GOOD.replace("3 0 1 2", "3 0 1 1.5"), ["element face: row 0", "1.5"]),
+        (GOOD.replace("3 0 1 2", "3 0 1 nan"), ["element face: row 0"]),
+        (GOOD.replace("3 0 1 2", "2 0 1"), ["element face: row 0: expected at least 3 corners"]),
+        (GOOD.replace("3 0 1 2", "-3 0 1 2"), ["element face: row 0: vertex_indices: "]),
+        (GOOD.replace("3 0 1 2", "3 0 1 2 9"), ["rows: "]),
+        (GOOD.replace("1.0 1.0 0.5", "1.0 nan 0.5"), ["element vertex: row 3: y: ", "nan"]),
+        (GOOD.replace("1.0 1.0 0.5", "1.0 1e999 0.5"), ["element vertex: row 3: y: ", "inf"]),
+        (GOOD.replace("1.0 1.0 0.5", "1.0 abc 0.5"), ["line 14: expected numbers, found 'abc'"]),
+        (GOOD.replace("face 1", "face 0").replace("3 0 1 2\n", ""), ["element face: expected at least one triangle"]),
+        (BINARY[:-1], ["element face: "]),
+        (BINARY[:-13], ["element face: "]),
+        (BINARY[:-20], ["element vertex: "]),
+        (BINARY[:-40], ["element vertex: "]),
+        (BINARY[:-13] + b"\xff" + BINARY[-12:], ["element face: row 0: vertex_indices: "]),
+        (BINARY.replace(b"uchar int", b"int int"), ["element face: "]),
+    ],
+)
+def test_refused_ply(tmp_path, text, parts):
+    refusal(write(tmp_path / "bad.ply", text), "bad.ply: ", *parts)
+
+
+def test_a_ragged_file_cut_anywhere_is_refused(tmp_path):
+    rows = [*POINTS, ("B3i", [3, 0, 1, 2]), ("B4i", [4, 0, 1, 3, 2])]
+    whole = ply("binary_big_endian", HEAD + FACES.format(2), rows)
+    for cut in range(len(whole) - 60, len(whole)):
+        refusal(write(tmp_path / "bad.ply", whole[:cut]), "bad.ply: element ")
+
+
+def test_open_surfaces_are_lit_on_both_sides(tmp_path):
+    tetrahedron = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    for faces, two_sided in ((tetrahedron, False), (tetrahedron[:3], True), ([*tetrahedron[:3], [0, 2, 3]], True)):
+        rows = POINTS + [("B3i", [3, *face]) for face in faces]
+        path = write(tmp_path / "a.ply", ply("ascii", HEAD + FACES.format(len(faces)), rows))
+        assert load(path).meshes[0].material.two_sided is two_sided
+        assert load(path, two_sided=not two_sided).meshes[0].material.two_sided is not two_sided
+        text = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTS)
+        text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+        assert load(write(tmp_path / "a.obj", text)).meshes[0].material.two_sided is two_sided
+
+
+TRIANGLES = RNG.standard_normal((7, 3, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("chunk", [10, 1 << 20])
+def test_stl_of_both_kinds(tmp_path, monkeypatch, chunk):
+    monkeypatch.setattr(stl_files, "_CHUNK", chunk)
+    text = stl_text(TRIANGLES)
+    for data in (
+        stl(TRIANGLES),
+        text,
+        text.upper(),
+        text.replace("\n", "\r\n"),
+        text + text.replace("solid a", "solid"),
+    ):
+        (mesh,) = load(write(tmp_path / "a.stl", data)).meshes
+        assert np.array_equal(mesh.verts.reshape(-1, 3, 3)[:7], TRIANGLES)
+        assert mesh.faces.reshape(-1).tolist() == list(range(len(mesh.verts)))
+        assert mesh.normals is None  # unshared corners: flat
+        assert mesh.material.two_sided
+    assert len(mesh.verts) == 42
+
+
+def test_stl_options_and_attributes(tmp_path):
+    square = [[VERTS[0], VERTS[1], VERTS[2]], [VERTS[1], [1, 1, 0], VERTS[2]]]
+    path = write(tmp_path / "a.stl", stl(square, attribute=1))
+    scene, messages = told(path)
+    assert scene.ignored == ("colors or attributes of facets",)
+    assert len(messages) == 1
+    assert scene.camera.up.tolist() == [0, 0, 1]
+    assert scene.camera.eye[2] > scene.camera.lookat[2]
+    scene, _ = told(path, crease=30, up="y")
+    assert scene.meshes[0].verts.tolist() == [VERTS[0], VERTS[1], VERTS[2], [1, 1, 0]]
+    assert scene.meshes[0].faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+    assert scene.meshes[0].normals.tolist() == [[0, 0, 1]] * 4
+    assert scene.camera.up.tolist() == [0, 1, 0]
+    refusal(path, "a.stl: texture: ", texture=np.ones((1, 1, 3)))
+
+
+@pytest.mark.parametrize(
+    ("data", "parts"),
+    [
+        (stl(TRIANGLES)[:-1], ["facet count: expected 434 bytes for its 7 facets, found 433 bytes"]),
+        (b"\xff" * 84, ["facet count: "]),
+        (b"short", ["facet count: "]),
+        (stl([]), ["facet count: "]),
+        ("solid x\nendsolid x\n", ["facet count: "]),
+        (stl(np.where(np.arange(63).reshape(7, 3, 3) == 30, np.nan, 1)), ["facet 3: vertex 1: expected finite", "nan"]),
+        (stl_text(TRIANGLES).replace("endfacet", "end", 1), ["facet 0: expected endfacet, found 'end'"]),
+        (stl_text(TRIANGLES).replace("vertex", "vertex x", 1), ["facet 0: vertex: expected numbers, found 'x'"]),
+        (stl_text([[[0, 0, 0], [1, 0, 0], [0, 1, 1e300]]]), ["facet 0: vertex 2: expected finite"]),
+        (stl_text(TRIANGLES)[:900], ["facet "]),
+        ("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", ["facet 0: expected endfacet, found the end"]),
+    ],
+)
+def test_refused_stl(tmp_path, data, parts):
+    refusal(write(tmp_path / "bad.stl", data), "bad.stl: ", *parts)
+
+
+def test_mutations_never_raise_anything_else(tmp_path):
+    ragged = ply(
+        "binary_little_endian", HEAD + FACES.format(2), [*POINTS, ("B3i", [3, 0, 1, 2]), ("B4i", [4, 0, 1, 3, 2])]
+    )
+    sources = [
+        ("a.ply", GOOD.encode()),
+        ("a.ply", ragged),
+        ("a.stl", stl(TRIANGLES)),
+        ("a.stl", stl_text(TRIANGLES).encode()),
+    ]
+    for count in range(400):
+        name, good = sources[count % 4]
+        data = bytearray(good)
+        for place in RNG.integers(0, len(data), RNG.integers(1, 4)):
+            data[place] = RNG.integers(0, 256) if RNG.random() < 0.5 else RNG.choice(list(b"0159- \n"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                load(write(tmp_path / name, bytes(data)))
+            except InputError as error:
+                assert str(error).isprintable()
+
+
+def test_ascii_in_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr(ply_rows, "_CHUNK", 5)
+    assert load(write(tmp_path / "a.ply", GOOD)).meshes[0].faces.tolist() == [[0, 1, 2]]
