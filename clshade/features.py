@@ -78,8 +78,9 @@ def replaces_colors(mesh: Mesh) -> bool:
 
 def alpha_tested(mesh: Mesh) -> bool:
     """Whether some pixels of the mesh may be left out for their alpha."""
-    material = mesh.material
-    return texture_applies(mesh) and material.alpha_cutoff is not None and material.texture.image.shape[2] == 4
+    texture = mesh.material.texture
+    tested = mesh.uvs is not None and mesh.material.alpha_cutoff is not None
+    return texture is not None and tested and texture.image.shape[2] == 4
 
 
 def _colored(mesh: Mesh) -> bool:

@@ -106,11 +106,13 @@ class Frame:
         Returns warnings, one line each. Raises OutputError when a file can't be written.
         """
         from . import atomic, exr, png
+        from .tonemap import tonemap as apply
 
         path = Path(path)
         stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
         if not stem.name:
             raise refuse("Frame.save", "path", "a file name", str(path))
+        apply(self.rgb[:1, :1], tonemap or default_tonemap(self.scene), exposure)  # refused before anything is written
         # The PNG appears once the EXR has: of the two, either both are written or none. Both compress outside Python's
         # lock, so they do it side by side.
         with atomic.replacing(stem.with_name(stem.name + ".png")) as file, ThreadPoolExecutor(1) as beside:

@@ -11,7 +11,7 @@ from .framing import RESOLUTION
 from .gltf_json import Item
 from .scene import MAX_RESOLUTION, Array, Camera, PointLight
 
-MAX_NODES = 1 << 17
+MAX_NODES = 1 << 16
 _FAR = 1e6  # distance of a directional light, in bounding radii
 
 

@@ -258,7 +258,7 @@ def _ascii_rows(values: Array, place: int, element: Element, owner: str) -> int:
         element.columns.update({item.name: table[:, k] for k, item in enumerate(element.properties)})
         return place + table.size
     starts, counts = ([array("q") for _ in listed] for _ in range(2))
-    words, first = memoryview(values)[place:], place
+    words, first = values.data[place:], place
     place = 0
     for row in range(element.rows):
         for number, is_list in enumerate(listed):

@@ -19,8 +19,8 @@ ulong sort_key(double depth, int index)
 
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
 
-// Whether a triangle, its box given, covers the center of a pixel. Only looked into where the box holds few pixels; such a
-// triangle reaches over less than FEW_PIXELS + 1 pixels, so that its edge functions fit an int.
+// Whether a triangle that reaches over less than FEW_PIXELS + 1 pixels each way, so that its edge functions fit an int,
+// covers the center of a pixel. Only looked into where its box holds few pixels.
 int may_cover(const Triangle *t, const Bounds *bounds)
 {
     int columns = bounds->box[2] - bounds->box[0] + 1, rows = bounds->box[3] - bounds->box[1] + 1;
@@ -65,6 +65,7 @@ Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_onl
     int2 up = centers_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]));
     if (across.x > across.y || up.x > up.y)
         return BETWEEN_SAMPLES;
+    int small = across.y - across.x < FEW_PIXELS && up.y - up.x < FEW_PIXELS;  // itself, not its part in the image
     across = (int2)(max(across.x, 0), min(across.y, image->columns - 1));
     up = (int2)(max(up.x, 0), min(up.y, image->rows - 1));
     if (across.x > across.y || up.x > up.y)
@@ -75,7 +76,7 @@ Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_onl
     bounds->box[1] = up.x;
     bounds->box[2] = across.y;
     bounds->box[3] = up.y;
-    if (!may_cover(t, bounds))
+    if (small && !may_cover(t, bounds))
         return BETWEEN_SAMPLES;
     bounds->nearest = fmax(fmax(t->w[0], t->w[1]), t->w[2]);
     t->face = face;

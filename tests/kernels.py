@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pyopencl as cl
+import pytest
 
 from clshade import layout
 from clshade.device import Device
@@ -17,6 +18,8 @@ from clshade.sorting import front_to_back
 from clshade.stages import Buffer, Stages, TriangleBuffers, VertexBuffers
 
 LANES = (1, 4, 8, 16)
+# Besides 16: scalars every day; vectors of other widths, each of which is a program to build, with -m long.
+OTHER_LANES = (1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long))
 Array = np.ndarray
 
 

@@ -73,10 +73,11 @@ def test_render_object_is_the_oracles(device, shader, n):
 
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("count", range(5))
-def test_any_number_of_lights(device, shader, count):
-    scene = replace(surfaced(SCENE), lights=LIGHTS[:count])
-    arguments = reference.scene_arguments(scene, shader=shader)
-    assert_like_the_oracle(device, scene, shader, course.render_object(**arguments))
+def test_any_number_of_lights(shader, count):
+    scene = replace(surfaced(SCENE, n=20), lights=LIGHTS[:count])
+    image = course.render_object(**reference.scene_arguments(scene, shader=shader))
+    expected = oracle.render(scene, Settings.from_preset("course", shader=shader))
+    compare.assert_colors_within(image[::-1].astype(np.float32), expected)
 
 
 @pytest.mark.parametrize("shader", SHADERS)
@@ -87,18 +88,15 @@ def test_render_object_map_is_the_oracles(device, shader):
 
 
 def test_cat(device, data_folder):
-    for texture in (None, data_folder / "cat_diff.png"):
-        scene = clshade.load(data_folder / "cat.npy", texture=texture, resolution=(160, 160))
-        for shader in SHADERS if texture else SHADERS[:2]:
-            if texture:
-                texels = scene.meshes[0].material.texture.image
-                image = course.render_object_map(**reference.map_arguments(scene, texels, shader=shader))
-            else:
-                image = course.render_object(**reference.scene_arguments(scene, shader=shader))
-            chosen = Settings.from_preset("course", shader=shader, layers=("Z", "id"))
-            frame = clshade.render(scene, settings=chosen, device=device)
-            compare.assert_frame(frame, oracle.render(scene, chosen), scene, chosen)
-            assert (image == frame.rgb[::-1]).all()
+    """The course's own scene: every vertex color, and every texel at a corner, at its place."""
+    scene = clshade.load(data_folder / "cat.npy", texture=data_folder / "cat_diff.png", resolution=(160, 160))
+    texels = scene.meshes[0].material.texture.image
+    for shader in SHADERS:
+        chosen = Settings.from_preset("course", shader=shader)
+        image = course.render_object_map(**reference.map_arguments(scene, texels, shader=shader))
+        compare.assert_colors_within(image[::-1].astype(np.float32), oracle.render(scene, chosen))
+        image = course.render_object(**reference.scene_arguments(scene, shader=shader))
+        compare.assert_colors_within(image[::-1].astype(np.float32), oracle.render(surfaced(scene), chosen))
 
 
 # Closed forms
@@ -226,7 +224,9 @@ def test_linear_in_the_intensity(factor, shader):
 @few
 @given(order=st.permutations(range(4)), shader=st.sampled_from(["gouraud", "phong"]))
 def test_the_order_of_lights_is_only_rounding(order, shader):
-    positions, intensities = (np.array([getattr(light, name) for light in LIGHTS]) for name in ("position", "intensity"))
+    positions, intensities = (
+        np.array([getattr(light, name) for light in LIGHTS]) for name in ("position", "intensity")
+    )
     one = drawn(shader=shader, n=20, l_pos=positions, l_int=intensities)
     other = drawn(shader=shader, n=20, l_pos=positions[order], l_int=intensities[order])
     assert np.allclose(one, other, rtol=16 * ULP, atol=1e-12)
@@ -374,7 +374,7 @@ def textured_quad(texture_map, **changes) -> np.ndarray:
     return course.render_object_map(**arguments, uvs=uvs, uvs_faces=arguments["faces"], texture_map=texture_map)
 
 
-TEXELS = np.array([[[200, 10, 20], [30, 210, 40]], [[50, 60, 220], [255, 255, 0]]], np.uint8)
+TEXELS = np.array([[[200, 10, 20], [30, 210, 40]], [[50, 60, 220], [250, 90, 150]]], np.uint8)
 
 
 @pytest.mark.parametrize("kind", ["RGB", "RGBA", "L", "P", "16", "16 grey"])
@@ -405,7 +405,7 @@ def test_texture_images(tmp_path, kind):
         inside = found[5:13, 5:13][row, column]
         # The pixel is half a pixel (of a quad of 9) inside the corner: a mean of the corners by affine weights.
         assert np.abs(inside - expected[y, x]).max() < 1.5 / half
-        assert inside.argmax() == expected[y, x].argmax() or np.ptp(expected[y, x]) == 0.0
+        assert inside.argmax() == expected[y, x].argmax()
 
 
 def test_integer_textures_are_divided_by_their_maximum():

@@ -415,7 +415,7 @@ def test_too_many_triangles_are_refused_before_they_are_made(tmp_path):
     document.json["meshes"][0]["primitives"] = [primitive] * 600
     for _ in range(600):
         document.add("nodes", {"mesh": 0})
-    refusal(document.glb(tmp_path / "a.glb"), "expected at most", "placements")
+    refusal(document.glb(tmp_path / "a.glb"), "at most", "placements")
 
 
 def test_mutations_never_raise_anything_else(tmp_path):
@@ -426,6 +426,7 @@ def test_mutations_never_raise_anything_else(tmp_path):
     path = tmp_path / "a.glb"
     from clshade.errors import InputError
 
+    texts = []
     for _ in range(300):
         data = bytearray(good)
         for place in RNG.integers(0, len(data), RNG.integers(1, 6)):
@@ -436,7 +437,9 @@ def test_mutations_never_raise_anything_else(tmp_path):
             try:
                 load(path)
             except InputError as error:
-                assert str(error).isprintable()
+                texts.append(str(error))
+    assert texts
+    assert all(text.isprintable() for text in texts)
 
 
 def test_options(tmp_path):

@@ -126,7 +126,9 @@ def test_the_oracle_never_reads_the_kernels(module):
     calls = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
     assert not calls & {"open", "__import__", "exec", "eval", "compile"}
     strings = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
-    docs = {ast.get_docstring(node, clean=False) for node in ast.walk(tree) if hasattr(node, "body") and _documented(node)}
+    docs = {
+        ast.get_docstring(node, clean=False) for node in ast.walk(tree) if hasattr(node, "body") and _documented(node)
+    }
     assert not [s for s in strings if s not in docs and re.search(r"kernels?\b|\.clh?\b", s)]
 
 

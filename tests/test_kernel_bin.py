@@ -10,7 +10,7 @@ from clshade.oracle import coverage
 from kernels import Pipeline, vertices_at
 
 TILE = layout.TILE_SIZE
-FILES = ("setup.cl", "bin.cl")
+FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
 
 
 def triangles(seed: int, count: int = 1500) -> np.ndarray:
@@ -26,7 +26,7 @@ def triangles(seed: int, count: int = 1500) -> np.ndarray:
 
 def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
     """The pipeline, a random order of the visible triangles, and all boxes."""
-    pipeline = Pipeline(device, FILES, resolution)
+    pipeline = Pipeline(device, FILES, resolution, OWNERS=1)
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
     pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
     return pipeline, pipeline.sort(), coverage.setup(xy, *resolution).box

@@ -249,6 +249,7 @@ def test_mutations_never_raise_anything_else(tmp_path):
         ("a.stl", stl(TRIANGLES)),
         ("a.stl", stl_text(TRIANGLES).encode()),
     ]
+    texts = []
     for count in range(400):
         name, good = sources[count % 4]
         data = bytearray(good)
@@ -259,7 +260,9 @@ def test_mutations_never_raise_anything_else(tmp_path):
             try:
                 load(write(tmp_path / name, bytes(data)))
             except InputError as error:
-                assert str(error).isprintable()
+                texts.append(str(error))
+    assert texts
+    assert all(text.isprintable() for text in texts)
 
 
 def test_ascii_in_chunks(tmp_path, monkeypatch):
