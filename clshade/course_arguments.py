@@ -126,11 +126,20 @@ def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Array:
     return found
 
 
+def _all_finite(owner: str, name: str, found: Array) -> None:
+    """Raises InputError for NaN or infinity in a large array."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        # The sum is cheap, and finite unless something is not or it overflows.
+        if found.dtype.kind == "f" and not np.isfinite(found.sum()) and not np.isfinite(found).all():
+            raise refuse(owner, name, "finite numbers", "NaN or infinity")
+
+
 def texel_array(owner: str, value: Any) -> Array:
-    """`texture_map` as a contiguous array of its own type; `texture` checks its values."""
+    """`texture_map` as a contiguous array of its own type."""
     found = array(owner, "texture_map", value)
     if found.ndim != 3 or found.shape[2] != 3 or 0 in found.shape:
         raise refuse(owner, "texture_map", "an array of shape (h, w, 3)", found)
+    _all_finite(owner, "texture_map", found)
     return np.ascontiguousarray(found)
 
 
@@ -147,8 +156,5 @@ def image(owner: str, value: Any) -> Array:
     found = array(owner, "X", value)
     if found.ndim != 3 or found.shape[2] != 3 or not 0 < min(found.shape) <= max(found.shape) <= MAX_RESOLUTION:
         raise refuse(owner, "X", f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}", found)
-    with np.errstate(over="ignore", invalid="ignore"):
-        # The sum is cheap, and finite unless something is not or it overflows.
-        if found.dtype.kind == "f" and not np.isfinite(found.sum()) and not np.isfinite(found).all():
-            raise refuse(owner, "X", "finite numbers", "NaN or infinity")
+    _all_finite(owner, "X", found)
     return np.array(found, np.float64, order="C")
