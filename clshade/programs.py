@@ -107,7 +107,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
                 program = cl.Program(device.context, source).build(options)
             except cl.RuntimeError as error:
                 lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-                raise DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}") from error
+                raise DeviceError(
+                    f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
+                ) from error
             _store(program, stored)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
         _built[key] = Program(features, lanes, time.perf_counter() - start, kernels)

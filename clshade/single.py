@@ -89,7 +89,11 @@ def light_point(device: Device, around: Surroundings, normal: Array, color: Arra
     stages = _stages(device, "phong", around, "light.cl")
     lit = _Lit(device, around)
     # Every buffer keeps its name until the kernels are done: its memory goes with it.
-    points, normals, colors = Buffer(device, lit.relative), _four(device, unit(normal[None])), _four(device, color[None])
+    points, normals, colors = (
+        Buffer(device, lit.relative),
+        _four(device, unit(normal[None])),
+        _four(device, color[None]),
+    )
     result = Buffer.empty(device, (1, 4), np.float32)
     stages.light(points, normals, colors, lit.materials, lit.lights, result, lit.count, 1)
     return result.to_host()[0, :3].astype(np.float64)

@@ -54,7 +54,9 @@ class Buffer:
         self.array = np.ascontiguousarray(array)
         size = self.array.nbytes
         if size > device.max_allocation:
-            raise DeviceError(f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}")
+            raise DeviceError(
+                f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}"
+            )
         try:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)

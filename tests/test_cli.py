@@ -16,7 +16,8 @@ from devices import working_devices
 from clshade import cli, exr, png
 
 ROOT = Path(__file__).resolve().parent.parent
-SMALL = ("render", "quads", "--resolution", "32,24")
+# With these options the program is the one that test_frames.py builds for the scene.
+SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course", "--layers", "Z,id")
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 
@@ -55,14 +56,14 @@ def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
     assert "32x24" in out
     assert f"{stem}.exr" in out
     channels, _ = exr.read(tmp_path / f"{stem}.exr")
-    assert set(channels) == {"R", "G", "B", "A"}
+    assert set(channels) == {"R", "G", "B", "A", "Z", "id"}
     assert channels["R"].shape == (24, 32)
     assert png.read(tmp_path / f"{stem}.png").shape == (24, 32, 3)
 
 
 @needs_device
 def test_render_as_a_process_in_a_folder(tmp_path):
-    """The defaults: `out.exr` and `out.png` here."""
+    """The default of -o: `out.exr` and `out.png` here."""
     done = process(*SMALL, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert listing(tmp_path) == ["out.exr", "out.png"]
@@ -70,14 +71,13 @@ def test_render_as_a_process_in_a_folder(tmp_path):
 
 @needs_device
 def test_options_reach_the_image(tmp_path, capsys):
-    options = ("--layers", "Z,id", "--deterministic", "--stats")
+    options = ("--deterministic", "--stats")
     code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", *options)
     assert (code, err) == (0, [])
     stats = json.loads(out)
     assert stats["resolution"] == [32, 24]
     assert "phong" in stats["times_ms"]
     channels, header = exr.read(tmp_path / "a.exr")
-    assert {"Z", "id"} < set(channels)
     assert channels["id"].min() > 0
     assert "renderTimeSeconds" not in header
     first = (tmp_path / "a.exr").read_bytes()

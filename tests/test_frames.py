@@ -340,7 +340,7 @@ def test_parallel_projection(device):
     ("name", "options"),
     [
         ("course", {"shader": "gouraud"}),
-        ("box_room", {"shader": "gouraud"}),
+        pytest.param("box_room", {"shader": "gouraud"}, marks=pytest.mark.long),
         pytest.param("quads", {"preset": "course", "shader": "phong"}, marks=pytest.mark.long),
         pytest.param("course", {"preset": "standard", "shader": "nolight"}, marks=pytest.mark.long),
     ],

@@ -83,7 +83,8 @@ def test_the_corners_light_is_interpolated(device, inputs, ways):
     assert not rgba[owners < 0].any()
 
 
-@pytest.mark.parametrize("perspective", [pytest.param(0, marks=pytest.mark.long), 1])
+@pytest.mark.long
+@pytest.mark.parametrize("perspective", [0, 1])
 def test_without_light_the_colors_are_interpolated(device, inputs, perspective):
     """nolight: LIT is 0."""
     pipeline = pipeline_of(device, inputs, {}, LIT=0, PERSPECTIVE=perspective)

@@ -76,6 +76,7 @@ def test_lanes_do_not_change_a_bit(device, inputs, lanes):
     assert np.array_equal(bits(first), bits(rgba))
 
 
+@pytest.mark.long
 def test_exponent_one_needs_no_power(device, inputs):
     plain = stage_oracle.with_exponent(inputs, 1.0)
     with_power, _ = draw(device, plain, STANDARD)
