@@ -103,7 +103,7 @@ def test_pieces_pass_drop_and_cut():
     straddling = [[-1.0, -1, 4], [1, -1, 4], [0, 1, -4]]
     huge = [[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]]
     aside = [[1e6, 0, 4], [2e6, 1, 4], [2e6, 2, 4]]
-    cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, *VIEW)
+    cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, transform.Lens(*VIEW))
     assert cut.face.tolist()[:4] == [0, 0, 2, 3]  # in the order of the faces
     assert set(cut.face.tolist()) == {0, 2, 3}
     assert np.array_equal(cut.weights[2], np.eye(3))
@@ -117,7 +117,7 @@ def test_pieces_pass_drop_and_cut():
 def test_guard_band_of_an_oblong_image():
     corners = np.array([[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]])
     view = (2.0, (1.0, 4.0), (64, 20))
-    cut = clip.pieces(corners[None], 0.1, *view)
+    cut = clip.pieces(corners[None], 0.1, transform.Lens(*view))
     assert np.abs(cut.xy[..., 0]).max() == np.abs(cut.xy[..., 1]).max() == clip.GUARD * 256
     assert sum(coverage.triangle_mask(xy, 64, 20).astype(int) for xy in cut.xy).tolist() == [[1] * 64] * 20
     back = transform.project(cut.weights @ corners, *view)

@@ -93,18 +93,23 @@ def _fill(image: Array, corners: Array, colors: Array) -> None:
 
 
 def render(scene: Scene, shader: str = "phong") -> Array:
-    """The image of a scene of one mesh without texture and placements, (M, N, 3) float64, row 0 at the BOTTOM.
+    """The image of a course scene of one mesh without texture, (M, N, 3) float64, row 0 at the BOTTOM.
 
     shader: gouraud, phong or nolight. Raises InputError for a scene that it cannot draw.
     """
-    if len(scene.meshes) != 1 or len(np.asarray(scene.meshes[0].instances)) != 1 or scene.background is None:
-        raise refuse("scanline.render", "scene", "one mesh, placed once, before a background", scene.name)
+    owner = "scanline.render"
+    if scene.preset != "course" or len(scene.meshes) != 1 or scene.background is None:
+        raise refuse(owner, "scene", "a course scene of one mesh, with a background", scene.name)
     mesh, camera = scene.meshes[0], scene.camera
     material = mesh.material
+    if material.texture is not None:
+        raise refuse(owner, "material.texture", "none", material.texture.name)
     verts = mesh.verts.astype(np.float64)
     colors = np.ones_like(verts) if mesh.colors is None else mesh.colors.astype(np.float64)
     normals = vertex_normals(verts, mesh.faces)
     positions, depths = project(verts, camera)
+    if depths.min(initial=1.0) <= 0.0:
+        raise refuse(owner, "verts", "positions before the eye", f"depth {depths.min():g}")
     lights = [(source.position, source.intensity) for source in scene.lights]
     light_arguments = (camera.eye, material.ka * scene.ambient, material.kd, material.ks, material.n, lights)
     columns, rows = camera.resolution

@@ -122,7 +122,8 @@ def pieces(corners: Array, near: float, lens: Lens) -> Pieces:
     all_points = all_points[order]
     return Pieces(
         face=all_faces[order],
-        xy=snap(project(all_points, *lens)),
+        # Rounding can leave a crossing of an edge 1e36 long beyond the guard band: held to it, as integers must be.
+        xy=snap(np.clip(project(all_points, *lens), -GUARD, GUARD)),
         z=all_points[:, :, 2],
         weights=np.concatenate(weights)[order],
     )
