@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Camera": "scene",
+    "Camera": "camera",
     "PointLight": "scene",
     "Material": "scene",
     "Texture": "scene",
@@ -32,11 +32,11 @@ __all__ = [*_HOMES, "__version__"]
 if TYPE_CHECKING:
     from . import course as course
     from . import errors as errors
+    from .camera import Camera as Camera
     from .frame import Frame as Frame
     from .loading import load as load
     from .renderer import Renderer as Renderer
     from .renderer import render as render
-    from .scene import Camera as Camera
     from .scene import Material as Material
     from .scene import Mesh as Mesh
     from .scene import PointLight as PointLight

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .camera import Camera
 from .layout import GUARD_PIXELS, SUBPIXEL_BITS
-from .scene import Array, Camera
+from .validation import Array
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,15 @@ from typing import Any
 import numpy as np
 
 from . import course_arguments as checked
+from .camera import Camera
 from .course_files import save_course as save
 from .device import Device, shared_device
 from .geometry import vertex_normals
 from .recent import Recent
 from .renderer import Renderer
-from .scene import SHADERS, Array, Camera, Material, Mesh, PointLight, Scene, choice, coefficient, refuse, vector
+from .scene import SHADERS, Material, Mesh, PointLight, Scene
 from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
+from .validation import Array, choice, coefficient, refuse, vector
 
 __all__ = [
     "bilerp",

@@ -9,23 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from .camera import MAX_RESOLUTION, Camera
 from .course_files import upright
 from .errors import InputError
-from .scene import (
-    MAX_FACES,
-    MAX_RESOLUTION,
-    Array,
-    Camera,
-    Material,
-    Texture,
-    coefficient,
-    indices,
-    integer,
-    number,
-    refuse,
-    rows,
-    vector,
-)
+from .scene import MAX_FACES, Material, Texture
+from .validation import Array, coefficient, indices, integer, number, refuse, rows, vector
 
 _WIDTHS = {"verts": 3, "verts_colors": 3, "faces": 3, "uvs": 2, "uvs_faces": 3}
 

@@ -12,26 +12,12 @@ import numpy as np
 
 from . import course_pickle
 from .atomic import Path, shown, write_bytes
+from .camera import MAX_RESOLUTION, Camera
 from .errors import InputError
 from .images import as_texture
 from .reading import complaint, read_file
-from .scene import (
-    MAX_RESOLUTION,
-    Array,
-    Camera,
-    Material,
-    Mesh,
-    PointLight,
-    Scene,
-    Texture,
-    coefficient,
-    indices,
-    integer,
-    number,
-    refuse,
-    rows,
-    vector,
-)
+from .scene import Material, Mesh, PointLight, Scene, Texture
+from .validation import Array, coefficient, indices, integer, number, refuse, rows, vector
 
 MAX_BYTES = 1 << 31  # of a course file
 _WIDTHS = {"verts": 3, "vertex_colors": 3, "face_indices": 3, "uvs": 2, "face_uv_indices": 3}

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .reading import complaint, quoted
-from .scene import Array
+from .validation import Array
 
 MAX_OPCODES = 1 << 20
 MAX_HEADER = 4096  # bytes; a course file's header has 118

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .geometry import _exponent, _normalized
-from .scene import Array, number, refuse
+from .validation import Array, number, refuse
 
 
 def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array]:

@@ -17,10 +17,11 @@ import numpy as np
 
 from . import atomic
 from .atomic import Path, shown
+from .camera import Camera
 from .errors import InputError
 from .geometry import look_at
 from .reading import complaint, quoted, read_file
-from .scene import Array, Camera
+from .validation import Array
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .scene import Array, Scene, Settings, refuse
+from .scene import Scene, Settings
+from .validation import Array, refuse
 
 
 class Frame:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .scene import Array, Scene, refuse, vector
+from .scene import Scene
+from .validation import Array, refuse, vector
 
 
 def _exponent(values: Array) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from .atomic import Path, shown
 from .gltf_json import Item, parse
 from .reading import beside, complaint, quoted, read_file
-from .scene import Array
+from .validation import Array
 
 MAX_BYTES = 1 << 31  # of a file
 MAX_ROWS = 1 << 26  # of an accessor

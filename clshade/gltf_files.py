@@ -21,8 +21,9 @@ from .gltf_materials import Materials, Surface
 from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
 from .mesh_options import Options, told
 from .reading import complaint, quoted
-from .scene import MAX_FACES, Array, Mesh, Scene
+from .scene import MAX_FACES, Mesh, Scene
 from .triangulation import single_fan, strips
+from .validation import Array
 
 # Extensions that are rendered, and those that only hold what a renderer may leave out.
 RENDERED = (

@@ -12,7 +12,7 @@ import numpy as np
 
 from .errors import InputError
 from .reading import complaint, quoted
-from .scene import Array
+from .validation import Array
 
 MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
 

@@ -12,7 +12,8 @@ import numpy as np
 from .atomic import Path, shown
 from .errors import InputError
 from .reading import complaint, read_file
-from .scene import Array, Texture
+from .scene import Texture
+from .validation import Array
 
 MAX_BYTES = 1 << 29  # of an image file
 MAX_SIDE = 32768  # pixels; scene.Texture takes no more

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .atomic import Path, shown
+from .camera import MAX_RESOLUTION
 from .course_files import read_course, save_course
 from .errors import InputError
 from .gltf_files import read_gltf
@@ -21,8 +22,9 @@ from .mesh_files import DEFAULT_MATERIAL, read_obj
 from .mesh_options import Options
 from .ply_files import read_ply
 from .reading import complaint, quoted, size_of
-from .scene import MAX_RESOLUTION, Scene, integer, refuse
+from .scene import Scene
 from .stl_files import read_stl
+from .validation import integer, refuse
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 

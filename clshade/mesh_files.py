@@ -16,7 +16,8 @@ from .mesh_options import Options, told
 from .mtl_files import Library
 from .obj_text import ObjText, Run, parse_obj
 from .reading import complaint, quoted, read_file
-from .scene import Array, Material, Mesh, Scene, Texture
+from .scene import Material, Mesh, Scene, Texture
+from .validation import Array
 
 MAX_BYTES = 1 << 31  # of a mesh file
 

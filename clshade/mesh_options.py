@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .creases import crease_angle
-from .scene import Material, Scene, Texture, choice
+from .scene import Material, Scene, Texture
+from .validation import choice
 
 
 @dataclass(frozen=True)

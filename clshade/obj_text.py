@@ -16,7 +16,8 @@ import numpy as np
 from .errors import InputError
 from .obj_lines import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 from .reading import complaint, quoted
-from .scene import MAX_FACES, Array
+from .scene import MAX_FACES
+from .validation import Array
 
 _COUNTS = {
     V: ((3, 4, 6), "3 numbers, 4 with w or 6 with a color"),

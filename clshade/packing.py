@@ -11,7 +11,8 @@ import numpy as np
 from . import layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, texture_applies
 from .geometry import vertex_normals
-from .scene import Array, Material, Mesh, Scene, Settings, Texture
+from .scene import Material, Mesh, Scene, Settings, Texture
+from .validation import Array
 
 _WRAPS = {
     "repeat": layout.CONSTANTS["WRAP_REPEAT"],

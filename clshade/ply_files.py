@@ -21,8 +21,9 @@ from .images import as_texture, srgb_to_linear
 from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
 from .reading import beside, complaint, quoted, read_file
-from .scene import MAX_FACES, Array, Material, Mesh, Scene, Texture
+from .scene import MAX_FACES, Material, Mesh, Scene, Texture
 from .triangulation import fans, strips
+from .validation import Array
 
 MAX_BYTES = 1 << 31
 _INDICES = ("vertex_indices", "vertex_index")

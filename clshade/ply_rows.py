@@ -10,7 +10,7 @@ import numpy as np
 
 from .obj_lines import is_blank, numbers
 from .reading import complaint, quoted
-from .scene import Array
+from .validation import Array
 
 MAX_HEADER = 1 << 16  # bytes
 MAX_LISTS = 8  # in an element

@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 
 from . import clipping, layout, packing
+from .camera import Camera
 from .device import Device, open_device
 from .errors import DeviceError, InputError
 from .frame import Frame
 from .geometry import look_at
 from .memory import Pool
 from .programs import build
-from .scene import Array, Camera, Scene, Settings, refuse
+from .scene import Scene, Settings
 from .sorting import front_to_back
 from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers, VertexBuffers
+from .validation import Array, refuse
 
 _MOST_CHUNKS = 16
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the binning's counters: 16 MiB

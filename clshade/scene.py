@@ -6,19 +6,15 @@ Arrays are copied only when their type or layout has to change, and are then rea
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from .camera import Camera
+from .validation import Array, choice, coefficient, floats, indices, number, refuse, rows, set_fields, vector
 
-MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key
-
-Array = np.ndarray
 
 SHADERS = ("gouraud", "phong", "nolight")
 VISIBILITIES = ("painter", "depth")
@@ -33,244 +29,6 @@ SIDES = ("both", "front")
 PRESETS = ("course", "standard")
 
 
-def _describe(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return f"an array of shape {value.shape} and type {value.dtype}"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def refuse(owner: str, name: str, expected: str, found: Any) -> InputError:
-    """The one form of every complaint about a value: owner, field, expected, found."""
-    return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}")
-
-
-def choice(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
-    allowed = tuple(allowed)
-    if not isinstance(value, str) or value not in allowed:
-        raise refuse(owner, name, "one of " + ", ".join(allowed), value)
-    return value
-
-
-def _floats(owner: str, name: str, value: Any, expected: str) -> Array:
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiub":
-            raise TypeError
-    except (TypeError, ValueError):
-        raise refuse(owner, name, expected, value) from None
-    return array
-
-
-def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
-    """A 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
-    expected = "three finite numbers" if finite else "three numbers"
-    array = _floats(owner, name, value, expected)
-    if array.shape not in ((3,), (1, 3), (3, 1)):
-        raise refuse(owner, name, expected, value)
-    array = array.astype(np.float64).reshape(3)
-    if finite and not np.isfinite(array).all():
-        raise refuse(owner, name, expected, array.tolist())
-    array.flags.writeable = False
-    return array
-
-
-def coefficient(owner: str, name: str, value: Any) -> Array:
-    """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
-    array = _floats(owner, name, value, "a number or three numbers")
-    return vector(owner, name, np.full(3, array.item()) if array.size == 1 else array)
-
-
-def number(
-    owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
-) -> float:
-    """A finite real number above `above` and not below `least`, as a Python float."""
-    if not expected:
-        expected = "a finite number"
-        expected += f" above {above:g}" if above > -math.inf else ""
-        expected += f" of at least {least:g}" if least > -math.inf else ""
-    array = _floats(owner, name, value, expected)
-    if array.size != 1:
-        raise refuse(owner, name, expected, value)
-    result = float(array.item())
-    if not math.isfinite(result) or result <= above or result < least:
-        raise refuse(owner, name, expected, value)
-    return result
-
-
-def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
-    expected = f"a whole number from {least} to {most}"
-    array = _floats(owner, name, value, expected)
-    if array.size != 1 or isinstance(value, bool) or array.item() != array.item() or math.isinf(array.item()):
-        raise refuse(owner, name, expected, value)
-    result = int(array.item())
-    if result != array.item() or not least <= result <= most:
-        raise refuse(owner, name, expected, value)
-    return result
-
-
-def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Array:
-    """A (K, width) array of reals in its own precision (float32 or float64), contiguous and read-only."""
-    expected = f"an array of shape (K, {width}) of {'finite ' if finite else ''}numbers"
-    array = _floats(owner, name, value, expected)
-    if array.ndim != 2 or array.shape[1] != width or array.shape[0] < least:
-        raise refuse(owner, name, expected + (f" with K of at least {least}" if least else ""), array)
-    if array.dtype not in (np.float32, np.float64):
-        array = array.astype(np.float64)
-    array = np.ascontiguousarray(array)
-    if finite and not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise refuse(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
-    array = array.view()
-    array.flags.writeable = False
-    return array
-
-
-def indices(owner: str, name: str, value: Any, count: int) -> Array:
-    """An (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
-    array = np.asarray(value)
-    if array.size == 0:
-        array = np.zeros((0, 3), np.int32)
-    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise refuse(owner, name, "an array of shape (F, 3) of whole numbers", value)
-    if array.size and (array.min() < 0 or array.max() >= count):
-        face, corner = np.argwhere((array < 0) | (array >= count))[0]
-        raise refuse(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
-    array = np.ascontiguousarray(array, dtype=np.int32).view()
-    array.flags.writeable = False
-    return array
-
-
-def _set(instance: Any, **values: Any) -> None:
-    for name, value in values.items():
-        object.__setattr__(instance, name, value)
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera.
-
-    eye, lookat, up: 3-vectors, world space. `up` must not be parallel to the viewing direction.
-    focal: distance of the image plane from the eye, scene units (only focal/plane matters).
-    plane: (H, W), height and width of the image plane, scene units.
-    resolution: (N, M), columns and rows of the image, pixels.
-    principal: where the viewing direction meets the image, as fractions of its width and height from the bottom left.
-    orthographic: parallel projection; plane is then the size of what is seen, scene units, and focal has no meaning.
-    """
-
-    eye: Array
-    lookat: Array
-    up: Array
-    focal: float
-    plane: tuple[float, float]
-    resolution: tuple[int, int] = (800, 600)
-    principal: tuple[float, float] = (0.5, 0.5)
-    orthographic: bool = False
-
-    def __post_init__(self) -> None:
-        who = "Camera"
-        eye, lookat, up = (vector(who, name, getattr(self, name)) for name in ("eye", "lookat", "up"))
-        with np.errstate(over="ignore"):
-            forward = lookat - eye
-        if not np.isfinite(forward).all() or not forward.any():
-            raise refuse(who, "lookat", "a point other than eye", self.lookat)
-        if not up.any():
-            raise refuse(who, "up", "a vector other than zero", self.up)
-        unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
-        if np.linalg.norm(np.cross(unit_forward, unit_up)) <= 1e-12:
-            raise refuse(who, "up", "a vector not parallel to lookat - eye", up.tolist())
-        try:
-            height, width = self.plane
-            columns, count_rows = self.resolution
-        except (TypeError, ValueError):
-            raise refuse(who, "plane, resolution", "two numbers each", (self.plane, self.resolution)) from None
-        try:
-            right, up_part = self.principal
-        except (TypeError, ValueError):
-            raise refuse(who, "principal", "two numbers", self.principal) from None
-        _set(
-            self,
-            eye=eye,
-            lookat=lookat,
-            up=up,
-            focal=number(who, "focal", self.focal, above=0.0),
-            plane=(number(who, "plane H", height, above=0.0), number(who, "plane W", width, above=0.0)),
-            resolution=(
-                integer(who, "resolution N", columns, 1, MAX_RESOLUTION),
-                integer(who, "resolution M", count_rows, 1, MAX_RESOLUTION),
-            ),
-            principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
-            orthographic=bool(self.orthographic),
-        )
-
-    @classmethod
-    def from_fov(cls, eye: Any, lookat: Any, up: Any, fov: float, resolution: tuple[int, int] = (800, 600)) -> Camera:
-        """A camera with square pixels from its vertical field of view, in degrees, between 0 and 180."""
-        fov = number("Camera.from_fov", "fov", fov, above=0.0)
-        if fov >= 180.0:
-            raise refuse("Camera.from_fov", "fov", "degrees between 0 and 180", fov)
-        height = 2.0 * math.tan(math.radians(fov) / 2.0)
-        columns, count_rows = resolution
-        return cls(eye, lookat, up, 1.0, (height, height * columns / max(count_rows, 1)), resolution)
-
-    @classmethod
-    def from_matrix(
-        cls,
-        matrix: Any,
-        pose: Any,
-        resolution: tuple[int, int],
-        *,
-        pixel_center: float = 0.5,
-        convention: str = "opencv",
-    ) -> Camera:
-        """A camera from its 3x3 matrix K and its pose.
-
-        matrix: K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the image's top left.
-        pose: (4, 4) camera to world, a rotation and a translation. convention: axes of the camera in `pose`, `opencv`
-        (x right, y down, z forward) or `opengl` (x right, y up, z backward).
-        pixel_center: 0.5 where K counts the first pixel's center as 0.5, 0 where it counts it as 0.
-        """
-        who = "Camera.from_matrix"
-        k, placement = (np.asarray(m, dtype=np.float64) for m in (matrix, pose))
-        if (
-            k.shape != (3, 3)
-            or not np.isfinite(k).all()
-            or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
-            or k[2, 2] != 1.0
-        ):
-            raise refuse(who, "matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", k.tolist())
-        if min(k[0, 0], k[1, 1]) <= 0.0:
-            raise refuse(who, "matrix", "fx and fy above 0", k.tolist())
-        if placement.shape != (4, 4) or not np.isfinite(placement).all():
-            raise refuse(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
-        rotation, eye = placement[:3, :3], placement[:3, 3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
-            raise refuse(who, "pose", "a rotation without scale or reflection", rotation.tolist())
-        if pixel_center not in (0, 0.5):
-            raise refuse(who, "pixel_center", "0.5 or 0", pixel_center)
-        choice(who, "convention", convention, ("opencv", "opengl"))
-        forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
-        columns = integer(who, "resolution N", resolution[0], 1, MAX_RESOLUTION)
-        count_rows = integer(who, "resolution M", resolution[1], 1, MAX_RESOLUTION)
-        shift = 0.5 - pixel_center
-        principal = ((k[0, 2] + shift) / columns, 1.0 - (k[1, 2] + shift) / count_rows)
-        plane = (count_rows / k[1, 1], columns / k[0, 0])
-        return cls(eye, eye + forward, up, 1.0, plane, (columns, count_rows), principal)
-
-    def with_resolution(self, resolution: tuple[int, int]) -> Camera:
-        """The same view at another resolution (N, M): H of the plane is kept, W makes the pixels square."""
-        try:
-            columns, count_rows = resolution
-            columns = integer("Camera", "resolution N", columns, 1, MAX_RESOLUTION)
-            count_rows = integer("Camera", "resolution M", count_rows, 1, MAX_RESOLUTION)
-        except (TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise refuse("Camera", "resolution", "two whole numbers (N, M)", resolution) from None
-        height = self.plane[0]
-        return replace(self, plane=(height, height * columns / count_rows), resolution=(columns, count_rows))
-
-
 @dataclass(frozen=True, eq=False)
 class PointLight:
     """A point light without attenuation. position: world space. intensity: linear RGB, any finite values."""
@@ -279,7 +37,7 @@ class PointLight:
     intensity: Array = field(default_factory=lambda: np.ones(3))
 
     def __post_init__(self) -> None:
-        _set(
+        set_fields(
             self,
             position=vector("PointLight", "position", self.position),
             intensity=vector("PointLight", "intensity", self.intensity),
@@ -303,7 +61,7 @@ class Texture:
     name: str = ""
 
     def __post_init__(self) -> None:
-        image = _floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
+        image = floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
         if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
             raise refuse("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
         if image.dtype.kind in "iu":
@@ -315,7 +73,7 @@ class Texture:
         wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
         if len(wraps) != 2:
             raise refuse("Texture", "wrap", "one name or two, for u and v", self.wrap)
-        _set(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
+        set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
 
 
@@ -349,10 +107,12 @@ class Material:
             raise refuse("Material", "n", "a number from 0 to 1e9", self.n)
         if self.texture is not None and not isinstance(self.texture, Texture):
             raise refuse("Material", "texture", "a Texture or None", self.texture)
-        _set(self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")})
+        set_fields(
+            self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
+        )
         choice("Material", "sides", self.sides, SIDES)
         if self.alpha_cutoff is not None:
-            _set(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
+            set_fields(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,7 +150,7 @@ class Mesh:
         normals = None if self.normals is None else rows(who, "normals", self.normals, 3)
         # A texture coordinate that is NaN or infinite gives a defined texel (texel 0): accepted.
         uvs = None if self.uvs is None else rows(who, "uvs", self.uvs, 2, finite=False)
-        _set(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs)
+        set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs)
         for name, attribute in (("normal", normals), ("uv", uvs)):
             given = getattr(self, f"{name}_faces")
             if given is None:
@@ -402,7 +162,7 @@ class Mesh:
             given = indices(who, f"{name}_faces", given, len(attribute))
             if given.shape != faces.shape:
                 raise refuse(who, f"{name}_faces", f"the shape of faces {faces.shape}", given)
-            _set(self, **{f"{name}_faces": given})
+            set_fields(self, **{f"{name}_faces": given})
         if not isinstance(self.material, Material):
             raise refuse(who, "material", "a Material", self.material)
         placements = np.eye(4)[None] if self.instances is None else np.asarray(self.instances)
@@ -412,7 +172,7 @@ class Mesh:
         if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise refuse(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
-        _set(self, instances=placements)
+        set_fields(self, instances=placements)
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,12 +205,12 @@ class Scene:
             for item in items:
                 if not isinstance(item, kind):
                     raise refuse("Scene", name, f"a sequence of {kind.__name__}", item)
-            _set(self, **{name: items})
+            set_fields(self, **{name: items})
         if not isinstance(self.camera, Camera):
             raise refuse("Scene", "camera", "a Camera", self.camera)
         if self.face_count > MAX_FACES:
             raise refuse("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
-        _set(
+        set_fields(
             self,
             ambient=coefficient("Scene", "ambient", self.ambient),
             background=None if self.background is None else coefficient("Scene", "background", self.background),
@@ -503,9 +263,9 @@ class Settings:
         layers = (self.layers,) if isinstance(self.layers, str) else tuple(self.layers)
         for layer in layers:
             choice(who, "layers", layer, LAYERS)
-        _set(self, layers=tuple(name for name in LAYERS if name in layers), cull=bool(self.cull))
+        set_fields(self, layers=tuple(name for name in LAYERS if name in layers), cull=bool(self.cull))
         if self.near is not None:
-            _set(self, near=number(who, "near", self.near, above=0.0))
+            set_fields(self, near=number(who, "near", self.near, above=0.0))
 
     @classmethod
     def from_preset(cls, preset: str, **fields: Any) -> Settings:

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from . import teapot as newell
-from .scene import MAX_FACES, Array, Camera, Material, Mesh, PointLight, Scene, Texture, choice, integer, refuse
+from .camera import Camera
+from .scene import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
+from .validation import Array, choice, integer, refuse
 
 Resolution = tuple[int, int]
 

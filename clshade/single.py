@@ -12,9 +12,10 @@ from . import layout, packing
 from .device import Device
 from .features import Features, derive_alone
 from .programs import build
-from .scene import Array, Material, Texture
+from .scene import Material, Texture
 from .sorting import front_to_back
 from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers
+from .validation import Array
 
 _SUBPIXELS = 1 << layout.SUBPIXEL_BITS
 _ONES = np.ones(3)

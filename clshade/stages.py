@@ -14,7 +14,7 @@ from . import layout
 from .device import Device
 from .errors import DeviceError
 from .programs import Program
-from .scene import Array
+from .validation import Array
 
 BASE_FILES = ("project.cl", "setup.cl", "bin.cl", "bilerp.cl", "layers.cl")
 _FLAGS = cl.mem_flags

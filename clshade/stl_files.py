@@ -13,7 +13,8 @@ from .creases import crease_normals, welded
 from .mesh_options import Options, told
 from .obj_lines import numbers
 from .reading import complaint, quoted, read_file
-from .scene import MAX_FACES, Array, Material, Mesh, Scene
+from .scene import MAX_FACES, Material, Mesh, Scene
+from .validation import Array
 
 MAX_BYTES = 1 << 31
 _RECORD = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attribute", "<u2")])

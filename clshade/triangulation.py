@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scene import Array
+from .validation import Array
 
 
 def fans(corners: Array, counts: Array) -> tuple[Array, Array]:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from .camera import Camera
 from .geometry import look_at
-from .scene import Array, Camera, number, refuse, vector
+from .validation import Array, number, refuse, vector
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Array:

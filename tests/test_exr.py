@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from clshade import exr
+from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.scene import Camera
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name != "pxr24"]
 # Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.

@@ -13,10 +13,11 @@ import pytest
 
 from clshade import layout, load, oracle, programs, scenes
 from clshade import scene as scene_module
+from clshade.camera import Camera
 from clshade.device import Device
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
-from clshade.scene import Camera, Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
 from kernels import OTHER_LANES
 
 LAYERS = ("Z", "id")

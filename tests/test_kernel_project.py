@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clshade import geometry, layout
+from clshade.camera import Camera
 from clshade.oracle import transform
-from clshade.scene import Camera
 from kernels import project
 
 GUARD = layout.GUARD_PIXELS

@@ -9,8 +9,9 @@ import pytest
 from compare import assert_frame
 
 from clshade import oracle, scenes
+from clshade.camera import Camera
 from clshade.renderer import Renderer, settle
-from clshade.scene import Camera, Material, Mesh, PointLight, Scene, Texture
+from clshade.scene import Material, Mesh, PointLight, Scene, Texture
 
 KNOT = scenes.builtin("torus_knot", triangles=3000, resolution=(160, 120))
 BODY = KNOT.meshes[0]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.scene import Camera
 from clshade.viewpoint import moved
 
 FRONT = Camera([0.0, 0.0, 5.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0, (1.0, 1.0), (100, 50))

@@ -11,8 +11,10 @@ import math
 
 import numpy as np
 
+from ..camera import Camera
 from ..geometry import look_at, vertex_normals
-from ..scene import Array, Camera, Scene, refuse
+from ..scene import Scene
+from ..validation import Array, refuse
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
 

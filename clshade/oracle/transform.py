@@ -40,7 +40,7 @@ def to_camera(points: Array, eye: Array, axes: Array) -> Array:
 
 
 class Lens(NamedTuple):
-    """What maps camera space to the image; the fields of scene.Camera. Its fields are the arguments of `project`."""
+    """What maps camera space to the image; the fields of camera.Camera. Its fields are the arguments of `project`."""
 
     focal: float
     plane: tuple[float, float]

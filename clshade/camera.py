@@ -1,0 +1,139 @@
+"""The camera: a pose, a lens and a resolution; perspective or orthographic."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .validation import Array, choice, integer, number, refuse, set_fields, vector
+
+MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera.
+
+    eye, lookat, up: 3-vectors, world space. `up` must not be parallel to the viewing direction.
+    focal: distance of the image plane from the eye, scene units (only focal/plane matters).
+    plane: (H, W), height and width of the image plane, scene units.
+    resolution: (N, M), columns and rows of the image, pixels.
+    principal: where the viewing direction meets the image, as fractions of its width and height from the bottom left.
+    orthographic: parallel projection; plane is then the size of what is seen, scene units, and focal has no meaning.
+    """
+
+    eye: Array
+    lookat: Array
+    up: Array
+    focal: float
+    plane: tuple[float, float]
+    resolution: tuple[int, int] = (800, 600)
+    principal: tuple[float, float] = (0.5, 0.5)
+    orthographic: bool = False
+
+    def __post_init__(self) -> None:
+        who = "Camera"
+        eye, lookat, up = (vector(who, name, getattr(self, name)) for name in ("eye", "lookat", "up"))
+        with np.errstate(over="ignore"):
+            forward = lookat - eye
+        if not np.isfinite(forward).all() or not forward.any():
+            raise refuse(who, "lookat", "a point other than eye", self.lookat)
+        if not up.any():
+            raise refuse(who, "up", "a vector other than zero", self.up)
+        unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
+        if np.linalg.norm(np.cross(unit_forward, unit_up)) <= 1e-12:
+            raise refuse(who, "up", "a vector not parallel to lookat - eye", up.tolist())
+        try:
+            height, width = self.plane
+            columns, count_rows = self.resolution
+        except (TypeError, ValueError):
+            raise refuse(who, "plane, resolution", "two numbers each", (self.plane, self.resolution)) from None
+        try:
+            right, up_part = self.principal
+        except (TypeError, ValueError):
+            raise refuse(who, "principal", "two numbers", self.principal) from None
+        set_fields(
+            self,
+            eye=eye,
+            lookat=lookat,
+            up=up,
+            focal=number(who, "focal", self.focal, above=0.0),
+            plane=(number(who, "plane H", height, above=0.0), number(who, "plane W", width, above=0.0)),
+            resolution=(
+                integer(who, "resolution N", columns, 1, MAX_RESOLUTION),
+                integer(who, "resolution M", count_rows, 1, MAX_RESOLUTION),
+            ),
+            principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
+            orthographic=bool(self.orthographic),
+        )
+
+    @classmethod
+    def from_fov(cls, eye: Any, lookat: Any, up: Any, fov: float, resolution: tuple[int, int] = (800, 600)) -> Camera:
+        """A camera with square pixels from its vertical field of view, in degrees, between 0 and 180."""
+        fov = number("Camera.from_fov", "fov", fov, above=0.0)
+        if fov >= 180.0:
+            raise refuse("Camera.from_fov", "fov", "degrees between 0 and 180", fov)
+        height = 2.0 * math.tan(math.radians(fov) / 2.0)
+        columns, count_rows = resolution
+        return cls(eye, lookat, up, 1.0, (height, height * columns / max(count_rows, 1)), resolution)
+
+    @classmethod
+    def from_matrix(
+        cls,
+        matrix: Any,
+        pose: Any,
+        resolution: tuple[int, int],
+        *,
+        pixel_center: float = 0.5,
+        convention: str = "opencv",
+    ) -> Camera:
+        """A camera from its 3x3 matrix K and its pose.
+
+        matrix: K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the image's top left.
+        pose: (4, 4) camera to world, a rotation and a translation. convention: axes of the camera in `pose`, `opencv`
+        (x right, y down, z forward) or `opengl` (x right, y up, z backward).
+        pixel_center: 0.5 where K counts the first pixel's center as 0.5, 0 where it counts it as 0.
+        """
+        who = "Camera.from_matrix"
+        k, placement = (np.asarray(m, dtype=np.float64) for m in (matrix, pose))
+        if (
+            k.shape != (3, 3)
+            or not np.isfinite(k).all()
+            or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
+            or k[2, 2] != 1.0
+        ):
+            raise refuse(who, "matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", k.tolist())
+        if min(k[0, 0], k[1, 1]) <= 0.0:
+            raise refuse(who, "matrix", "fx and fy above 0", k.tolist())
+        if placement.shape != (4, 4) or not np.isfinite(placement).all():
+            raise refuse(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
+        rotation, eye = placement[:3, :3], placement[:3, 3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
+            raise refuse(who, "pose", "a rotation without scale or reflection", rotation.tolist())
+        if pixel_center not in (0, 0.5):
+            raise refuse(who, "pixel_center", "0.5 or 0", pixel_center)
+        choice(who, "convention", convention, ("opencv", "opengl"))
+        forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
+        columns = integer(who, "resolution N", resolution[0], 1, MAX_RESOLUTION)
+        count_rows = integer(who, "resolution M", resolution[1], 1, MAX_RESOLUTION)
+        shift = 0.5 - pixel_center
+        principal = ((k[0, 2] + shift) / columns, 1.0 - (k[1, 2] + shift) / count_rows)
+        plane = (count_rows / k[1, 1], columns / k[0, 0])
+        return cls(eye, eye + forward, up, 1.0, plane, (columns, count_rows), principal)
+
+    def with_resolution(self, resolution: tuple[int, int]) -> Camera:
+        """The same view at another resolution (N, M): H of the plane is kept, W makes the pixels square."""
+        try:
+            columns, count_rows = resolution
+            columns = integer("Camera", "resolution N", columns, 1, MAX_RESOLUTION)
+            count_rows = integer("Camera", "resolution M", count_rows, 1, MAX_RESOLUTION)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise refuse("Camera", "resolution", "two whole numbers (N, M)", resolution) from None
+        height = self.plane[0]
+        return replace(self, plane=(height, height * columns / count_rows), resolution=(columns, count_rows))

@@ -1,0 +1,126 @@
+"""Checks of values from users: each returns the value in the form that is kept, or raises an InputError."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+
+Array = np.ndarray
+
+
+def _describe(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and type {value.dtype}"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def refuse(owner: str, name: str, expected: str, found: Any) -> InputError:
+    """The one form of every complaint about a value: owner, field, expected, found."""
+    return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}")
+
+
+def choice(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
+    allowed = tuple(allowed)
+    if not isinstance(value, str) or value not in allowed:
+        raise refuse(owner, name, "one of " + ", ".join(allowed), value)
+    return value
+
+
+def floats(owner: str, name: str, value: Any, expected: str) -> Array:
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiub":
+            raise TypeError
+    except (TypeError, ValueError):
+        raise refuse(owner, name, expected, value) from None
+    return array
+
+
+def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
+    """A 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
+    expected = "three finite numbers" if finite else "three numbers"
+    array = floats(owner, name, value, expected)
+    if array.shape not in ((3,), (1, 3), (3, 1)):
+        raise refuse(owner, name, expected, value)
+    array = array.astype(np.float64).reshape(3)
+    if finite and not np.isfinite(array).all():
+        raise refuse(owner, name, expected, array.tolist())
+    array.flags.writeable = False
+    return array
+
+
+def coefficient(owner: str, name: str, value: Any) -> Array:
+    """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
+    array = floats(owner, name, value, "a number or three numbers")
+    return vector(owner, name, np.full(3, array.item()) if array.size == 1 else array)
+
+
+def number(
+    owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
+) -> float:
+    """A finite real number above `above` and not below `least`, as a Python float."""
+    if not expected:
+        expected = "a finite number"
+        expected += f" above {above:g}" if above > -math.inf else ""
+        expected += f" of at least {least:g}" if least > -math.inf else ""
+    array = floats(owner, name, value, expected)
+    if array.size != 1:
+        raise refuse(owner, name, expected, value)
+    result = float(array.item())
+    if not math.isfinite(result) or result <= above or result < least:
+        raise refuse(owner, name, expected, value)
+    return result
+
+
+def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
+    expected = f"a whole number from {least} to {most}"
+    array = floats(owner, name, value, expected)
+    if array.size != 1 or isinstance(value, bool) or array.item() != array.item() or math.isinf(array.item()):
+        raise refuse(owner, name, expected, value)
+    result = int(array.item())
+    if result != array.item() or not least <= result <= most:
+        raise refuse(owner, name, expected, value)
+    return result
+
+
+def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Array:
+    """A (K, width) array of reals in its own precision (float32 or float64), contiguous and read-only."""
+    expected = f"an array of shape (K, {width}) of {'finite ' if finite else ''}numbers"
+    array = floats(owner, name, value, expected)
+    if array.ndim != 2 or array.shape[1] != width or array.shape[0] < least:
+        raise refuse(owner, name, expected + (f" with K of at least {least}" if least else ""), array)
+    if array.dtype not in (np.float32, np.float64):
+        array = array.astype(np.float64)
+    array = np.ascontiguousarray(array)
+    if finite and not np.isfinite(array).all():
+        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise refuse(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
+    array = array.view()
+    array.flags.writeable = False
+    return array
+
+
+def indices(owner: str, name: str, value: Any, count: int) -> Array:
+    """An (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
+    array = np.asarray(value)
+    if array.size == 0:
+        array = np.zeros((0, 3), np.int32)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
+        raise refuse(owner, name, "an array of shape (F, 3) of whole numbers", value)
+    if array.size and (array.min() < 0 or array.max() >= count):
+        face, corner = np.argwhere((array < 0) | (array >= count))[0]
+        raise refuse(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
+    array = np.ascontiguousarray(array, dtype=np.int32).view()
+    array.flags.writeable = False
+    return array
+
+
+def set_fields(instance: Any, **values: Any) -> None:
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)
