@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import re
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -49,16 +52,35 @@ def _names(allowed: Sequence[str]) -> Any:
     return parse
 
 
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.loading.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
 def _scene_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("scene")
     group.add_argument(
-        "scene", nargs="?", default="teapot", help="a file (.npy course scene, .obj), or a built-in scene (teapot)"
+        "scene",
+        nargs="?",
+        default="teapot",
+        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (teapot)",
     )
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
     group.add_argument("--focal", type=float, help="focal length of a course file, scene units")
+    edges = group.add_mutually_exclusive_group()
+    edges.add_argument(
+        "--crease", type=float, metavar="DEGREES", help="edges above this angle are sharp, where a mesh has no normals"
+    )
+    edges.add_argument(
+        "--flat", action="store_true", default=None, help="every face is flat, where a mesh has no normals"
+    )
+    group.add_argument(
+        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="axis that points up (z for STL, else y)"
+    )
+    group.add_argument(
+        "--two-sided",
+        action=argparse.BooleanOptionalAction,
+        help="light both sides of surfaces (default: as the file asks; OBJ, PLY, STL: where the surface is open)",
+    )
     group.add_argument("--lights", type=_numbers(int, None, "indices such as 0,2"), help="use these lights only: 0,2")
     group.add_argument("--components", type=_names(tuple(COMPONENTS)), help="use these only: ambient,diffuse,specular")
     group.add_argument(
@@ -142,15 +164,16 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
     from . import scenes, viewpoint
 
     name = arguments.scene
+    options = {name: getattr(arguments, name) for name in LOAD_OPTIONS if getattr(arguments, name) is not None}
     if name in scenes.BUILTINS and not Path(name).exists():
-        for option in ("texture", "focal"):
-            if getattr(arguments, option) is not None:
-                raise InputError(f"--{option}: expected a scene file to apply it to, found the built-in scene {name!r}")
+        for option in options:
+            flag = option.replace("_", "-")
+            raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
         scene = scenes.builtin(name)
     else:
         from . import loading
 
-        scene = loading.load(name, texture=arguments.texture, focal=arguments.focal)
+        scene = loading.load(name, **options)
     if arguments.lights is not None:
         for index in arguments.lights:
             if not 0 <= index < len(scene.lights):
@@ -240,9 +263,11 @@ def summary(frame: Frame, output: str) -> str:
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
 
+    ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
     return "\n".join(
         [
             f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
+            *ignored,
             f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
             f"device  {stats['device']}",
             f"once    {listed(fixed)} ms",
@@ -271,15 +296,42 @@ def _inspect(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _with_values(arguments: Sequence[str]) -> list[str]:
+    """The arguments with `--up -x` as `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes what begins
+    with a dash, and is not one number, for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", joined[-1]):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Every warning that Python's filters let through is one line on stderr, without the place in the code."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"clshade: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line (default: the process's own); returns its exit code: 0 done, 1 a check failed, 2 bad usage or
     input, 130 interrupted."""
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        parsed = _parser().parse_args(arguments)
+        parsed = _parser().parse_args(_with_values(arguments))
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else REFUSED
     try:
-        return parsed.run(parsed)
+        with contextlib.nullcontext() if parsed.debug else _warnings_in_one_line():
+            return parsed.run(parsed)
     except ClshadeError as error:
         if parsed.debug:
             raise

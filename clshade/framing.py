@@ -1,4 +1,4 @@
-"""A camera and lights for meshes that come without: chosen from the bounding box, y up, the same for every format."""
+"""A camera and lights for meshes that come without: chosen from the bounding box, the same for every format."""
 
 from __future__ import annotations
 
@@ -17,6 +17,15 @@ MARGIN = 1.05  # of the bounding sphere
 RESOLUTION = (800, 600)
 AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 unless they say otherwise
 BACKGROUND = 0.05
+# The camera's right, up and backward axes for each axis that may point up, each a rotation of those of y.
+UPS = {
+    "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "z": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    "-y": ((-1, 0, 0), (0, -1, 0), (0, 0, 1)),
+    "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+}
 _TOWARDS_EYE = (0.55, 0.42, 1.0)  # from the object: from the right, a little above
 
 # Position in the camera's axes (right, up, towards the camera), in bounding radii from the center, and linear RGB.
@@ -39,7 +48,7 @@ def framed(
 ) -> Scene:
     """A `standard` scene of the meshes in a three-quarter view, their bounding sphere inside the image.
 
-    resolution: (N, M), default RESOLUTION. up: `y` or `z`, the axis of world space that points up in the image.
+    resolution: (N, M), default RESOLUTION. up: one of UPS, the axis of world space that points up in the image.
     camera, lights: used in place of the chosen ones. sphere: see bounding_sphere, where it is known.
     The chosen lights, key, fill and rim, stand fixed to the camera's first position.
     Raises InputError where the positions leave the range of float64.
@@ -58,12 +67,12 @@ def framed(
 
 def _camera(center: Array, radius: float, up: str, resolution: tuple[int, int]) -> Camera:
     """The three-quarter view."""
-    x, y, z = np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)
-    towards, upward = ((x, y, z), (0.0, 1.0, 0.0)) if up == "y" else ((x, -z, y), (0.0, 0.0, 1.0))
-    camera = Camera.from_fov(center + np.array(towards) * radius, center, upward, FOV, resolution)
+    axes = np.array(UPS[up], np.float64)
+    towards = (np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)) @ axes
+    camera = Camera.from_fov(center + towards * radius, center, axes[1], FOV, resolution)
     half_angle = math.atan(min(camera.plane) / 2.0)
     with np.errstate(over="ignore"):
-        return replace(camera, eye=center + np.array(towards) * (MARGIN * radius / math.sin(half_angle)))
+        return replace(camera, eye=center + towards * (MARGIN * radius / math.sin(half_angle)))
 
 
 def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:

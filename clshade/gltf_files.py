@@ -37,8 +37,7 @@ _SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
 
 
 def read_gltf(path: Path, options: Options) -> Scene:
-    """The scene in a glTF file. Every triangle primitive of a mesh is a Mesh with all its placements; where some of
-    them mirror, these are a second Mesh with its faces turned round, so that the front stays the front.
+    """The scene in a glTF file. Every triangle primitive of a mesh is a Mesh with all its placements.
 
     Rendered: node transforms, base color (factor, texture, vertex colors, which are linear), metallic and roughness
     factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, which sides are drawn (two-sided materials
@@ -120,7 +119,7 @@ class _Builder:
                 mesh = self._mesh(primitive)
                 if mesh is not None:
                     name = item.text("name") + (f".{number}" if len(primitives) > 1 else "")
-                    found += _turned(replace(mesh, name=name), matrices)
+                    found.append(replace(mesh, name=name, instances=matrices))
         return tuple(found)
 
     def _count(self, item: Item, placements: int) -> None:
@@ -223,18 +222,3 @@ class _Builder:
         if mode == 4:
             return flat.reshape(-1, 3)
         return strips(flat) if mode == 5 else single_fan(flat)
-
-
-def _turned(mesh: Mesh, matrices: Array) -> list[Mesh]:
-    """The mesh at its placements (K, 4, 4), with the faces of those that mirror turned round."""
-    mirrored = np.linalg.det(matrices[:, :3, :3]) < 0.0
-    if not mirrored.any():
-        return [replace(mesh, instances=matrices)]
-    turned = replace(
-        mesh,
-        faces=mesh.faces[:, ::-1],
-        normals=None if mesh.normals is None else -np.asarray(mesh.normals),
-        normal_faces=None if mesh.normal_faces is None else mesh.normal_faces[:, ::-1],
-        instances=matrices[mirrored],
-    )
-    return ([] if mirrored.all() else [replace(mesh, instances=matrices[~mirrored])]) + [turned]

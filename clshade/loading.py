@@ -28,6 +28,7 @@ from .validation import integer, refuse
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
+SLOW = 1.0  # seconds of loading before a line on stderr says so
 EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
 
 
@@ -54,16 +55,16 @@ def load(
     lights: indices, from 0, of the lights to keep, in that order; default all. Meshes get three: key, fill, rim.
     crease: degrees, 0 to 180: edges of a larger angle between their faces are sharp, where a mesh has no normals of
         its own. Default: all is smooth in OBJ and PLY files, flat in glTF (as it says) and STL.
-    flat: the same as crease=0.
-    up: `y` or `z`, the axis that points up in the chosen view of a mesh. Default: z for STL, y for the others.
+    flat: the same as crease=0, which it cannot be given beside.
+    up: x, y, z, -x, -y or -z, the axis that points up in the chosen view of a mesh; a camera that a glTF file has is
+        not turned. Default: z for STL, y for the others.
     two_sided: light surfaces seen from behind as those seen from the front. Default: as the file asks; for OBJ, PLY
         and STL, which cannot ask, where the surface is open or its winding changes (always for STL).
 
     A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`, unless a glTF file has
     its own. What the file refers to (materials, images) is opened only inside the file's own folder; what of that is
     missing, or is left out, is told by a UserWarning of one line, and what is not rendered also in `Scene.ignored`.
-    Code in a file is never run, and nothing is fetched. On a terminal a line on stderr tells of a file that takes more
-    than a second.
+    Code in a file is never run, and nothing is fetched. A line on stderr tells of a file that takes more than a second.
 
     Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
     file that is missing, unknown, malformed or too large, and for an argument out of range.
@@ -76,6 +77,8 @@ def load(
         raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))
     if resolution is not None:
         resolution = _resolution(resolution)
+    if flat and crease is not None:
+        raise refuse("load", "crease", "none beside flat, which is a crease of 0", crease)
     try:
         with _told_when_slow(owner):
             if extension == ".npy":
@@ -114,11 +117,8 @@ def _lit(scene: Scene, two_sided: bool) -> Scene:
 
 @contextlib.contextmanager
 def _told_when_slow(owner: str) -> Iterator[None]:
-    """A line on stderr, where that is a terminal, when the block takes longer than a second."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    timer = threading.Timer(1.0, lambda: print(f"{owner}: loading ...", file=sys.stderr, flush=True))
+    """A line on stderr when the block takes longer than a second."""
+    timer = threading.Timer(SLOW, lambda: print(f"clshade: loading {owner} ...", file=sys.stderr, flush=True))
     timer.daemon = True
     timer.start()
     try:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .creases import crease_angle
+from .framing import UPS
 from .scene import Material, Scene, Texture
 from .validation import choice
 
@@ -17,7 +18,7 @@ class Options:
     """The options of `clshade.loading.load` for mesh files, checked on construction.
 
     texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for what
-    the format means. up: `y`, `z` or None. two_sided: True, False or None for what the file asks for.
+    the format means. up: one of framing.UPS, or None. two_sided: True, False or None for what the file asks for.
     """
 
     texture: Texture | None = None
@@ -30,7 +31,7 @@ class Options:
         if self.crease is not None:
             object.__setattr__(self, "crease", crease_angle("load", "crease", self.crease))
         if self.up is not None:
-            choice("load", "up", self.up, ("y", "z"))
+            choice("load", "up", self.up, UPS)
 
     def lit(self, material: Material, *, open_surface: bool = False) -> Material:
         """The material with the sides that are drawn and lit as asked for; what a file cannot say follows from whether

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import struct
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 _COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+INDICES = np.array([0, 1, 2], np.uint16)
 
 
 class Gltf:
@@ -80,8 +83,25 @@ def pack_glb(text: bytes, binary: bytes | None) -> bytes:
 def triangle(**fields: Any) -> Gltf:
     """A document of one triangle, without nodes."""
     document = Gltf()
-    document.mesh({"POSITION": CORNERS}, np.array([0, 1, 2], np.uint16), **fields)
+    document.mesh({"POSITION": CORNERS}, INDICES, **fields)
     return document
+
+
+def png(pixels: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **info) -> None:
+    """Gives the document a textured material and a triangle with it."""
+    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
+    document.add("textures", {"source": 0})
+    reflection = material.setdefault("pbrMetallicRoughness", {})
+    reflection["baseColorTexture"] = {"index": 0, **info}
+    index = document.add("materials", material)
+    uvs = np.array([[0, 0], [1, 0], [0, 1]], np.float32) if uvs is None else uvs
+    document.mesh({"POSITION": CORNERS, "TEXCOORD_0": uvs}, INDICES, material=index)
 
 
 def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:

@@ -1,0 +1,149 @@
+"""Broken and hostile glTF files: refused in one line that names the field."""
+
+from __future__ import annotations
+
+import json
+import struct
+import warnings
+
+import numpy as np
+import pytest
+from mesh_writers import CORNERS, INDICES, Gltf, pack_glb, textured, triangle
+from scene_files import refusal
+
+from clshade.errors import InputError
+from clshade.loading import load
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize(
+    "uri",
+    ["/etc/passwd", "../a.bin", "%2e%2e/a.bin", "http://localhost/a.bin", "file:///dev/zero", "C:\\a", "/dev/zero"],
+)
+def test_references_out_of_the_folder(tmp_path, uri):
+    (tmp_path / "a.bin").write_bytes(bytes(100))
+    (tmp_path / "scene").mkdir()
+    document = triangle()
+    path = document.gltf(tmp_path / "scene" / "a.gltf", "own.bin")
+    document.json["buffers"][0]["uri"] = uri
+    (tmp_path / "scene" / "a.gltf").write_text(json.dumps(document.json))
+    refusal(path, "buffers[0].uri: ", "scene's folder")
+
+
+BROKEN = [
+    ({"accessors": 5}, "accessors: expected a list"),
+    ({"accessors.0.count": 4}, "accessors[0].count: "),
+    ({"accessors.0.count": 1 << 40}, "accessors[0].count: "),
+    ({"accessors.0.count": -1}, "accessors[0].count: "),
+    ({"accessors.0.count": 2.5}, "accessors[0].count: "),
+    ({"accessors.0.bufferView": 9}, "accessors[0].bufferView: expected an index of the 2 bufferViews, found 9"),
+    ({"accessors.0.componentType": 5124}, "accessors[0].componentType: "),
+    ({"accessors.0.type": "VEC9"}, "accessors[0].type: "),
+    ({"accessors.0.type": "VEC2"}, "attributes.POSITION: "),
+    ({"accessors.0.byteOffset": -4}, "accessors[0].byteOffset: "),
+    ({"accessors.1.componentType": 5126}, "accessors[1].count: "),
+    ({"bufferViews.0.byteLength": 1 << 50}, "bufferViews[0].byteLength: "),
+    ({"bufferViews.0.byteOffset": 1 << 50}, "bufferViews[0].byteLength: "),
+    ({"bufferViews.0.byteStride": 4}, "accessors[0].bufferView: expected a byteStride of at least 12"),
+    ({"bufferViews.0.buffer": 3}, "bufferViews[0].buffer: "),
+    ({"buffers.0.byteLength": 4096}, "buffers[0].byteLength: "),
+    ({"meshes.0.primitives.0.attributes.POSITION": "x"}, "meshes[0].primitives[0].attributes.POSITION: "),
+    ({"meshes.0.primitives.0.mode": 7}, "meshes[0].primitives[0].mode: "),
+    ({"meshes.0.primitives.0.material": 0}, "material: expected an index of the 0 materials"),
+    ({"meshes.0.primitives.0": []}, "meshes[0].primitives[0]: expected an object"),
+    ({"asset.version": "1.0"}, "asset.version: "),
+    ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "nodes[0]: expected a tree"),
+    ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh: "),
+    ({"nodes": [{"mesh": 0, "matrix": [0] * 15}]}, "nodes[0].matrix: "),
+    ({"nodes": [{"mesh": 0, "matrix": [0] * 16}]}, "nodes[0].matrix: "),
+    ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "nodes[0].rotation: "),
+    ({"nodes": [{"mesh": 0, "scale": [1e300, 1e300, True]}]}, "nodes[0].scale: "),
+    ({"scene": 3, "scenes": [{}]}, "scene: "),
+]
+
+
+@pytest.mark.parametrize(("changes", "part"), BROKEN)
+def test_broken_fields(tmp_path, changes, part):
+    document = triangle()
+    document.glb(tmp_path / "a.glb")
+    for place, value in changes.items():
+        *keys, last = place.split(".")
+        target = document.json
+        for key in keys:
+            target = target[int(key)] if key.isdigit() else target[key]
+        target[int(last) if last.isdigit() else last] = value
+    (tmp_path / "a.glb").write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
+    refusal(tmp_path / "a.glb", "a.glb: ", part)
+
+
+def test_broken_values(tmp_path):
+    for bad in (np.nan, np.inf):
+        document = Gltf()
+        verts = CORNERS.copy()
+        verts[1, 2] = bad
+        document.mesh({"POSITION": verts}, INDICES)
+        refusal(document.glb(tmp_path / "a.glb"), "POSITION: expected finite numbers", "in row 1")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.array([0, 1, 3], np.uint16))
+    refusal(document.glb(tmp_path / "a.glb"), "indices: expected indices below 3, found 3 at place 2")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.array([0, 1], np.uint16))
+    refusal(document.glb(tmp_path / "a.glb"), "indices: expected a multiple of 3")
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS, "NORMAL": CORNERS[:2]}, INDICES)
+    refusal(document.glb(tmp_path / "a.glb"), "attributes.NORMAL: ")
+
+
+def test_broken_containers(tmp_path):
+    good = (tmp_path / "good.glb", triangle().glb(tmp_path / "good.glb"))[0].read_bytes()
+    text = b'{"asset":{"version":"2.0"}}'
+    for data, part in (
+        (b"gltf" + good[4:], "magic: "),
+        (good[:4] + struct.pack("<I", 1) + good[8:], "GLB version: "),
+        (good[:-1], "GLB length: "),
+        (good[:16], "GLB header: "),
+        (good[:12] + struct.pack("<I", 1 << 31) + good[16:], "GLB chunk 0 length: "),
+        (good[:16] + b"BIN\0" + good[20:], "GLB chunk 0 type: "),
+        (pack_glb(b"{", None), "JSON: "),
+        (pack_glb(b"[]", None), "JSON: expected an object"),
+        (pack_glb(b"\xff\xfe", None), "JSON: expected UTF-8"),
+        (pack_glb(b"[" * 100000, None), "JSON: "),
+        (pack_glb(b'{"a":NaN}', None), "JSON: "),
+        (pack_glb(b'{"a":1' + b"0" * 5000 + b"}", None), "JSON: "),
+        (pack_glb(b"[" + b"{}," * 3000000 + b"{}]", None), "JSON: expected at most"),
+        (pack_glb(text, None), "meshes: expected at least one triangle"),
+    ):
+        (tmp_path / "a.glb").write_bytes(data)
+        refusal(tmp_path / "a.glb", "a.glb: ", part)
+
+
+def test_too_many_triangles_are_refused_before_they_are_made(tmp_path):
+    document = triangle()
+    primitive = document.json["meshes"][0]["primitives"][0]
+    document.json["meshes"][0]["primitives"] = [primitive] * 600
+    for _ in range(600):
+        document.add("nodes", {"mesh": 0})
+    refusal(document.glb(tmp_path / "a.glb"), "at most", "placements")
+
+
+def test_mutations_never_raise_anything_else(tmp_path):
+    document = Gltf()
+    textured(document, np.zeros((2, 2, 3), np.uint8), {"alphaMode": "MASK"})
+    document.add("nodes", {"mesh": 0, "rotation": [0, 0, 0, 1]})
+    good = (tmp_path / "good.glb", document.glb(tmp_path / "good.glb"))[0].read_bytes()
+    path = tmp_path / "a.glb"
+    texts = []
+    for _ in range(300):
+        data = bytearray(good)
+        for place in RNG.integers(0, len(data), RNG.integers(1, 6)):
+            data[place] = RNG.integers(0, 256) if RNG.random() < 0.5 else ord(RNG.choice(list('0159-,:[]{}"e')))
+        path.write_bytes(data[: RNG.integers(1, len(data) + 1)] if RNG.random() < 0.2 else data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                load(path)
+            except InputError as error:
+                texts.append(str(error))
+    assert texts
+    assert all(text.isprintable() for text in texts)
