@@ -1,4 +1,5 @@
-"""Comparators between a rendered frame and the float64 oracle. Each raises AssertionError with the first bad pixel.
+"""Comparators between a rendered frame and the float64 oracle: what differs by how much, and `assert_...`, which raise
+AssertionError with the first bad pixel.
 
 A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the
 top, as `clshade.frame.Frame` has them. Shape, type and finiteness are checked before any value.
@@ -10,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from clshade.oracle import OracleFrame, depth_at
-from clshade.scene import Scene, Settings
+from ..oracle import OracleFrame, depth_at
+from ..scene import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -46,6 +47,25 @@ def tied(first: np.ndarray, second: np.ndarray, ulp: int = DEPTH_TIE_ULP) -> np.
         return np.isfinite(first) & np.isfinite(second) & (np.abs(first - second) <= ulp * spacing)
 
 
+def different_ids(
+    ids: np.ndarray, oracle: OracleFrame, scene: Scene, settings: Settings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
+
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within 4 float32 ulp.
+    """
+    different = ids != oracle.id
+    if not different.any() or settings.visibility != "depth":
+        return different, different
+    at = np.nonzero(different)
+    # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
+    faces = [side[at].astype(np.int64) - 1 for side in (ids, oracle.id)]
+    depths = [depth_at(scene, settings, face, *at) for face in faces]
+    unproven = np.zeros_like(different)
+    unproven[at] = ~tied(depths[0], depths[1])
+    return different, unproven
+
+
 def assert_same_ids(
     frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, dtype: Any = np.float32
 ) -> np.ndarray:
@@ -56,16 +76,7 @@ def assert_same_ids(
     ids, expected = frame["id"], oracle.id
     assert_array("id", ids, expected.shape, np.uint32)
     assert_array("alpha", frame.alpha, expected.shape, dtype)
-    different = ids != expected
-    if different.any() and settings.visibility == "depth":
-        at = np.nonzero(different)
-        # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
-        faces = [side[at].astype(np.int64) - 1 for side in (ids, expected)]
-        depths = [depth_at(scene, settings, face, *at) for face in faces]
-        unproven = np.zeros_like(different)
-        unproven[at] = ~tied(*depths)
-    else:
-        unproven = different
+    different, unproven = different_ids(ids, oracle, scene, settings)
     if unproven.any():
         raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
     bad = frame.alpha != oracle.alpha
@@ -85,6 +96,17 @@ def color_bound(oracle: OracleFrame) -> np.ndarray:
         return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
 
 
+def color_errors(rgb: np.ndarray, oracle: OracleFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
+
+    Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
+    """
+    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -FLOAT32_MAX, FLOAT32_MAX))
+    error = np.where(error <= FLOAT32_TINY, 0.0, error)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return error, np.where(error > 0.0, error / color_bound(oracle), 0.0).max(axis=-1)
+
+
 def assert_colors_within(
     rgb: np.ndarray,
     oracle: OracleFrame,
@@ -101,20 +123,24 @@ def assert_colors_within(
     """
     assert_array("rgb", rgb, oracle.rgb.shape, dtype)
     looked_at = np.ones(oracle.id.shape, bool) if skip is None else ~skip
-    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -FLOAT32_MAX, FLOAT32_MAX))
-    error = np.where(error <= FLOAT32_TINY, 0.0, error)
-    bound = color_bound(oracle)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(error > 0.0, error / bound, 0.0).max(axis=-1)
+    error, ratio = color_errors(rgb, oracle)
     jumps = looked_at & oracle.gate & (ratio > factor)
-    if jumps.sum() > gate_fraction * max(1, np.count_nonzero(oracle.id)):
+    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.id))):
         raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
-    bad = jumps & (error > oracle.budget + factor * bound).any(axis=-1)
+    bad = jumps & (error > oracle.budget + factor * color_bound(oracle)).any(axis=-1)
     bad |= looked_at & ~oracle.gate & (ratio > factor)
     if bad.any():
         columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
         raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
     return float(ratio[looked_at & ~oracle.gate].max(initial=0.0))
+
+
+def depth_errors(Z: np.ndarray, oracle: OracleFrame) -> np.ndarray:
+    """Relative errors of depths (M, N) in units of 2^-24; infinite where one of the two is background."""
+    empty = np.isinf(oracle.Z)
+    with np.errstate(invalid="ignore"):
+        error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / HALF_ULP
+    return np.where(empty, np.where(np.isposinf(Z), 0.0, np.inf), error)
 
 
 def assert_depths_within(
@@ -130,10 +156,7 @@ def assert_depths_within(
     Returns the largest error, in roundings. skip: (M, N) pixels not to look at.
     """
     assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
-    empty = np.isinf(oracle.Z)
-    with np.errstate(invalid="ignore"):
-        error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / HALF_ULP
-    error = np.where(empty, np.where(np.isposinf(Z), 0.0, np.inf), error)
+    error = depth_errors(Z, oracle)
     if skip is not None:
         error = np.where(skip, 0.0, error)
     bad = error > roundings
