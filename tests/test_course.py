@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
-import compare
 import course_reference as reference
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from scene_files import png16
 
 import clshade
 from clshade import cli, course, exr, oracle
+from clshade.checks import compare
 from clshade.images import read_image
 from clshade.renderer import Renderer
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings

@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-import compare
 import numpy as np
 import pytest
 
 from clshade import layout, load, oracle, programs, scenes
 from clshade import scene as scene_module
 from clshade.camera import Camera
+from clshade.checks import compare
 from clshade.device import Device
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer

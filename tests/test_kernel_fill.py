@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import compare
 import numpy as np
 import pytest
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
+from clshade.checks import compare
 from clshade.oracle import coverage, shade, transform
 from kernels import OTHER_LANES, Pipeline, vertices_at
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import compare
 import numpy as np
 import pytest
 import stage_oracle
 from stage_oracle import EXPONENTS, options, patches
 
+from clshade.checks import compare
 from clshade.stages import Buffer
 from kernels import OTHER_LANES, Pipeline, bits, four
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import compare
 import numpy as np
 import pytest
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
+from clshade.checks import compare
 from clshade.oracle import coverage, shade
 from clshade.programs import build
 from clshade.stages import Buffer, Stages

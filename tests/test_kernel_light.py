@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-import compare
 import mpmath
 import numpy as np
 import pytest
 
+from clshade.checks import compare
 from clshade.oracle import OracleFrame, shade
 from clshade.programs import build
 from clshade.stages import Buffer, Stages

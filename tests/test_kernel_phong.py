@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import compare
 import numpy as np
 import pytest
 import stage_oracle
 from stage_oracle import EXPONENTS, options, patches
 
+from clshade.checks import compare
 from kernels import OTHER_LANES, Pipeline, bits
 
 FILES = ("setup.cl", "bin.cl", "phong.cl")

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compare import assert_frame
 
 from clshade import oracle, scenes
 from clshade.camera import Camera
+from clshade.checks.compare import assert_frame
 from clshade.renderer import Renderer, settle
 from clshade.scene import Material, Mesh, PointLight, Scene, Texture
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
-import compare
 import numpy as np
 import pytest
 
 from clshade import oracle
 from clshade.camera import Camera
+from clshade.checks import compare
 from clshade.oracle import coverage
 from clshade.scene import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
 
