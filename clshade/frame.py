@@ -57,7 +57,7 @@ class Frame:
     def stats(self) -> dict[str, Any]:
         """Stage times in ms, counts, features used and left out, device."""
         if self._make_stats is not None:
-            self._stats, self._make_stats = self._make_stats(), None
+            self._stats, self._make_stats = {**self._make_stats(), "nonfinite": self.scene.nonfinite}, None
         return self._stats
 
     def __getitem__(self, name: str) -> Array:

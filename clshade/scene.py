@@ -26,6 +26,7 @@ LAYERS = ("Z", "id")
 WRAPS = ("repeat", "clamp", "mirror")
 LOOKUPS = ("standard", "course")
 SIDES = ("both", "front")
+NONFINITE = ("refuse", "drop")
 PRESETS = ("course", "standard")
 
 
@@ -127,6 +128,9 @@ class Mesh:
     uvs: (T, 2) texture coordinates, v = 0 at row 0 of the texture's image, or None.
     uv_faces: (F, 3) indices into uvs, or None for `faces`.
     instances: (K, 4, 4) affine placements, object to world, column vectors; default one identity.
+    nonfinite: what a vertex that is NaN or infinite means: `refuse` the mesh, or `drop` the triangles that use it. A
+        dropped face keeps its number and draws nothing; its neighbors are as they would be without it.
+    dropped: how many faces were dropped; counted here, and kept when a mesh is made from this one.
     """
 
     verts: Array
@@ -139,11 +143,17 @@ class Mesh:
     material: Material = field(default_factory=Material)
     instances: Array | None = None
     name: str = ""
+    nonfinite: str = "refuse"
+    dropped: int = 0
 
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if self.name else "Mesh"
-        verts = rows(who, "verts", self.verts, 3)
+        drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
+        verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
+        if drop:
+            verts, faces, dropped = _without_nonfinite(verts, faces)
+            set_fields(self, dropped=self.dropped + dropped)
         colors = None if self.colors is None else rows(who, "colors", self.colors, 3)
         if colors is not None and len(colors) != len(verts):
             raise refuse(who, "colors", f"one row per vertex ({len(verts)})", colors)
@@ -173,6 +183,22 @@ class Mesh:
             raise refuse(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
         set_fields(self, instances=placements)
+
+
+def _without_nonfinite(verts: Array, faces: Array) -> tuple[Array, Array, int]:
+    """Finite vertices, faces, and the number of faces that used another vertex. Those shrink to a point at a vertex that
+    other faces use, so that neither normals nor the bounding box show them."""
+    bad = ~np.isfinite(verts).all(axis=1)
+    if not bad.any():
+        return verts, faces, 0
+    lost = bad[faces].any(axis=1)
+    kept = faces[~lost]
+    anchor = kept[0, 0] if len(kept) else np.flatnonzero(~bad)[0] if not bad.all() else 0
+    verts, faces = verts.copy(), faces.copy()
+    verts[bad] = 0.0 if bad.all() else verts[anchor]
+    faces[lost] = anchor
+    verts.flags.writeable = faces.flags.writeable = False
+    return verts, faces, int(lost.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +247,11 @@ class Scene:
     def face_count(self) -> int:
         """Number of triangles, instances counted."""
         return sum(len(mesh.faces) * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+
+    @property
+    def nonfinite(self) -> int:
+        """Number of triangles dropped for a vertex that is NaN or infinite, instances counted."""
+        return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
 
 
 @dataclass(frozen=True)
