@@ -109,7 +109,11 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
             # side +1: position >= -GUARD, side -1: position <= GUARD; times the depth in perspective
             depth = 1.0 if camera.orthographic else polygons[..., 2]
             distance = (GUARD_PIXELS + side * center) * depth + side * slope * polygons[..., axis]
-            polygons, counts, _ = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
+            polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
+            # Exactly on the plane: of an edge from -1e38 to 1e38 rounding would leave any point at all.
+            depth = 1.0 if camera.orthographic else polygons[..., 2]
+            on_plane = -side * (GUARD_PIXELS + side * center) * depth / slope
+            polygons[..., axis] = np.where(made, on_plane, polygons[..., axis])
     return _fans(polygons, counts)
 
 

@@ -75,7 +75,10 @@ def clip_guard(points: Array, weights: Array, lens: Lens) -> tuple[Array, Array]
             # u = slope*x/z + principal; u >= -GUARD is slope*x + (GUARD + principal)*z >= 0. Orthographic: z is 1.
             depth = 1.0 if lens.orthographic else points[:, 2]
             distance = side * (slope * points[:, axis]) + (GUARD + side * principal) * depth
-            points, weights, _ = clip_polygon(points, weights, distance)
+            points, weights, crossing = clip_polygon(points, weights, distance)
+            # A crossing lies at u = -side*GUARD; an edge from -1e38 to 1e38 leaves no digit of that.
+            depth = 1.0 if lens.orthographic else points[crossing, 2]
+            points[crossing, axis] = -side * (GUARD + side * principal) * depth / slope
             if len(points) == 0:
                 return points, weights
     return points, weights
