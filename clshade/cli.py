@@ -79,7 +79,7 @@ def _scene_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--two-sided",
         action=argparse.BooleanOptionalAction,
-        help="light both sides of surfaces (default: as the file asks; OBJ, PLY, STL: where the surface is open)",
+        help="light both sides of surfaces (default: as glTF files ask, on for OBJ, PLY and STL)",
     )
     group.add_argument("--lights", type=_numbers(int, None, "indices such as 0,2"), help="use these lights only: 0,2")
     group.add_argument("--components", type=_names(tuple(COMPONENTS)), help="use these only: ambient,diffuse,specular")

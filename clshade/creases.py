@@ -1,4 +1,4 @@
-"""Normals with sharp edges, equal positions welded, and whether a surface is closed; all by whole arrays."""
+"""Normals with sharp edges, equal positions welded, and faces against their normals; all by whole arrays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .geometry import _exponent, _normalized
+from .geometry import _blocks, _exponent, _normalized
 from .validation import Array, number, refuse
 
 
@@ -128,20 +128,16 @@ def welded(verts: Array) -> tuple[Array, Array]:
     return first[rank], place[which]
 
 
-def is_closed(faces: Array) -> bool:
-    """Whether every edge is passed as often in one direction as in the other: no boundary, one winding throughout.
+def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Array) -> Array:
+    """(F,) bool: the faces that run clockwise as their normals see them.
 
-    faces: (F, 3) indices. Every directed edge (a, b) counts r[a]*s[b] - r[b]*s[a] with random 64-bit numbers r and s,
-    and its reverse the negative of that: the sum vanishes for a closed surface, and for any other one hardly ever.
+    verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is held
+    against the sum of its corners' normals; a face without area, and one that is at a right angle to it, is not against.
     """
-    if not len(faces):
-        return True
-    index = np.arange(int(faces.max()) + 1, dtype=np.uint64)
-    r, s = _mixed(index * np.uint64(3) + np.uint64(1)), _mixed(index * np.uint64(5) + np.uint64(2))
-    total = np.uint64(0)
-    with np.errstate(over="ignore"):
-        for begin in range(0, len(faces), 1 << 14):
-            a, b, c = faces[begin : begin + (1 << 14)].T
-            one, two, three = s[a], s[b], s[c]
-            total += (r[a] * (two - three) + r[b] * (three - one) + r[c] * (one - two)).sum(dtype=np.uint64)
-    return bool(total == 0)
+    against = np.empty(len(faces), bool)
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not against
+        for block in _blocks(len(faces)):
+            a, b, c = (verts[corner] for corner in faces[block].T)
+            one, two, three = (normals[corner] for corner in normal_faces[block].T)
+            against[block] = (np.cross(b - a, c - a) * (one + two + three)).sum(axis=1) < 0.0
+    return against

@@ -116,9 +116,7 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
     for mesh in scene.meshes:
         if not len(mesh.faces):
             continue
-        used = np.zeros(len(mesh.verts), bool)
-        used[mesh.faces.reshape(-1)] = True
-        points = mesh.verts if used.all() else mesh.verts[used]
+        points = _in_use(mesh.verts, mesh.faces)
         many = max(1, (1 << 16) // len(points))  # placements at once
         for first in range(0, len(np.asarray(mesh.instances)), many):
             low, high = _extent(points, np.asarray(mesh.instances)[first : first + many])
@@ -132,11 +130,42 @@ def bounding_box(scene: Scene) -> tuple[Array, Array]:
     return low, high
 
 
+def _in_use(verts: Array, faces: Array) -> Array:
+    """The vertices (V, 3) that faces refer to; all of them where those at the ends of the axes are in use."""
+    ends = np.unique(_ends(verts))
+    seen = np.zeros(len(ends), bool)
+    corners = faces.reshape(-1)
+    for block in _blocks(len(corners)):
+        for number in np.flatnonzero(~seen):
+            seen[number] = (corners[block] == ends[number]).any()
+        if seen.all():
+            return verts
+    used = np.zeros(len(verts), bool)
+    used[corners] = True
+    return verts[used]
+
+
+def _ends(points: Array) -> list[int]:
+    """Indices of points (V, 3) with the lowest and the highest coordinate along each axis."""
+    whole = len(points) // 64
+    wide = points[: whole * 64].reshape(whole, 192)  # NumPy searches long rows far faster than columns of three
+    found = []
+    for pick, search in ((np.min, np.argmin), (np.max, np.argmax)):
+        best = [pick(wide, axis=0)] if whole else []
+        for axis in range(3):
+            candidates = list(range(whole * 64, len(points)))
+            if whole:
+                column = 3 * int(search(best[0][axis::3])) + axis
+                candidates.append(64 * int(search(wide[:, column])) + column // 3)
+            found.append(candidates[int(search(points[candidates, axis]))])
+    return found
+
+
 def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
     """Lowest and highest corner, (3,) float64 each, of points (V, 3) under placements (K, 4, 4)."""
     if (placements == np.eye(4)).all():
-        low, high = (np.array([pick(column) for column in points.T], np.float64) for pick in (np.min, np.max))
-        return low + 0.0, high + 0.0
+        ends = points[_ends(points)].astype(np.float64)
+        return ends.min(axis=0) + 0.0, ends.max(axis=0) + 0.0
     lows, highs = [], []
     for block in _blocks(len(points)):
         with np.errstate(over="ignore", invalid="ignore"):

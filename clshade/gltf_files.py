@@ -178,7 +178,7 @@ class _Builder:
         normal_faces = None
         if normals is None:
             normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
-        material = self.options.lit(surface.material)
+        material = self.options.lit(surface.material, by_file=True)
         return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material)
 
     def _attribute(self, attributes: Item, name: str, *widths: int, count: int | None = None) -> Array | None:

@@ -58,8 +58,8 @@ def load(
     flat: the same as crease=0, which it cannot be given beside.
     up: x, y, z, -x, -y or -z, the axis that points up in the chosen view of a mesh; a camera that a glTF file has is
         not turned. Default: z for STL, y for the others.
-    two_sided: light surfaces seen from behind as those seen from the front. Default: as the file asks; for OBJ, PLY
-        and STL, which cannot ask, where the surface is open or its winding changes (always for STL).
+    two_sided: light surfaces seen from behind as those seen from the front. Default: as a glTF file asks, True for OBJ,
+        PLY and STL, which cannot ask.
 
     A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`, unless a glTF file has
     its own. What the file refers to (materials, images) is opened only inside the file's own folder; what of that is

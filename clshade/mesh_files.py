@@ -11,7 +11,7 @@ import numpy as np
 
 from . import framing, geometry
 from .atomic import Path, shown
-from .creases import crease_normals, is_closed
+from .creases import against_normals, crease_normals
 from .mesh_options import Options, told
 from .mtl_files import Library
 from .obj_text import ObjText, Run, parse_obj
@@ -30,8 +30,8 @@ def read_obj(path: Path, options: Options) -> Scene:
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
     are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
     without normals get those of the whole file's faces, so that no seam shows between meshes; edges above
-    options.crease are sharp. Where the surface of all faces is open, or its winding changes, both sides are lit. A
-    material or image that is not there is left out, with a warning. See `obj_text.parse_obj` and `mtl_files`.
+    options.crease are sharp. Faces that run clockwise as the file's normals see them are turned round. Both sides are
+    lit. A material or image that is not there is left out, with a warning. See `obj_text.parse_obj` and `mtl_files`.
 
     Raises InputError, one line, see clshade.loading.load.
     """
@@ -40,10 +40,18 @@ def read_obj(path: Path, options: Options) -> Scene:
     text = parse_obj(read_file(path, MAX_BYTES), owner)
     if options.texture is not None and text.indices[:, 0, 1].max() < 0:
         raise complaint(owner, "vt", "texture coordinates for the texture", "none")
+    _turn_to_normals(text)
     library = Library(os.fspath(path), text.libraries)
     text.colors = _finite_colors(text.colors, owner)
     meshes = _meshes(text, library, options, name, owner)
     return told(framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, library.ignored)
+
+
+def _turn_to_normals(text: ObjText) -> None:
+    """Turn round the faces that run clockwise as the file's normals see them: these say which side is the front."""
+    given = np.flatnonzero(text.indices[:, 0, 2] >= 0)
+    against = given[against_normals(text.verts, text.indices[given, :, 0], text.normals, text.indices[given, :, 2])]
+    text.indices[against] = text.indices[against][:, [0, 2, 1]]
 
 
 def _flipped(uvs: Array) -> Array:
@@ -66,7 +74,6 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
     parts = _parts(text)
     whole = len(parts) == 1
     computed = _normals(text, options, whole)
-    is_open = options.two_sided is None and not is_closed(text.indices[:, :, 0])
     materials: dict[tuple[str | None, bool], tuple[Material, Array | None]] = {}
     flipped: dict[bytes, Array] = {}
     meshes = []
@@ -75,7 +82,7 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         key = (run.material, bool(indices[0, 0, 1] >= 0))
         if key not in materials:
             material, moved = _material(library, *key, options.texture, owner)
-            materials[key] = options.lit(material, open_surface=is_open), moved
+            materials[key] = options.lit(material, by_file=False), moved
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:

@@ -33,15 +33,16 @@ class Options:
         if self.up is not None:
             choice("load", "up", self.up, UPS)
 
-    def lit(self, material: Material, *, open_surface: bool = False) -> Material:
-        """The material with the sides that are drawn and lit as asked for; what a file cannot say follows from whether
-        its surface is open."""
-        if self.two_sided is None:
-            return replace(material, two_sided=True) if open_surface else material
-        if material.two_sided == self.two_sided and material.sides == "both":
-            return material
-        sides = "both" if self.two_sided else material.sides
-        return replace(material, two_sided=self.two_sided, sides=sides)
+    def lit(self, material: Material, *, by_file: bool) -> Material:
+        """The material with the sides that are drawn and lit as asked for.
+
+        by_file: whether the file's format can say which sides are lit. Of others both are: on a closed surface that
+        changes no pixel, and on an open one, or one that is inside out, no side stays dark.
+        """
+        two_sided = self.two_sided
+        if two_sided is None:
+            return material if by_file else replace(material, two_sided=True)
+        return replace(material, two_sided=two_sided, sides="both" if two_sided else material.sides)
 
 
 def told(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:

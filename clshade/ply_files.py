@@ -16,7 +16,7 @@ import numpy as np
 
 from . import framing, geometry
 from .atomic import Path, shown
-from .creases import crease_normals, is_closed
+from .creases import against_normals, crease_normals
 from .images import as_texture, srgb_to_linear
 from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
@@ -39,7 +39,8 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     faces, texture coordinates of vertices or of the corners of faces (v = 0 is the bottom), and the image that a
     comment `TextureFile` names, in the file's folder. Colors of whole numbers are value/255 (65535) and decoded from
     sRGB, those of floats are linear. Faces of one color each get vertices of their own. Without normals the surface is
-    smooth, but for edges above options.crease. What else the faces hold is named in Scene.ignored.
+    smooth, but for edges above options.crease; faces that run clockwise as the file's normals see them are turned
+    round. Both sides are lit. What else the faces hold is named in Scene.ignored.
 
     Raises InputError, one line naming the element, property and row, see clshade.loading.load.
     """
@@ -54,10 +55,13 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     ignored: list[str] = []
     faces, polygon = _faces(elements, len(verts), owner)
     arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
+    by_file = arrays["normals"] is not None
     _shade(arrays, options)
     _color(arrays, elements, polygon, ignored, owner)
     texture = _texture(arrays, elements, comments, options, path, faces, polygon)
-    material = options.lit(material, open_surface=options.two_sided is None and not is_closed(faces))
+    if by_file:
+        _turn_to_normals(arrays)
+    material = options.lit(material, by_file=False)
     name = os.path.splitext(os.path.basename(owner))[0]
     if texture is not None:
         material = replace(material, texture=texture)
@@ -74,18 +78,18 @@ def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bo
         return None
     single = all(column.dtype == np.float32 for column in columns)  # type: ignore[union-attr]
     values = np.empty((element.rows, len(names)), np.float32 if single else np.float64)
-    for number, (name, column) in enumerate(zip(names, columns, strict=True)):
+    for number, column in enumerate(columns):
         values[:, number] = column
-        if finite and not np.isfinite(values[:, number]).all():
-            row = int(np.argmin(np.isfinite(values[:, number])))
-            where = f"element {element.name}: row {row}: {name}"
-            raise complaint(owner, where, "a finite number", str(values[row, number]))
+    if finite and not np.isfinite(values).all():
+        row, number = np.argwhere(~np.isfinite(values))[0]
+        where = f"element {element.name}: row {row}: {names[number]}"
+        raise complaint(owner, where, "a finite number", str(values[row, number]))
     return values
 
 
 def _faces(elements: dict[str, Element], count: int, owner: str) -> tuple[Array, Array]:
     """(F, 3) int32 indices below `count`, and the (F,) row of element face of each, -1 for those of strips."""
-    faces, polygons = [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int64)]
+    faces, polygons = [], []
     face, strip = elements.get("face"), elements.get("tristrips")
     for element in (face, strip):
         if element is None or not element.rows:
@@ -107,17 +111,18 @@ def _faces(elements: dict[str, Element], count: int, owner: str) -> tuple[Array,
             polygon = np.full(len(triangles), -1)
         faces.append(triangles)
         polygons.append(polygon)
-    joined = faces[1] if len(faces) == 2 else np.concatenate(faces)
-    if not len(joined):
+    if not sum(map(len, faces)):
         raise complaint(owner, "element face", "at least one triangle, in faces or tristrips", "none")
-    return joined, np.concatenate(polygons)
+    if len(faces) == 1:
+        return faces[0], polygons[0]
+    return np.concatenate(faces), np.concatenate(polygons)
 
 
 def _check_corners(element: Element, lengths: Array, owner: str) -> None:
     if lengths.min() < 3:
         row = int(np.argmax(lengths < 3))
         raise complaint(owner, f"element {element.name}: row {row}", "at least 3 corners", str(lengths[row]))
-    if int((lengths - 2).sum()) > MAX_FACES:
+    if int(lengths.sum()) - 2 * len(lengths) > MAX_FACES:
         raise complaint(owner, "element face", f"at most {MAX_FACES} triangles", "more")
 
 
@@ -135,6 +140,16 @@ def _shade(arrays: dict[str, Any], options: Options) -> None:
     if arrays["normals"] is None and options.crease is not None:
         normals, normal_faces = crease_normals(arrays["verts"], arrays["faces"], options.crease)
         arrays.update(normals=normals, normal_faces=normal_faces)
+
+
+def _turn_to_normals(arrays: dict[str, Any]) -> None:
+    """Turn round the faces that run clockwise as the file's normals see them: these say which side is the front."""
+    normal_faces = arrays.get("normal_faces")
+    normal_faces = arrays["faces"] if normal_faces is None else normal_faces
+    against = against_normals(arrays["verts"], arrays["faces"], arrays["normals"], normal_faces)
+    for name in ("faces", "normal_faces", "uv_faces"):
+        if against.any() and arrays.get(name) is not None:
+            arrays[name] = np.where(against[:, None], arrays[name][:, [0, 2, 1]], arrays[name])
 
 
 def _linear(element: Element, owner: str) -> Array | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .obj_lines import is_blank, numbers
-from .reading import complaint, quoted
+from .reading import complaint, quoted, runs
 from .validation import Array
 
 MAX_HEADER = 1 << 16  # bytes
@@ -144,23 +144,28 @@ def _binary(data: bytes, header: Header, owner: str) -> None:
 def _binary_rows(data: bytes, place: int, element: Element, order: str, owner: str) -> int:
     """Fill in an element's columns. Returns the place after its rows."""
     lengths = _first_lengths(data, place, element, order)
-    fields: list[Any] = []
-    for number, item in enumerate(element.properties):
+    starts, size = [], 0
+    for item, length in zip(element.properties, lengths, strict=True):
+        size += np.dtype(item.count).itemsize if item.count else 0
+        starts.append(place + size)
+        size += np.dtype(item.kind).itemsize * (length if item.count else 1)
+    if size > (len(data) - place) // element.rows:
+        return _ragged_rows(data, place, element, order, owner)
+    for item, length, start in zip(element.properties, lengths, starts, strict=True):
         if item.count:
-            fields.append((f"n{number}", order + item.count))
-        fields.append(
-            (item.name, order + item.kind, (lengths[number],)) if item.count else (item.name, order + item.kind)
-        )
-    kind = np.dtype(fields) if max(lengths, default=0) <= 1 << 20 else None
-    if kind is not None and element.rows * kind.itemsize <= len(data) - place:
-        rows = np.frombuffer(data, kind, element.rows, place)
-        if all((rows[f"n{k}"] == lengths[k]).all() for k, p in enumerate(element.properties) if p.count):
-            for number, item in enumerate(element.properties):
-                values = rows[item.name].reshape(-1).astype(np.dtype(item.kind))
-                count = np.full(element.rows, lengths[number])
-                element.columns[item.name] = (values, count) if item.count else values
-            return place + element.rows * kind.itemsize
-    return _ragged_rows(data, place, element, order, owner)
+            counted = np.dtype(order + item.count)
+            found: Array = np.ndarray((element.rows,), counted, data, start - counted.itemsize, (size,))
+            if (found != length).any():
+                return _ragged_rows(data, place, element, order, owner)
+    for item, length, start in zip(element.properties, lengths, starts, strict=True):
+        kind = np.dtype(order + item.kind)
+        if item.count:
+            values = runs(data, start, element.rows, size, kind, length).reshape(-1)
+            element.columns[item.name] = values, np.broadcast_to(np.int64(length), element.rows)
+        else:  # in its place in the data: the one copy is made where the column is used
+            single: Array = np.ndarray((element.rows,), kind, data, start, (size,))
+            element.columns[item.name] = single.astype(kind.newbyteorder("="), copy=False)
+    return place + element.rows * size
 
 
 def _first_lengths(data: bytes, place: int, element: Element, order: str) -> list[int]:

@@ -8,8 +8,11 @@ import re
 import stat
 from collections.abc import Iterator
 
+import numpy as np
+
 from .atomic import Path, shown
 from .errors import InputError
+from .validation import Array
 
 
 def complaint(owner: str, field: str, expected: str, found: str) -> InputError:
@@ -95,3 +98,15 @@ def beside(root: str, folder: str, reference: str, owner: str, field: str) -> st
     if not os.path.isfile(path):
         raise complaint(owner, field, "a regular file", f"{quoted(reference)}, which is none")
     return path
+
+
+def runs(data: bytes, start: int, count: int, stride: int, kind: np.dtype, width: int) -> Array:
+    """(count, width) values of type `kind`: a run of `width` of them every `stride` bytes from byte `start` on.
+
+    Copied run by run, which is several times as fast as value by value, and in this machine's byte order.
+    """
+    native = kind.newbyteorder("=")
+    if not width or not count:
+        return np.zeros((count, width), native)
+    packed: Array = np.ndarray((count,), f"V{width * kind.itemsize}", data, start, (stride,)).copy()
+    return packed.view(kind).astype(native, copy=False).reshape(count, width)

@@ -12,12 +12,12 @@ from .atomic import Path, shown
 from .creases import crease_normals, welded
 from .mesh_options import Options, told
 from .obj_lines import numbers
-from .reading import complaint, quoted, read_file
+from .reading import complaint, quoted, read_file, runs
 from .scene import MAX_FACES, Material, Mesh, Scene
 from .validation import Array
 
 MAX_BYTES = 1 << 31
-_RECORD = np.dtype([("normal", "<f4", 3), ("verts", "<f4", (3, 3)), ("attribute", "<u2")])
+_HEAD, _RECORD = 84, 50  # bytes of a binary file's head, and of a facet: normal, corners, attribute
 _CHUNK = 1 << 20  # bytes of text taken at once
 _WORDS = (b"facet", b"normal", None, None, None, b"outer", b"loop") + (b"vertex", None, None, None) * 3
 _FACET = (*_WORDS, b"endloop", b"endfacet")
@@ -28,8 +28,8 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     """The scene in an STL file: one Mesh with three float32 vertices of its own for each facet, in the file's order.
 
     Facets are flat, as the format means them; with options.crease vertices at equal positions are welded and edges up
-    to that angle smooth. The file's own normals, which many programs write wrong, are not read. Both sides are lit:
-    STL cannot say that a surface is closed. z is up unless options.up says otherwise, as CAD and printing have it.
+    to that angle smooth. The file's own normals, which many programs write wrong, are not read. Both sides are lit.
+    z is up unless options.up says otherwise, as CAD and printing have it.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
     ascii, if it is text. Raises InputError, one line that names the file and the facet, see clshade.loading.load.
@@ -39,16 +39,17 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
         raise complaint(owner, "texture", "none: an STL file has no texture coordinates", "one")
     data = read_file(path, MAX_BYTES)
     ignored = []
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if len(data) == 84 + 50 * count:
-        records = np.frombuffer(data, _RECORD, count, 84)
-        if records["attribute"].any():
+    count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
+    if len(data) == _HEAD + _RECORD * count:
+        if runs(data, _HEAD + 48, count, _RECORD, np.dtype("<u2"), 1).any():
             ignored.append("colors or attributes of facets")
-        verts = records["verts"].reshape(-1, 3).astype(np.float32)
+        verts = runs(data, _HEAD + 12, count, _RECORD, np.dtype("<f4"), 9).reshape(-1, 3)
     elif data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data:
         verts = _ascii(data, owner)
     else:
-        expected = f"{84 + 50 * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
+        expected = (
+            f"{_HEAD + _RECORD * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
+        )
         raise complaint(owner, "facet count", expected, f"{len(data)} bytes")
     mesh = _mesh(verts, owner, options, material)
     scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up or "z")
@@ -71,8 +72,7 @@ def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mes
         verts, faces = verts[kept], which[faces]
         normals, normal_faces = crease_normals(verts, faces, options.crease)
     name = os.path.splitext(os.path.basename(owner))[0]
-    material = options.lit(material, open_surface=True)
-    return Mesh(verts, faces, None, normals, normal_faces, material=material, name=name)
+    return Mesh(verts, faces, None, normals, normal_faces, material=options.lit(material, by_file=False), name=name)
 
 
 def _ascii(data: bytes, owner: str) -> Array:

@@ -1,4 +1,4 @@
-"""Creases, welding and closed surfaces, against plain loops and shapes whose normals are known."""
+"""Creases, welding and the sides of faces, against plain loops and shapes whose normals are known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clshade import geometry
-from clshade.creases import crease_normals, is_closed, welded
+from clshade.creases import against_normals, crease_normals, welded
 from clshade.errors import InputError
 from clshade.scenes import builtin
 from clshade.triangulation import fans, strips
@@ -95,16 +95,18 @@ def test_welding(kind):
     assert (kept <= np.arange(500)[[np.flatnonzero(which == k)[0] for k in range(len(kept))]]).all()
 
 
-def test_closed_surfaces():
-    assert is_closed(FACES)
-    assert is_closed(np.concatenate([FACES, [[0, 0, 5]]]))
-    assert not is_closed(FACES[1:])
-    turned = FACES.copy()
-    turned[3] = turned[3, ::-1]
-    assert not is_closed(turned)
-    many = np.concatenate([FACES + 8 * k for k in range(5000)])
-    assert is_closed(many)
-    assert not is_closed(many[:-1])
+def test_faces_against_their_normals():
+    normals = CUBE - 0.5
+    wrong = RNG.random(12) < 0.5
+    faces = np.where(wrong[:, None], FACES[:, ::-1], FACES)
+    assert against_normals(CUBE, FACES, normals, FACES).sum() in (0, 12)
+    inside_out = against_normals(CUBE, FACES, normals, FACES)[0]
+    assert (against_normals(CUBE, faces, normals, faces) == (wrong != inside_out)).all()
+    no_area = np.array([[0, 0, 5], [1, 1, 1]])
+    assert not against_normals(CUBE, no_area, normals, no_area).any()
+    assert not against_normals(CUBE, FACES, 0 * normals, FACES).any()
+    many = np.tile(faces, (5000, 1))  # more than one block
+    assert (against_normals(CUBE, many, normals, many) == np.tile(wrong != inside_out, 5000)).all()
 
 
 def test_strips():

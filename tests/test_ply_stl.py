@@ -169,16 +169,31 @@ def test_a_ragged_file_cut_anywhere_is_refused(tmp_path):
         refusal(write(tmp_path / "bad.ply", whole[:cut]), "bad.ply: element ")
 
 
-def test_open_surfaces_are_lit_on_both_sides(tmp_path):
-    tetrahedron = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
-    for faces, two_sided in ((tetrahedron, False), (tetrahedron[:3], True), ([*tetrahedron[:3], [0, 2, 3]], True)):
-        rows = POINTS + [("B3i", [3, *face]) for face in faces]
-        path = write(tmp_path / "a.ply", ply("ascii", HEAD + FACES.format(len(faces)), rows))
-        assert load(path).meshes[0].material.two_sided is two_sided
-        assert load(path, two_sided=not two_sided).meshes[0].material.two_sided is not two_sided
-        text = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTS)
-        text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
-        assert load(write(tmp_path / "a.obj", text)).meshes[0].material.two_sided is two_sided
+def test_both_sides_are_lit_unless_asked_otherwise(tmp_path):
+    for name, data in (("a.ply", GOOD), ("a.stl", stl(TRIANGLES)), ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")):
+        path = write(tmp_path / name, data)
+        for asked, lit in ((None, True), (True, True), (False, False)):
+            assert load(path, two_sided=asked).meshes[0].material.two_sided is lit
+
+
+@pytest.mark.parametrize("colored", [False, True])
+def test_faces_against_the_files_normals_are_turned(tmp_path, colored):
+    head = HEAD.replace("property float z\n", "property float z\n" + "".join(f"property float n{c}\n" for c in "xyz"))
+    color = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) if colored else ""
+    lists = "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
+    points = [("6f", [*VERTS[k], 0.0, 0.0, 1.0]) for k in range(4)]
+    rows = []
+    for face in ([0, 1, 2], [1, 2, 3]):  # the second one runs clockwise
+        uvs = [value for k in face for value in (k / 4, 1.0)]
+        rows.append(("B3iB6f" + "3B" * colored, [3, *face, 6, *uvs] + [255, 0, 255] * colored))
+    data = ply("binary_little_endian", head + f"element face 2\n{lists}{color}", points + rows)
+    mesh = load(write(tmp_path / "a.ply", data)).meshes[0]
+    assert mesh.verts[mesh.faces].tolist() == [[VERTS[0], VERTS[1], VERTS[2]], [VERTS[1], VERTS[3], VERTS[2]]]
+    assert mesh.uvs[mesh.uv_faces][:, :, 0].tolist() == [[0, 0.25, 0.5], [0.25, 0.75, 0.5]]
+    text = "".join(f"v {x} {y} {z}\nvt 0.{k} 0\n" for k, (x, y, z) in enumerate(VERTS)) + "vn 0 0 1\n"
+    mesh = load(write(tmp_path / "a.obj", text + "f 1/1/1 2/2/1 3/3/1\nf 2/2/1 3/3/1 4/4/1\nf 2/2 3/3 4/4\n")).meshes[0]
+    assert mesh.verts[mesh.faces].tolist() == [[VERTS[0], VERTS[1], VERTS[2]], [VERTS[1], VERTS[3], VERTS[2]]]
+    np.testing.assert_allclose(mesh.uvs[mesh.uv_faces][:, :, 0], [[0, 0.1, 0.2], [0.1, 0.3, 0.2]])
 
 
 TRIANGLES = RNG.standard_normal((7, 3, 3)).astype(np.float32)
