@@ -19,7 +19,7 @@ from . import atomic
 from .atomic import Path, shown
 from .camera import Camera
 from .errors import InputError
-from .geometry import look_at
+from .geometry import camera_axes
 from .reading import complaint, quoted, read_file
 from .validation import Array
 
@@ -80,7 +80,7 @@ def camera_matrices(camera: Camera) -> tuple[Array, Array]:
     0 on the image plane, 1 at infinity.
     """
     to_camera = np.eye(4)
-    to_camera[:3, :3] = look_at(camera.eye, camera.lookat, camera.up).T
+    to_camera[:3, :3] = camera_axes(camera).T
     to_camera[3, :3] = -np.asarray(camera.eye) @ to_camera[:3, :3]
     height, width = camera.plane
     to_ndc = np.zeros((4, 4))

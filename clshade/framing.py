@@ -57,7 +57,7 @@ def framed(
     if camera is None:
         camera = _camera(center, radius, up, resolution or RESOLUTION)
     if not lights:
-        right, upward, forward = geometry.look_at(camera.eye, camera.lookat, camera.up)
+        right, upward, forward = geometry.camera_axes(camera)
         axes = np.stack([right, upward, -forward])
         lights = tuple(
             PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .camera import Camera
 from .errors import InputError
 from .scene import Scene
 from .validation import Array, refuse, vector
@@ -86,21 +87,32 @@ def look_at(eye: Any, lookat: Any, up: Any) -> Array:
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
     eye, lookat, up = (vector("look_at", name, v) for name, v in (("eye", eye), ("lookat", lookat), ("up", up)))
-    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye.tolist(), lookat.tolist(), strict=True)))
+    return np.array(_axes(eye.tolist(), lookat.tolist(), up.tolist()))
+
+
+def camera_axes(camera: Camera) -> Array:
+    """`look_at` of a camera."""
+    return np.array(_axes(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
+
+
+def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple[float, ...], ...]:
+    """The rows of `look_at`. Plain floats: a frame needs them once, and NumPy's calls would cost ten times as much."""
+    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
     if not any(z):
-        raise refuse("look_at", "lookat", "a point other than eye", lookat.tolist())
-    u = np.ldexp(up, -_exponent(up)).tolist()
+        raise refuse("look_at", "lookat", "a point other than eye", lookat)
+    exponent = math.frexp(max(map(abs, up)))[1]
+    u = [math.ldexp(value, -exponent) for value in up]
     along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
     across = [a - along * b for a, b in zip(u, z, strict=True)]
     if max(map(abs, across)) <= 1e-12:
-        raise refuse("look_at", "up", "a vector not parallel to lookat - eye", up.tolist())
+        raise refuse("look_at", "up", "a vector not parallel to lookat - eye", up)
     y = _unit(*across)
     x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
-    return np.array([x, y, z])
+    return x, y, z
 
 
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """`_normalized` of one vector, without NumPy's cost of a call: a frame needs two of them."""
+    """`_normalized` of one vector."""
     exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
     x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
     length = math.sqrt(x * x + y * y + z * z) or 1.0

@@ -114,6 +114,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "tiles_x", 1, "tiles a row"),
         ("int", "tiles", 1, "tiles in all"),
         ("int", "lights", 1, "count"),
+        ("int", "list_capacity", 1, "entries that the tile lists have room for"),
         ("float", "background", 3, "linear RGB"),
         ("float", "unscale", 1, "turns a scaled depth into scene units"),
         ("float", "to_eye", 3, "unit, world axes: against the viewing direction"),
@@ -128,11 +129,13 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "back_facing", 1, "triangles culled as seen from behind"),
         ("int", "next_tile", 1, "the tile to be handed out next"),
         ("int", "saturated", 1, "pixels with a channel beyond float32"),
-        ("int", "pad", 7, ""),
+        ("int", "pad", 1, ""),
+        ("ulong", "entries", 1, "of all tile lists"),
+        ("int", "pad2", 4, ""),
     ],
 }
 
-_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "short": "<i2"}
+_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "short": "<i2", "ulong": "<u8"}
 
 
 def _dtype(members: list[tuple[str, str, int, str]]) -> np.dtype:

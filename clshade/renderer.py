@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .camera import Camera
 from .device import Device, open_device
 from .errors import DeviceError, InputError
 from .frame import Frame
-from .geometry import look_at
+from .geometry import camera_axes
 from .memory import Pool
 from .programs import build
 from .scene import Scene, Settings
@@ -24,6 +24,16 @@ from .validation import Array, refuse
 
 _MOST_CHUNKS = 16
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the binning's counters: 16 MiB
+_SCAN_RUN = 1 << 13  # counters that one work-item of the scan takes at least
+_MOST_PARTS = 64
+
+
+class Bins(NamedTuple):
+    """counts: (chunks, tiles), where each chunk's entries of a tile begin. starts: (tiles + 1,). chunk: triangles of one."""
+
+    counts: Buffer
+    starts: Buffer
+    chunk: int
 
 
 def settle(
@@ -107,7 +117,7 @@ class Renderer:
     def _upload(self, packed: packing.Packed) -> None:
         device = self.device
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
-        self._low, self._high = packed.low, packed.high
+        self._low, self._high = packed.low.tolist(), packed.high.tolist()
         self._radius = math.hypot(*(packed.high / 2.0 - packed.low / 2.0))
         self._positions = Buffer(device, packed.positions)
         self._faces = Buffer(device, packed.faces)
@@ -152,16 +162,14 @@ class Renderer:
     # Per frame
 
     def _set_view(self, camera: Camera) -> None:
-        with np.errstate(over="ignore"):
-            farthest = np.maximum(np.abs(self._low - camera.eye), np.abs(self._high - camera.eye))
-            extent = float(farthest.max()) if self._face_count else 1.0
+        corners = zip(camera.eye.tolist(), self._low, self._high, strict=True)
+        extent = max(max(abs(low - at), abs(high - at)) for at, low, high in corners) if self._face_count else 1.0
         if not math.isfinite(extent):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
-        distance = math.hypot(*(camera.lookat - camera.eye))
-        self._near = self.settings.near or 1e-4 * (self._radius or distance)
+        self._near = self.settings.near or 1e-4 * (self._radius or math.dist(camera.eye, camera.lookat))
         # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
         self._scale = packing.scale_for(min(extent, 2.0**40 * self._near))
-        self._axes = look_at(camera.eye, camera.lookat, camera.up)
+        self._axes = camera_axes(camera)
         with self._view.writing() as table:
             view = table[0]
             view["eye"] = camera.eye
@@ -170,6 +178,8 @@ class Renderer:
             view["plane_height"], view["plane_width"] = camera.plane
             view["columns"], view["rows"] = camera.resolution
             view["near"], view["scale"] = self._near, self._scale
+
+    def _set_lights(self, camera: Camera) -> None:
         if self._light_count:
             relative = packing.relative_lights(self._light_positions, camera.eye, self._scale)
             with self._lights.writing() as table:
@@ -182,7 +192,7 @@ class Renderer:
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"] = -(-columns // layout.TILE_SIZE)
             image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
-            image["lights"] = self._light_count
+            image["lights"], image["list_capacity"] = self._light_count, len(self._lists.array)
             if self.scene.background is not None:
                 image["background"] = packing.to_float32(self.scene.background)
             image["unscale"] = 1.0 / self._scale
@@ -193,12 +203,16 @@ class Renderer:
         made = self._made
         with made.counters.writing() as table:
             table[:] = 0
+        # The tables are written while the kernels that need others of them run.
+        if self._face_count:
+            events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
+        self._set_image(camera)
         if not self._face_count:
             return 0
-        events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         events["setup"] = self.stages.setup(
             self._faces, self._vertices, self._view, self._image, made, self._face_count, self._sides
         )
+        self._set_lights(camera)
         counters = made.counters.to_host()[0]
         if counters["to_clip"]:
             start = time.perf_counter()
@@ -260,38 +274,40 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _bin(self, visible: int, tiles: int, events: dict[str, Any]) -> Buffer:
-        """Fills the tile lists; returns where each begins."""
-        if not visible:
-            return Buffer(self.device, np.zeros(tiles + 1, np.uint32))
+    def _bin(self, visible: int, events: dict[str, Any]) -> Bins:
+        """Counts the entries of the tile lists and where each begins."""
+        tiles = self._tiles
         chunks = max(1, min(visible // 512, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
-        chunk = -(-visible // chunks)
-        chunks = -(-visible // chunk)
-        counts = self._pool.take((chunks, tiles), np.uint32)
-        events["bin_count"] = self.stages.bin_count(self._order, self._made, self._image, counts, chunk, visible)
-        table = counts.to_host()
-        start = time.perf_counter()
-        ends = np.cumsum(table.T.reshape(-1), dtype=np.uint32)
+        chunk = max(-(-visible // chunks), 1)
+        counts = self._pool.take((-(-visible // chunk), tiles), np.uint32)
         starts = self._pool.take((tiles + 1,), np.uint32)
-        with starts.writing() as rows:
-            rows[0] = 0
-            rows[1:] = ends[chunks - 1 :: chunks]
-        cursors = ends.reshape(tiles, chunks).T - table
-        with counts.writing() as rows:
-            rows[:] = cursors
-        total = int(ends[-1])
-        self._host["scan"] = (time.perf_counter() - start) * 1e3
-        if len(self._lists.array) < total:
-            self._lists = Buffer.empty(self.device, total + total // 2, layout.ENTRY)
-        events["bin_fill"] = self.stages.bin_fill(self._made, self._image, counts, self._lists, chunk, visible)
-        return starts
+        sums = self._pool.take((min(-(-counts.array.size // _SCAN_RUN), _MOST_PARTS),), np.uint64)
+        if visible:
+            events["bin_count"] = self.stages.bin_count(self._order, self._made, self._image, counts, chunk, visible)
+            events["bin_sums"] = self.stages.bin_sums(self._image, counts, sums)
+            events["bin_scan"] = self.stages.bin_scan(self._image, sums, counts, starts, self._made)
+        else:
+            with starts.writing() as rows:
+                rows[:] = 0
+        return Bins(counts, starts, chunk)
 
-    def _draw(self, visible: int, starts: Buffer, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
+    def _make_room(self, entries: int) -> None:
+        """Makes the tile lists long enough for what the last binning counted, with a margin for the next camera."""
+        self._lists = Buffer.empty(self.device, entries + entries // 2, layout.ENTRY)
+        with self._image.writing() as table:
+            table["list_capacity"] = len(self._lists.array)
+        with self._made.counters.writing() as table:
+            table["next_tile"] = table["saturated"] = 0
+
+    def _draw(self, visible: int, bins: Bins, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
         triangles = self._made.triangles
         geometry = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
         surface = (*geometry, *self._attributes, self._lights, self._image)
-        tile = (self._lists, starts, rgba, owners, self._made.counters)
+        tile = (self._lists, bins.starts, rgba, owners, self._made.counters)
         tiles = self._tiles
+        if visible:
+            arguments = (bins.counts, self._lists, bins.chunk, visible)
+            events["bin_fill"] = self.stages.bin_fill(self._made, self._image, *arguments)
         if self.features["PHONG"]:
             events["phong"] = self.stages.phong(surface, tile, tiles)
             return
@@ -331,18 +347,21 @@ class Renderer:
         self._host: dict[str, float] = {}
         events: dict[str, Any] = {}
         self._set_view(camera)
-        self._set_image(camera)
         visible = self._setup(camera, events)
         sorting = time.perf_counter()
         self._sort(visible)
         self._host["sort"] = (time.perf_counter() - sorting) * 1e3
-        starts = self._bin(visible, self._tiles, events)
+        bins = self._bin(visible, events)
         rgba = self._pool.take((rows, columns, 4), np.float32)
         owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
-        self._draw(visible, starts, rgba, owners, events)
+        self._draw(visible, bins, rgba, owners, events)
+        counters = self._made.counters.to_host()[0].copy()
+        if counters["entries"] > len(self._lists.array):
+            self._make_room(int(counters["entries"]))
+            self._draw(visible, bins, rgba, owners, events)
+            counters = self._made.counters.to_host()[0].copy()
         layers = self._layers(camera, owners, events)
         image = rgba.to_host()[:]
-        counters = self._made.counters.to_host()[0].copy()
         times = (time.perf_counter() - start) * 1e3
         scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
         host, fixed = self._host, dict(self._times)

@@ -160,10 +160,17 @@ class Stages:
         arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, counts, chunk, count)
         return self._launch("bin_count", (-(-count // chunk),), (1,), *arguments)
 
+    def bin_sums(self, image: Buffer, counts: Buffer, sums: Buffer) -> cl.Event:
+        return self._launch("bin_sums", sums.array.shape, (1,), image, counts, sums, len(counts.array))
+
+    def bin_scan(self, image: Buffer, sums: Buffer, counts: Buffer, starts: Buffer, made: TriangleBuffers) -> cl.Event:
+        arguments = (image, sums, counts, starts, made.counters, len(counts.array))
+        return self._launch("bin_scan", sums.array.shape, (1,), *arguments)
+
     def bin_fill(
         self, made: TriangleBuffers, image: Buffer, cursors: Buffer, lists: Buffer, chunk: int, count: int
     ) -> cl.Event:
-        arguments = (made.triangles, image, made.sorted_bounds, cursors, lists, chunk, count)
+        arguments = (made.triangles, image, made.sorted_bounds, cursors, lists, made.counters, chunk, count)
         return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
 
     def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:

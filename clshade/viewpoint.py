@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .camera import Camera
-from .geometry import look_at
+from .geometry import camera_axes
 from .validation import Array, number, refuse, vector
 
 
@@ -51,7 +51,7 @@ def moved(
         own = math.degrees(math.asin(max(-1.0, min(1.0, float(offset @ up_axis) / float(np.linalg.norm(offset))))))
         if not -90.0 < own + elevation < 90.0:
             raise refuse(who, "elevation", f"degrees between {-90 - own:.4g} and {90 - own:.4g}", elevation)
-        right = look_at(camera.eye, camera.lookat, camera.up)[0]
+        right = camera_axes(camera)[0]
         offset = _rotated(_rotated(offset, right, -elevation), up_axis, azimuth)
         camera = replace(camera, eye=camera.lookat + offset)
     if view_angle is not None:

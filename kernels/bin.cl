@@ -1,5 +1,5 @@
 // Lists of triangles per tile, in the order given, without fixed-capacity bins: the sorted list is cut into chunks;
-// each chunk counts its entries per tile, the host sums the counts up, then each chunk writes behind those before it.
+// each chunk counts its entries per tile, the counts are summed up, then each chunk writes behind those before it.
 #include "edge.clh"
 
 // Whether the edge function is negative all over the tile, so that the triangle misses it.
@@ -44,13 +44,64 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
     }
 }
 
+// The sums go over parts of the tiles: first each part's total, then each part's tiles from the totals before it.
+int part_begin(int part, int tiles)
+{
+    return (int)((long)tiles * part / (int)get_global_size(0));
+}
+
+kernel void bin_sums(global const Image *image,   // 1
+                     global const uint *counts,   // chunks x tiles, from bin_count
+                     global ulong *sums,          // entries of each part
+                     int chunks)
+{
+    int part = get_global_id(0), end = part_begin(part + 1, image->tiles);
+    ulong sum = 0;
+    for (int chunk = 0; chunk < chunks; ++chunk) {
+        global const uint *own = counts + (long)chunk * image->tiles;
+        for (int tile = part_begin(part, image->tiles); tile < end; ++tile)
+            sum += own[tile];
+    }
+    sums[part] = sum;
+}
+
+kernel void bin_scan(global const Image *image,   // 1
+                     global const ulong *sums,    // from bin_sums, with as many work-items
+                     global uint *counts,         // chunks x tiles: counts in, where each chunk's entries begin out
+                     global uint *starts,         // tiles + 1: where each tile's list begins
+                     global Counters *counters,   // 1: entries
+                     int chunks)
+{
+    int part = get_global_id(0), end = part_begin(part + 1, image->tiles);
+    ulong begin = 0;
+    for (int before = 0; before < part; ++before)
+        begin += sums[before];
+    uint at = (uint)begin;
+    for (int tile = part_begin(part, image->tiles); tile < end; ++tile) {
+        starts[tile] = at;
+        for (int chunk = 0; chunk < chunks; ++chunk) {
+            global uint *own = counts + (long)chunk * image->tiles + tile;
+            uint count = *own;
+            *own = at;
+            at += count;
+        }
+    }
+    if (end == image->tiles && part + 1 == get_global_size(0)) {
+        starts[end] = at;
+        counters->entries = begin + sums[part];
+    }
+}
+
 kernel void bin_fill(global const Triangle *triangles,   // F + C
                      global const Image *image,          // 1
                      global const Bounds *sorted,        // T, from bin_count
                      global uint *cursors,               // chunks x tiles: where each chunk's entries of a tile begin
                      global Entry *lists,                // entries of tile 0, of tile 1, ...
+                     global const Counters *counters,    // 1
                      int chunk_size, int count)          // T
 {
+    if (!lists_hold_all(image, counters))
+        return;
     int chunk = get_global_id(0);
     global uint *own = cursors + (long)chunk * image->tiles;
     int end = min((chunk + 1) * chunk_size, count);

@@ -164,8 +164,11 @@ class Pipeline:
         self.order = Buffer(self.device, np.asarray(order, np.uint32))
         return order
 
-    def bin(self, chunk: int | None = None) -> list[Array]:
-        """Fills the tile lists, `chunk` triangles at a time; returns the triangles of each tile."""
+    def bin(self, chunk: int | None = None, parts: int = 1, room: int | None = None) -> list[Array]:
+        """Fills the tile lists, `chunk` triangles at a time; returns the triangles of each tile.
+
+        parts: work-items of the scan. room: entries that the lists hold, by default as many as there are.
+        """
         chunk = chunk or max(self.visible, 1)
         chunks = -(-self.visible // chunk)
         if not self.visible:
@@ -174,13 +177,19 @@ class Pipeline:
             return [np.zeros(0, np.int32)] * self.tiles
         counts = self.counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
-        table = counts.to_host()
+        table = counts.to_host().copy()
+        self.starts = Buffer.empty(self.device, self.tiles + 1, np.uint32)
+        sums = Buffer.empty(self.device, parts, np.uint64)
+        self.stages.bin_sums(self.image, counts, sums)
+        self.stages.bin_scan(self.image, sums, counts, self.starts, self.made)
         # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
-        self.starts = Buffer(self.device, begin[::chunks].astype(np.uint32))
-        with counts.writing() as rows:
-            rows[:] = begin[:-1].reshape(self.tiles, chunks).T
-        self.lists = Buffer.empty(self.device, int(begin[-1]), layout.ENTRY)
+        assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
+        assert np.array_equal(self.starts.to_host(), begin[::chunks])
+        assert self.made.counters.to_host()["entries"] == begin[-1]
+        self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, layout.ENTRY)
+        with self.image.writing() as image:
+            image["list_capacity"] = len(self.lists.array)
         self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
@@ -203,7 +212,7 @@ class Pipeline:
         around = np.full((rows + 2, columns, 4), np.nan, np.float32), np.full((rows + 2, columns), -2, np.int32)
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.made.counters.writing() as table:
-            table[:] = 0
+            table["next_tile"] = table["saturated"] = 0
         tile = (self.lists, self.starts, rgba, owners, self.made.counters)
         surface = self.surface(**arrays)
         if self.features["PHONG"]:

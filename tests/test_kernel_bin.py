@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clshade import layout
+from clshade.camera import Camera
 from clshade.oracle import coverage
+from clshade.renderer import Renderer, render
+from clshade.scene import Mesh, Scene
 from kernels import Pipeline, vertices_at
 
 TILE = layout.TILE_SIZE
@@ -69,14 +74,14 @@ def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
     assert not tiles[distance > 1].any()
 
 
-@pytest.mark.parametrize("chunk", [1, 2, 7, 64, 1000, 10**6])
-def test_chunks_change_nothing(device, chunk):
+@pytest.mark.parametrize(("chunk", "parts"), [(1, 1), (2, 3), (7, 1), (64, 64), (1000, 7), (10**6, 2)])
+def test_chunks_and_parts_change_nothing(device, chunk, parts):
     xy = triangles(2, 400)
     pipeline, _, _ = set_up(device, xy, (90, 70))
     whole = pipeline.bin()
     entries, starts = pipeline.lists.array.copy(), pipeline.starts.array.copy()
     assert sum(map(len, whole)) > 250
-    pipeline.bin(min(chunk, pipeline.visible))
+    pipeline.bin(min(chunk, pipeline.visible), parts)
     assert np.array_equal(pipeline.starts.array, starts)
     assert np.array_equal(pipeline.lists.array, entries)
 
@@ -103,3 +108,25 @@ def test_the_given_order_is_kept_whatever_it_is(device):
     pipeline.ordered(order[::-1])
     back = pipeline.bin(13)
     assert all(np.array_equal(a, b[::-1]) for a, b in zip(forth, back, strict=True))
+
+
+def test_without_room_nothing_is_listed_or_drawn(device):
+    pipeline, _, _ = set_up(device, triangles(5, 300), (90, 70))
+    pipeline.bin()
+    entries = len(pipeline.lists.array)
+    assert (pipeline.draw()[1] != -2).all()
+    pipeline.bin(room=entries - 1)
+    assert (pipeline.draw()[1] == -2).all()
+
+
+def test_the_renderer_makes_room_as_it_needs_it(device):
+    """From one triangle seen small to seen all over the image and back: each frame is as if it were the first."""
+    mesh = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    cameras = [Camera.from_fov((0.0, 0.0, z), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0) for z in (50.0, 0.5, 9.0)]
+    scene = Scene((mesh,), cameras[0].with_resolution((200, 150)))
+    with Renderer(scene, device=device) as renderer:
+        frames = [renderer.render(camera.with_resolution((200, 150))) for camera in cameras]
+    for camera, frame in zip(cameras, frames, strict=True):
+        alone = render(replace(scene, camera=camera.with_resolution((200, 150))), device=device)
+        assert np.array_equal(frame.rgb, alone.rgb)
+        assert frame.alpha.any()

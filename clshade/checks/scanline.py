@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..camera import Camera
-from ..geometry import look_at, vertex_normals
+from ..geometry import camera_axes, vertex_normals
 from ..scene import Scene
 from ..validation import Array, refuse
 
@@ -21,7 +21,7 @@ Lights = list[tuple[Array, Array]]  # position and intensity of each
 
 def project(points: Array, camera: Camera) -> tuple[Array, Array]:
     """Image coordinates (V, 2) and depths (V,) of world positions (V, 3)."""
-    x, y, z = look_at(camera.eye, camera.lookat, camera.up) @ (points - camera.eye).T
+    x, y, z = camera_axes(camera) @ (points - camera.eye).T
     (height, width), (columns, rows) = camera.plane, camera.resolution
     u = (camera.focal * x / (z * width) + 0.5) * columns
     v = (camera.focal * y / (z * height) + 0.5) * rows
