@@ -21,7 +21,7 @@ typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Ve
 
 // Whether a triangle that reaches over less than FEW_PIXELS + 1 pixels each way, so that its edge functions fit an int,
 // covers the center of a pixel. Only looked into where its box holds few pixels.
-int may_cover(const Triangle *t, const Bounds *bounds)
+INLINE int may_cover(const Triangle *t, const Bounds *bounds)
 {
     int columns = bounds->box[2] - bounds->box[0] + 1, rows = bounds->box[3] - bounds->box[1] + 1;
     if (columns * rows > FEW_PIXELS)
@@ -54,7 +54,7 @@ int is_front_only(int face, global const int *face_materials, global const Mater
 }
 
 // Completes a triangle of which x, y and w are set, and its bounds.
-Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_only, global const Image *image)
+INLINE Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_only, global const Image *image)
 {
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
     if (area == 0)
