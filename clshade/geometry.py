@@ -18,6 +18,9 @@ from .scene import Scene
 from .validation import Array, refuse, vector
 
 
+_CANCELED = 2.0**-40  # of the faces' sizes: a sum below it has no direction left
+
+
 def _exponent(values: Array) -> int:
     """The e for which the largest magnitude of `values` is in [2^(e-1), 2^e); 0 when all are zero."""
     return int(np.frexp(max(values.max(initial=0.0), -values.min(initial=0.0)))[1])
@@ -37,7 +40,8 @@ def vertex_normals(verts: Any, faces: Any) -> Array:
     """Unit normals at the vertices of a mesh: the sum of the faces' cross products, normalized.
 
     verts: (V, 3) finite positions. faces: (F, 3) indices into verts; counter-clockwise seen from outside.
-    Returns (V, 3) float64; a vertex whose faces sum to zero, or without faces, gets 0.
+    Returns (V, 3) float64; a vertex whose faces cancel (to 2^-40 of their sizes: what is left is rounding), or without
+    faces, gets 0.
 
     The cross product of a face is (b-a) x (c-a), so a face counts by its area. Any scale from 1e-150 to 1e150 (within
     a mesh, faces 1e-150 times smaller in area than the largest fade to 0) and any offset.
@@ -49,15 +53,29 @@ def vertex_normals(verts: Any, faces: Any) -> Array:
     edges = _edges(verts, faces)
     np.ldexp(edges, -_exponent(edges), out=edges)
     sums = np.zeros((3, len(verts)))
+    whole = 0.0
     for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
         cross = np.empty(len(faces))
         for block in _blocks(len(faces)):
-            u, v = edges[:, :, block]
-            cross[block] = u[j] * v[k] - u[k] * v[j]
+            cross[block] = _cross(edges[:, :, block], axis)
+            whole += float(np.abs(cross[block]).sum())
         for corner in range(3):
             sums[axis] += np.bincount(faces[:, corner], cross, len(verts))
+    largest = np.abs(sums).max(axis=0)
+    suspects = (largest > 0.0) & (largest <= _CANCELED * whole)
+    if suspects.any():
+        near = np.flatnonzero(suspects[faces].any(axis=1))
+        sizes = sum(np.abs(_cross(edges[:, :, near], axis)) for axis in range(3))
+        together = np.bincount(faces[near].reshape(-1), np.repeat(sizes, 3), len(verts))
+        sums[:, suspects & (largest <= _CANCELED * together)] = 0.0
     return _normalized(sums.T)
+
+
+def _cross(edges: Array, axis: int) -> Array:
+    """One component of the cross products of edges (2, 3, F)."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    u, v = edges
+    return u[j] * v[k] - u[k] * v[j]
 
 
 def _edges(verts: Array, faces: Array) -> Array:

@@ -32,7 +32,7 @@ PRESETS = ("course", "standard")
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
-    """A point light without attenuation. position: world space. intensity: linear RGB, any finite values."""
+    """A point light without attenuation. position: world space. intensity: linear RGB, any values that float32 holds."""
 
     position: Array
     intensity: Array = field(default_factory=lambda: np.ones(3))
@@ -43,6 +43,8 @@ class PointLight:
             position=vector("PointLight", "position", self.position),
             intensity=vector("PointLight", "intensity", self.intensity),
         )
+        if (np.abs(self.intensity) > float(np.finfo(np.float32).max)).any():
+            raise refuse("PointLight", "intensity", "numbers within float32", self.intensity.tolist())
 
 
 @dataclass(frozen=True, eq=False)

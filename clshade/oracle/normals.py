@@ -6,12 +6,15 @@ import numpy as np
 
 from .vectors import Array, cross, dot, power_of_two, unit
 
+CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
+
 
 def vertex_normals(verts: Array, faces: Array) -> Array:
     """Normals of a mesh from its shape: at each vertex the sum of its faces' cross products, normalized.
 
     verts: (V, 3), faces: (F, 3) indices. Returns (V, 3): unit vectors, or 0 at a vertex that has no face, only faces
-    without area, or faces that cancel exactly. A larger face counts for more: its cross product is twice its area.
+    without area, or faces that cancel but for rounding (2^-40 of their sizes). A larger face counts for more: its cross
+    product is twice its area.
     """
     total = np.zeros((len(verts), 3))
     if len(faces) == 0:
@@ -19,7 +22,11 @@ def vertex_normals(verts: Array, faces: Array) -> Array:
     corners = np.asarray(verts, dtype=np.float64)[faces]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     scale = power_of_two(np.maximum(np.abs(first), np.abs(second)).max(axis=0))
-    np.add.at(total, faces, cross(first / scale, second / scale)[:, None, :])
+    products = cross(first / scale, second / scale)
+    np.add.at(total, faces, products[:, None, :])
+    sizes = np.zeros(len(verts))
+    np.add.at(sizes, faces, np.abs(products).sum(axis=1)[:, None])
+    total[np.abs(total).max(axis=1) <= CANCELED * sizes] = 0.0
     return unit(total)
 
 
