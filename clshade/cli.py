@@ -173,7 +173,7 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
     else:
         from . import loading
 
-        scene = loading.load(name, **options)
+        scene = loading.load(name, resolution=arguments.resolution, **options)
     if arguments.lights is not None:
         for index in arguments.lights:
             if not 0 <= index < len(scene.lights):

@@ -68,6 +68,15 @@ def test_two_sided(tmp_path):
     assert [scene_of(is_open, *o).meshes[0].material.two_sided for o in ([], ["--no-two-sided"])] == [True, False]
 
 
+@pytest.mark.parametrize("resolution", ["200,800", "800,200"])
+def test_a_mesh_fits_into_an_image_of_any_shape(tmp_path, resolution):
+    path = write(tmp_path / "a.obj", ROOF)
+    wanted = tuple(map(int, resolution.split(",")))
+    camera = scene_of(path, "--resolution", resolution).camera
+    assert camera.resolution == wanted
+    assert camera.eye.tolist() == loading.load(path, resolution=wanted).camera.eye.tolist()
+
+
 def test_values_that_begin_with_a_dash(tmp_path):
     path = write(tmp_path / "a.obj", ROOF)
     camera = scene_of(path, "--camera-position", "-1,-2,3", "--camera-focal-point", "-.5,0,0").camera
