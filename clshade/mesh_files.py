@@ -30,8 +30,9 @@ def read_obj(path: Path, options: Options) -> Scene:
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
     are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
     without normals get those of the whole file's faces, so that no seam shows between meshes; edges above
-    options.crease are sharp. Faces that run clockwise as the file's normals see them are turned round. Both sides are
-    lit. A material or image that is not there is left out, with a warning. See `obj_text.parse_obj` and `mtl_files`.
+    options.crease are sharp, and all where the file's only smoothing group is `s off`. Faces that run clockwise as the
+    file's normals see them are turned round. Both sides are lit. A material or image that is not there is left out,
+    with a warning. See `obj_text.parse_obj` and `mtl_files`.
 
     Raises InputError, one line, see clshade.loading.load.
     """
@@ -40,11 +41,18 @@ def read_obj(path: Path, options: Options) -> Scene:
     text = parse_obj(read_file(path, MAX_BYTES), owner)
     if options.texture is not None and text.indices[:, 0, 1].max() < 0:
         raise complaint(owner, "vt", "texture coordinates for the texture", "none")
+    if options.crease is None and text.smoothing and text.indices[:, 0, 2].min() < 0:
+        if text.smoothing == {"off"}:
+            options = replace(options, crease=0.0)
+        elif len(text.smoothing) > 1:
+            text.ignored.append("smoothing groups")
     _turn_to_normals(text)
     library = Library(os.fspath(path), text.libraries)
     text.colors = _finite_colors(text.colors, owner)
     meshes = _meshes(text, library, options, name, owner)
-    return told(framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, library.ignored)
+    return told(
+        framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, text.ignored + library.ignored
+    )
 
 
 def _turn_to_normals(text: ObjText) -> None:

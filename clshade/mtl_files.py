@@ -35,7 +35,8 @@ _IGNORED = {
     **dict.fromkeys(("ke", "map_ke"), "emission"),
     **dict.fromkeys(("d", "tr", "tf"), "transparency"),
     **dict.fromkeys(("map_ka", "map_ks", "map_ns"), "maps of Ka, Ks and Ns"),
-    **dict.fromkeys(("map_pr", "map_pm", "map_ps", "pr", "pm"), "metallic-roughness"),
+    **dict.fromkeys(("map_pr", "map_pm", "pr", "pm"), "metallic-roughness"),
+    **dict.fromkeys(("map_ps", "ps", "pc", "aniso"), "sheen, clearcoat and anisotropy"),
     **dict.fromkeys(("disp", "map_disp", "decal"), "displacement and decals"),
     "refl": "reflection maps",
 }
@@ -200,7 +201,9 @@ class Library:
 
 def _is_default(keyword: str, rest: str) -> bool:
     """Whether a statement that is not rendered changes nothing."""
-    value = {"d": 1.0, "tr": 0.0, "ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0}.get(keyword)
+    value = {"d": 1.0, "tr": 0.0, "ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}.get(
+        keyword
+    )
     words = rest.split("#", 1)[0].split()
     return value is not None and all(_NUMBER.fullmatch(word) is not None and float(word) == value for word in words)
 

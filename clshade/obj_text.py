@@ -25,6 +25,12 @@ _COUNTS = {
     VN: ((3,), "3 numbers"),
 }
 _MAX_INDEX = (1 << 31) - 2
+# Statements that draw something which is not rendered.
+_IGNORED = {
+    b"l": "lines",
+    b"p": "points",
+    **dict.fromkeys((b"curv", b"curv2", b"surf"), "free-form curves and surfaces"),
+}
 
 
 class Run(NamedTuple):
@@ -45,6 +51,7 @@ class ObjText:
     indices: (F, 3, 3) int32 from 0: face, corner, and which of verts, uvs and normals. In the latter two all corners of
         a face without hold -1.
     runs: in order of their first face. libraries: of each mtllib, (line number, text after the keyword).
+    smoothing: the groups that `s` statements name, `off` for none. ignored: what is not rendered, a few words each.
     """
 
     verts: Array
@@ -54,6 +61,8 @@ class ObjText:
     indices: Array
     runs: list[Run]
     libraries: list[tuple[int, str]]
+    smoothing: set[str]
+    ignored: list[str]
 
 
 @dataclass
@@ -71,6 +80,8 @@ class _Reader:
     places: list[Array] = field(default_factory=list)
     runs: list[Run] = field(default_factory=lambda: [Run(0, None, None, None)])
     libraries: list[tuple[int, str]] = field(default_factory=list)
+    smoothing: set[str] = field(default_factory=set)
+    ignored: list[str] = field(default_factory=list)
 
     def line(self, place: int) -> int:
         """The number of the line that holds byte `place` of the file."""
@@ -86,7 +97,7 @@ def parse_obj(data: bytes, owner: str) -> ObjText:
     """The content of an OBJ file's bytes. owner: the file's name, for messages.
 
     Read: v (also with w, which is left out, or a color), vt, vn, f (any number of corners, fanned; relative indices),
-    o, g, usemtl, mtllib, comments, continued lines, a byte order mark, line ends of any kind. Other statements are
+    o, g, s, usemtl, mtllib, comments, continued lines, a byte order mark, line ends of any kind. Other statements are
     skipped. Vertices, uvs and normals that no face uses stay.
 
     Raises InputError with the line number for: a line that is no OBJ statement, wrong counts, text where a number is
@@ -116,12 +127,17 @@ def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
         keyword = lines.token(token)
         if not (len(keyword) <= 32 and keyword.replace(b"_", b"").isalnum()):
             raise reader.complaint(lines, token, "keyword", "an OBJ statement (v, vt, vn, f ...)", quoted(keyword))
-        if keyword not in (b"o", b"g", b"usemtl", b"mtllib"):
+        if keyword in _IGNORED and _IGNORED[keyword] not in reader.ignored:
+            reader.ignored.append(_IGNORED[keyword])
+        if keyword not in (b"o", b"g", b"s", b"usemtl", b"mtllib"):
             continue
         last = int(lines.ends[token + int(lines.count[index])])
         name = lines.text[lines.ends[token] : last].decode("utf-8", "replace").strip()
         if keyword == b"mtllib":
             reader.libraries.append((reader.line(reader.offset + int(lines.starts[token]) - 1), name))
+            continue
+        if keyword == b"s":
+            reader.smoothing.add("off" if name in ("0", "off") else name)
             continue
         run = reader.runs[-1]._replace(first=int(upcoming[index]))
         if keyword == b"o":
@@ -270,4 +286,4 @@ def _joined(reader: _Reader) -> ObjText:
         for which, given in reader.colors:
             colors[which] = given
     runs = [run for run in reader.runs if run.first < len(indices)]
-    return ObjText(verts, colors, uvs, normals, indices, runs, reader.libraries)
+    return ObjText(verts, colors, uvs, normals, indices, runs, reader.libraries, reader.smoothing, reader.ignored)

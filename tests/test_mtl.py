@@ -89,7 +89,9 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
     assert scene.ignored == ("transparency", "emission", "normal maps", "maps of Ka, Ks and Ns")
     assert len(messages) == 1
     assert "a.obj: not rendered: transparency, emission" in messages[0]
-    assert material_of(tmp_path, "d 1.0\nTr 0\nKe 0 0 0\nNi 1.5\n")[2] == []
+    assert material_of(tmp_path, "d 1.0\nTr 0\nKe 0 0 0\nNi 1.5\nPs 0\nPc 0.0\naniso 0\n")[2] == []
+    _, scene, _ = material_of(tmp_path, "Pm 1\nPc 0.5\n")
+    assert scene.ignored == ("metallic-roughness", "sheen, clearcoat and anisotropy")
 
 
 def test_creases_of_a_whole_file(tmp_path):

@@ -99,6 +99,7 @@ def test_zero_area_faces_stay(tmp_path):
         "f 1 2 3\n" + TRIANGLE,
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*not rendered. lines, points")
 def test_forms_of_the_text(tmp_path, text):
     (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
     assert mesh.verts.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
@@ -391,3 +392,22 @@ def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
 
 def test_a_texture_needs_uvs(tmp_path):
     refusal(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"), "a.obj: vt: ", texture=np.ones((1, 1, 3)))
+
+
+def test_smoothing_and_what_is_not_rendered(tmp_path):
+    def told(text: str, **options):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene = load(write(tmp_path / "a.obj", TRIANGLE + text), **options)
+        assert len(caught) == (1 if scene.ignored else 0)
+        return scene.meshes[0].normals is not None, scene.ignored
+
+    face = "f 1 2 3\n"
+    assert told(face) == (False, ())  # smooth: left to the mesh
+    assert told("s 1\n" + face) == (False, ())
+    assert told("s off\n" + face) == told("s 0\n" + face) == (True, ())  # flat
+    assert told("s 1\n" + face + "s off\n" + face) == (False, ("smoothing groups",))
+    assert told("s 1\n" + face + "s 2\n" + face, crease=30) == (True, ())
+    assert told("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\ns off\nf 1//1 2//1 3//1\n") == (True, ())
+    lines = "l 1 2\nl 2 3\np 1\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3\n"
+    assert told(face + lines) == (False, ("lines", "points", "free-form curves and surfaces"))
