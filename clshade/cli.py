@@ -124,6 +124,18 @@ def _device_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _stability_options(commands: Any) -> None:
+    stability = commands.add_parser("stability", help="stiff and extreme cases, each with its measured error")
+    stability.add_argument("--device", help="as for render, or `all`: every device that works")
+    stability.add_argument(
+        "--out", default="stability", metavar="DIR", help="folder for table, figure and pictures (default: stability)"
+    )
+    stability.add_argument("--case", nargs="+", default=(), metavar="NAME", help="only these, by name or number")
+    stability.add_argument("--triangles", type=int, default=50_000, help="random ones to draw (default: 50000)")
+    stability.add_argument("--list", action="store_true", help="name all cases, and what is expected of each")
+    stability.set_defaults(run=_stability)
+
+
 def _parser() -> argparse.ArgumentParser:
     from . import __version__
 
@@ -149,6 +161,7 @@ def _parser() -> argparse.ArgumentParser:
     render.set_defaults(run=_render)
     devices = commands.add_parser("devices", help="what OpenCL devices were found, and which work")
     devices.set_defaults(run=_devices)
+    _stability_options(commands)
     inspect = commands.add_parser("inspect", help="statistics per channel of an EXR, and an exposure ladder")
     inspect.add_argument("file", metavar="FILE.exr")
     inspect.add_argument("-o", "--output", metavar="PNG", help="exposure ladder (default: FILE-ladder.png)")
@@ -283,6 +296,16 @@ def _devices(arguments: argparse.Namespace) -> int:
     infos = device.list_devices()
     print(device.format_devices(infos))
     return DONE if any(info.works for info in infos) else FAILED
+
+
+def _stability(arguments: argparse.Namespace) -> int:
+    from .checks import stability
+
+    if arguments.list:
+        print(stability.listing())
+        return DONE
+    options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}
+    return DONE if stability.run(arguments.device, **options) else FAILED
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
