@@ -12,7 +12,9 @@ import warnings
 import numpy as np
 import pytest
 
+from clshade import cli
 from clshade.loading import EXTENSIONS, load
+from clshade.renderer import Renderer
 
 FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")
@@ -129,6 +131,37 @@ def test_valid_files_load_and_others_are_refused(verdicts):
 def test_within_time_and_memory(verdicts):
     assert max(seconds for _, seconds, _ in verdicts.values()) < 5
     assert max(peak for _, _, peak in verdicts.values()) < 1024
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    code = cli.main(["render", str(FOLDER / "bad" / name)])
+    out, err = capsys.readouterr()
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("clshade: ")
+    assert name in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_of_valid_files(device):
+    """Which triangles are seen, and that all of a picture is finite."""
+    seen, ids = {}, {}
+    for name in VALID:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            scene = load(FOLDER / "bad" / name)
+        resolution = None if name.endswith(".npy") else (64, 48)
+        with Renderer(scene, layers=("id",), device=device, resolution=resolution) as renderer:
+            frame = renderer.render()
+            assert np.isfinite(frame.rgb).all(), name
+            ids[name] = frame["id"].copy()
+            seen[name] = len(np.unique(ids[name])) - bool((ids[name] == 0).any())
+    nothing = {"self_behind.npy", "self_collinear.obj"}
+    assert {name for name, count in seen.items() if not count} <= {*nothing, "self_coords_1e38.obj"}
+    assert not any(seen[name] for name in nothing)
+    assert seen["self_repeat_verts.obj"] == 2
+    assert np.array_equal(ids["self_ok.npy"], ids["self_offset_1e6.npy"])
 
 
 def test_warnings_of_valid_files():
