@@ -17,6 +17,7 @@ from .errors import InputError
 from .obj_lines import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 from .reading import complaint, quoted
 from .scene import MAX_FACES
+from .triangulation import fans
 from .validation import Array
 
 _COUNTS = {
@@ -204,11 +205,8 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
         raise complaint(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
     if len(chosen):
         corners = _resolved(reader, lines, chosen, _corners(reader, lines, chosen))
-        triangles = count - 2
-        line = np.repeat(np.arange(len(chosen)), triangles)
-        step = np.arange(len(line)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
-        start = (np.cumsum(count) - count)[line]
-        reader.faces.append(corners[np.stack([start, start + step + 1, start + step + 2], axis=1)])
+        triangles, line = fans(np.arange(len(corners)), count)
+        reader.faces.append(corners[triangles])
         reader.places.append(reader.offset + lines.starts[lines.first[chosen]][line] - 1)
     reader.face_count = int(first_triangle[-1])
     return first_triangle

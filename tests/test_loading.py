@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import pathlib
+import tracemalloc
 
 import numpy as np
 import pytest
+from mesh_writers import Gltf, ply, stl
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 
 import clshade
@@ -151,3 +154,36 @@ def test_unused_vertices_do_not_move_the_camera(tmp_path):
     one = load(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"))
     two = load(write(tmp_path / "b.obj", TRIANGLE + "v 1e9 1e9 1e9\nf 1 2 3\n"))
     assert np.array_equal(one.camera.eye, two.camera.eye)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "stl", "glb"])
+def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
+    """What a scene keeps alive is its arrays: no bytes of the file, no second copy of the vertices."""
+    verts = np.random.default_rng(1).random((3000, 3)).astype(np.float32)
+    if kind == "obj":
+        data: str | bytes = "".join(f"v {x} {y} {z}\n" for x, y, z in verts.tolist())
+        data += "".join(f"f {k} {k + 1} {k + 2}\n" for k in range(1, 3000, 3))
+    elif kind == "ply":
+        head = "element vertex 3000\nproperty float x\nproperty float y\nproperty float z\n"
+        head += "element face 1000\nproperty list uchar int vertex_indices\n"
+        rows = [("3f", row) for row in verts.tolist()] + [("B3i", [3, k, k + 1, k + 2]) for k in range(0, 3000, 3)]
+        data = ply("binary_little_endian", head, rows)
+    elif kind == "stl":
+        data = stl(verts.reshape(-1, 3, 3))
+    else:
+        document = Gltf()
+        document.mesh({"POSITION": verts, "NORMAL": verts}, np.arange(3000, dtype=np.uint16))
+        document.glb(tmp_path / "a.glb")
+        data = (tmp_path / "a.glb").read_bytes()
+    path = write(tmp_path / f"a.{kind}", data)
+    load(path)
+    tracemalloc.start()
+    try:
+        scene = load(path)
+        gc.collect()
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    mesh = scene.meshes[0]
+    arrays = [mesh.verts, mesh.faces, *(a for a in (mesh.normals, mesh.normal_faces) if a is not None)]
+    assert kept < sum(array.nbytes for array in arrays) + 12_000  # the scene's objects; the vertices alone have 36,000
