@@ -5,14 +5,18 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import secrets
 import stat
+import time
 from collections.abc import Iterator
 from typing import BinaryIO
 
 from .errors import OutputError
 
 Path = str | os.PathLike[str]
+
+LEFT_SECONDS = 3600.0  # a temporary file that has not changed for so long was left by a process that was killed
 
 
 def shown(path: Path) -> str:
@@ -26,10 +30,11 @@ def refused(path: Path, reason: str) -> OutputError:
     return OutputError(f"{shown(path)}: cannot be written: {reason}")
 
 
-def _reason(error: BaseException, folder: str) -> str:
+def _reason(error: BaseException, path: Path) -> str:
     if isinstance(error, MemoryError):
         return "out of memory"
     if isinstance(error, OSError):
+        folder = os.path.dirname(os.path.realpath(path))
         if error.errno == errno.ENOENT and not os.path.exists(folder):
             return f"there is no folder {shown(folder)}"
         if error.errno == errno.ENOTDIR:
@@ -37,6 +42,27 @@ def _reason(error: BaseException, folder: str) -> str:
         if error.strerror:
             return error.strerror
     return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """An OSError or MemoryError of the block becomes an OutputError, one line that names `path` and the reason."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except (OSError, MemoryError) as error:
+        raise refused(path, _reason(error, path)) from None
+
+
+def _resolved(path: Path) -> str:
+    """The file that `path` leads to, links followed."""
+    try:
+        if "\0" in os.fspath(path):
+            raise ValueError("embedded null character")
+        return os.path.realpath(path)
+    except ValueError as error:  # or what the file system's encoding does not have
+        raise refused(path, str(error)) from None
 
 
 def _permissions(path: Path, target: str) -> int | None:
@@ -54,14 +80,128 @@ def _permissions(path: Path, target: str) -> int | None:
     return stat.S_IMODE(mode)
 
 
-def _finish(file: BinaryIO) -> None:
-    file.flush()
-    try:
-        os.fsync(file.fileno())
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that cannot sync
-            raise
-    file.close()
+def check(path: Path) -> None:
+    """Raises the OutputError that `replacing` would, as far as can be told without writing: a full disk cannot."""
+    target = _resolved(path)
+    folder = os.path.dirname(target)
+    with naming(path):
+        _permissions(path, target)
+        os.stat(folder)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise refused(path, os.strerror(errno.EACCES))
+
+
+_swept: set[str] = set()
+
+
+def _sweep(folder: str) -> None:
+    """Removes temporary files of this user that killed processes left there; once in a process for each folder."""
+    if folder in _swept:
+        return
+    _swept.add(folder)
+    user = os.geteuid() if hasattr(os, "geteuid") else None
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if not re.fullmatch(r"\.clshade-[0-9a-f]{16}\.tmp", entry.name):
+                continue
+            with contextlib.suppress(OSError):
+                found = entry.stat(follow_symlinks=False)
+                own = user is None or found.st_uid == user
+                if own and stat.S_ISREG(found.st_mode) and found.st_mtime < time.time() - LEFT_SECONDS:
+                    os.unlink(entry.path)
+
+
+def _beside(target: str) -> str:
+    # A short name of its own: a long one derived from the target's could exceed the file system's limit.
+    return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
+
+
+class _Replacement:
+    """One file under way: open, then finished (all of it on disk), then placed; or discarded, whatever came before."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.target = path, _resolved(path)
+        self.temporary, self.earlier, self.placed = _beside(self.target), "", False
+        self.file: BinaryIO | None = None
+
+    def open(self) -> BinaryIO:
+        mode = _permissions(self.path, self.target)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+        self.file = os.fdopen(os.open(self.temporary, flags, 0o666), "wb", buffering=1 << 20)
+        if mode is not None and hasattr(os, "fchmod"):
+            os.fchmod(self.file.fileno(), mode)
+        _sweep(os.path.dirname(self.target))
+        return self.file
+
+    def finish(self) -> None:
+        assert self.file is not None
+        self.file.flush()
+        try:
+            os.fsync(self.file.fileno())
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that cannot sync
+                raise
+        self.file.close()
+
+    def keep_earlier(self) -> None:
+        """Gives the file that is to be replaced a second name, so that `discard` can bring it back."""
+        if os.path.lexists(self.target):
+            kept = _beside(self.target)
+            with contextlib.suppress(OSError):  # a file system without hard links
+                os.link(self.target, kept)
+                self.earlier = kept
+
+    def place(self) -> None:
+        new = not os.path.lexists(self.target)
+        os.replace(self.temporary, self.target)
+        self.placed = new or bool(self.earlier)
+
+    def discard(self) -> None:
+        if self.file is not None:
+            with contextlib.suppress(OSError):  # closing flushes once more, onto the same full disk
+                self.file.close()
+        with contextlib.suppress(OSError):
+            if self.placed and self.earlier:
+                os.replace(self.earlier, self.target)
+            elif self.placed:
+                os.unlink(self.target)
+        self.drop_names()
+
+    def drop_names(self) -> None:
+        for name in (self.temporary, self.earlier):
+            if name:
+                with contextlib.suppress(OSError):
+                    os.unlink(name)
+
+
+@contextlib.contextmanager
+def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
+    """Binary files, open for writing, that take the places of `paths` when the `with` block ends without an error: all
+    of them, or, after any error, none: they are renamed once every one is on the disk, and a rename that fails undoes
+    those before it (where the file system knows hard links, or the file was new).
+
+    An error of the block passes unchanged: `naming` says which file it was about. Otherwise like `replacing`.
+    """
+    with contextlib.ExitStack() as stack:
+        under_way = [_Replacement(path) for path in paths]
+        files = []
+        for each in under_way:
+            stack.callback(each.discard)
+            with naming(each.path):
+                files.append(each.open())
+        yield files
+        for each in under_way:
+            with naming(each.path):
+                each.finish()
+        if len(under_way) > 1:
+            for each in under_way:
+                each.keep_earlier()
+        for each in under_way:
+            with naming(each.path):
+                each.place()
+        stack.pop_all()
+        for each in under_way:
+            each.drop_names()
 
 
 @contextlib.contextmanager
@@ -70,43 +210,14 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
     Until then the earlier file at `path` stays as it was; after any error or Ctrl-C it still does, and nothing else is
     left in the folder. A new file gets the permissions that the umask leaves, a replaced one keeps its own; a symbolic
-    link is followed.
+    link is followed. What a killed process left in the folder goes when the next one writes there an hour later.
 
     Raises OutputError, one line naming the file and the reason, for an OSError (full disk, missing or unwritable
     folder, target is a folder or a device ...) or a MemoryError, in here or in the block. Any other exception of the
     block, KeyboardInterrupt included, passes unchanged.
     """
-    temporary, folder, file, done = "", "", None, False
-    try:
-        target = os.path.realpath(path)
-        folder = os.path.dirname(target)
-        mode = _permissions(path, target)
-        # A short name of its own: a long one derived from the target's could exceed the file system's limit.
-        temporary = os.path.join(folder, f".clshade-{secrets.token_hex(8)}.tmp")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-        file = os.fdopen(os.open(temporary, flags, 0o666), "wb", buffering=1 << 20)
-        if mode is not None and hasattr(os, "fchmod"):
-            os.fchmod(file.fileno(), mode)
+    with replacing_all(path) as (file,), naming(path):
         yield file
-        _finish(file)
-        os.replace(temporary, target)
-        done = True
-    except OutputError:
-        raise
-    except (OSError, MemoryError) as error:
-        raise refused(path, _reason(error, folder)) from None
-    except ValueError as error:
-        if file is None:  # a NUL in the path
-            raise refused(path, _reason(error, folder)) from None
-        raise
-    finally:
-        if not done:
-            if file is not None:
-                with contextlib.suppress(OSError):  # closing flushes once more, onto the same full disk
-                    file.close()
-            if temporary:
-                with contextlib.suppress(OSError, ValueError):
-                    os.unlink(temporary)
 
 
 def write_bytes(path: Path, data: bytes | bytearray | memoryview) -> None:

@@ -21,7 +21,7 @@ from .camera import Camera
 from .errors import InputError
 from .geometry import camera_axes
 from .reading import complaint, quoted, read_file
-from .validation import Array
+from .validation import Array, choice
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
@@ -77,17 +77,20 @@ def camera_matrices(camera: Camera) -> tuple[Array, Array]:
     +y up, +z the viewing direction, in scene units: the camera frame of this renderer. NDC, after division by w, has
     (0, 0) at the upper left and (1, 1) at the lower right corner of the display window, y DOWN: the pixel in column c
     and row r from the top has its center at ((c+0.5)/N, (r+0.5)/M). OpenEXR leaves z open; here it is 1 - focal/depth:
-    0 on the image plane, 1 at infinity.
+    0 on the image plane, 1 at infinity; the depth itself in a parallel projection, whose w is 1.
     """
     to_camera = np.eye(4)
     to_camera[:3, :3] = camera_axes(camera).T
     to_camera[3, :3] = -np.asarray(camera.eye) @ to_camera[:3, :3]
-    height, width = camera.plane
+    (height, width), (right, up) = camera.plane, camera.principal
     to_ndc = np.zeros((4, 4))
-    to_ndc[0, 0] = camera.focal / width
-    to_ndc[1, 1] = -camera.focal / height
-    to_ndc[2] = 0.5, 0.5, 1.0, 1.0
-    to_ndc[3, 2] = -camera.focal
+    if camera.orthographic:
+        to_ndc[0, 0], to_ndc[1, 1], to_ndc[2, 2] = 1.0 / width, -1.0 / height, 1.0
+        to_ndc[3] = right, 1.0 - up, 0.0, 1.0
+    else:
+        to_ndc[0, 0], to_ndc[1, 1] = camera.focal / width, -camera.focal / height
+        to_ndc[2] = right, 1.0 - up, 1.0, 1.0
+        to_ndc[3, 2] = -camera.focal
     return to_camera, to_camera @ to_ndc
 
 
@@ -208,7 +211,7 @@ class _Sink:
         return self._guarded(self.file.tell)
 
 
-def _encode(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
+def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
     import OpenEXR
 
     method = "NO" if compression == "none" else compression.upper()
@@ -243,7 +246,24 @@ def write(
 ) -> list[str]:
     """Write a single-part scanline EXR, whole or not at all; the same arguments give the same bytes.
 
-    path: the file; an earlier one is replaced at the end (`atomic.replacing`).
+    path: the file; an earlier one is replaced at the end (`atomic.replacing`). The rest: see `encode`.
+    Returns warnings. Raises InputError for what is refused, OutputError when the file cannot be written.
+    """
+    with atomic.replacing(path) as file:
+        return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
+
+
+def encode(
+    file: BinaryIO,
+    channels: Mapping[str, Array] | Array,
+    *,
+    compression: str = "zip",
+    half: bool = False,
+    metadata: Mapping[str, Any] | None = None,
+    window: Window | str | None = None,
+) -> list[str]:
+    """The same into an open file.
+
     channels: what `flatten` takes: a dict such as {"R": .., "Z": .., "N.X": ..} of (M, N) arrays, or (M, N, 3|4).
         Row 0 is the top. Floats are stored as float32, bit for bit, NaNs, infinities and denormals included; float64
         is rounded; whole numbers are stored as uint32. Arrays need not be contiguous and are not changed.
@@ -256,10 +276,9 @@ def write(
         "drawn": the smallest that loses nothing. None: everything. The display window is always the whole image.
 
     Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by pxr24.
-    Raises InputError for refused channels, metadata, compression or window, OutputError when it cannot be written.
+    Raises InputError for refused channels, metadata, compression or window, OSError when it cannot be written.
     """
-    if compression not in COMPRESSIONS:
-        raise InputError(f"exr: compression: expected one of {', '.join(COMPRESSIONS)}, found {compression!r}")
+    choice("exr", "compression", compression, COMPRESSIONS)
     planes = flatten(channels)
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
@@ -269,8 +288,7 @@ def write(
     rounded = [name for name, plane in stored.items() if plane.dtype == np.float32]
     if compression == "pxr24" and rounded:
         warnings.append(f"{', '.join(rounded)}: pxr24 rounds float32 to 24 bits")
-    with atomic.replacing(path) as file:
-        _encode(file, header, stored, compression)
+    _compress(file, header, stored, compression)
     return warnings
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from .errors import InputError
 from .scene import Scene, Settings
-from .validation import Array, refuse
+from .validation import Array, choice, refuse
 
 
 class Frame:
@@ -32,6 +32,10 @@ class Frame:
         self.scene, self.settings = scene, settings
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A frame is pickled with its stats, which a renderer makes only when they are asked for."""
+        return {**vars(self), "_stats": self.stats, "_make_stats": None}
 
     @property
     def rgba(self) -> Array:
@@ -107,27 +111,50 @@ class Frame:
         Returns warnings, one line each. Raises OutputError when a file can't be written.
         """
         from . import atomic, exr, png
-        from .tonemap import tonemap as apply
 
-        path = Path(path)
-        stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
-        if not stem.name:
-            raise refuse("Frame.save", "path", "a file name", str(path))
-        apply(self.rgb[:1, :1], tonemap or default_tonemap(self.scene), exposure)  # refused before anything is written
-        # The PNG appears once the EXR has: of the two, either both are written or none. Both compress outside Python's
-        # lock, so they do it side by side.
-        with atomic.replacing(stem.with_name(stem.name + ".png")) as file, ThreadPoolExecutor(1) as beside:
-            encoded = beside.submit(lambda: png.encode(file, self.to_png8(tonemap, exposure)))
-            warnings = exr.write(
-                stem.with_name(stem.name + ".exr"),
-                self.channels(),
-                compression=compression,
-                half=half,
-                metadata=self.metadata(deterministic=deterministic),
-                window="drawn",
-            )
+        check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
+        paths = output_paths(path)
+
+        def encode_png(file: BinaryIO) -> None:
+            with atomic.naming(paths[1]):
+                png.encode(file, self.to_png8(tonemap, exposure))
+
+        # Both compress outside Python's lock, so they do it side by side.
+        with atomic.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
+            encoded = beside.submit(encode_png, png_file)
+            with atomic.naming(paths[0]):
+                warnings = exr.encode(
+                    exr_file,
+                    self.channels(),
+                    compression=compression,
+                    half=half,
+                    metadata=self.metadata(deterministic=deterministic),
+                    window="drawn",
+                )
             encoded.result()
-        return list(warnings)
+        return warnings
+
+
+def output_paths(path: str | Path) -> tuple[Path, Path]:
+    """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file."""
+    path = Path(path)
+    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
+    if stem.name in ("", ".."):
+        raise refuse("Frame.save", "path", "a file name", str(path))
+    return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+
+
+def check_output(
+    path: str | Path, *, tonemap: str | None = None, exposure: float = 0.0, compression: str = "zip"
+) -> None:
+    """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
+    from . import atomic, exr
+    from .tonemap import checked
+
+    checked(tonemap or "srgb", exposure)
+    choice("exr", "compression", compression, exr.COMPRESSIONS)
+    for file in output_paths(path):
+        atomic.check(file)
 
 
 def default_tonemap(scene: Scene) -> str:

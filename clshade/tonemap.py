@@ -138,6 +138,19 @@ def _map64(values: Array, codes: Array, thresholds: Array) -> None:
         codes[start : start + _BLOCK] = found
 
 
+def checked(operator: str, exposure: float) -> float:
+    """The exposure in stops. Raises InputError for an operator or exposure that `tonemap` refuses."""
+    if operator not in OPERATORS:
+        raise InputError(f"tonemap: operator: expected one of {', '.join(OPERATORS)}, found {operator!r}")
+    try:
+        stops = float(exposure)
+    except (TypeError, ValueError):
+        stops = math.nan
+    if not abs(stops) <= MAX_EXPOSURE:
+        raise InputError(f"tonemap: exposure: expected stops from -300 to 300, found {exposure!r}")
+    return stops
+
+
 def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
     """8-bit display image of a linear one.
 
@@ -160,14 +173,7 @@ def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
     Raises InputError for another shape, type, operator or exposure.
     """
     rgb = np.asarray(rgb)
-    if operator not in OPERATORS:
-        raise InputError(f"tonemap: operator: expected one of {', '.join(OPERATORS)}, found {operator!r}")
-    try:
-        stops = float(exposure)
-    except (TypeError, ValueError):
-        stops = math.nan
-    if not abs(stops) <= MAX_EXPOSURE:
-        raise InputError(f"tonemap: exposure: expected stops from -300 to 300, found {exposure!r}")
+    stops = checked(operator, exposure)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype not in (np.float16, np.float32, np.float64):
         raise InputError(
             f"tonemap: rgb: expected floats of shape (M, N, 3), found shape {rgb.shape} and type {rgb.dtype}"

@@ -151,3 +151,62 @@ def test_a_full_disk(kept):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert text == small == f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"
+
+
+# What killed processes leave
+
+
+def test_leftovers_of_killed_processes_are_swept_up(tmp_path, monkeypatch):
+    old, new, other = (tmp_path / f".clshade-{digit * 16}.tmp" for digit in "0af")
+    names = tmp_path / ".clshade-notes.tmp", tmp_path / "x.tmp"
+    for file in (old, new, *names):
+        file.write_bytes(b"half")
+    other.symlink_to(old)
+    for file in (old, *names):
+        os.utime(file, (1, 1))
+    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    left = {".clshade-notes.tmp", "x.tmp", new.name, other.name, "a.bin"}
+    assert set(os.listdir(tmp_path)) == left
+    monkeypatch.setattr(os, "scandir", lambda _: pytest.fail("a folder is looked through once in a process"))
+    atomic.write_bytes(tmp_path / "a.bin", b"y")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
+def test_leftovers_of_others_stay(tmp_path):
+    left = tmp_path / f".clshade-{'1' * 16}.tmp"
+    left.touch()
+    os.chown(left, 12345, -1)
+    os.utime(left, (1, 1))
+    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    assert left.exists()
+
+
+# Several at once
+
+
+def test_all_or_none(tmp_path):
+    paths = [tmp_path / name for name in "abc"]
+    paths[0].write_bytes(b"earlier")
+
+    def fail():
+        with atomic.replacing_all(*paths) as files:
+            for file in files:
+                file.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    with atomic.replacing_all(*paths) as files:
+        for file in files:
+            file.write(b"new")
+        assert paths[0].read_bytes() == b"earlier"
+    assert sorted(os.listdir(tmp_path)) == ["a", "b", "c"]
+    assert {path.read_bytes() for path in paths} == {b"new"}
+
+
+def test_check_refuses_what_replacing_refuses(kept):
+    for path in (kept.parent / "none" / "a", kept / "a", kept.parent, f"{kept.parent}/new/", os.devnull, "a\0b"):
+        assert refusal(atomic.check, path) == refusal(atomic.write_bytes, path, b"")
+    atomic.check(kept)
+    atomic.check(kept.parent / "new")

@@ -8,13 +8,15 @@ import signal
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from clshade import exr
+from clshade import clipping, exr
 from clshade.camera import Camera
 from clshade.errors import InputError
+from clshade.geometry import camera_axes
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name != "pxr24"]
 # Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.
@@ -205,6 +207,28 @@ def test_camera_matrices_project_as_the_renderer_does():
     ndc = np.append(corner, 1.0) @ to_ndc
     assert np.allclose(ndc[:3] / ndc[3], 0, atol=1e-14)
     assert np.linalg.det(to_camera[:3, :3]) == pytest.approx(-1)  # left-handed
+
+
+VIEWS = {
+    "perspective": CAMERA,
+    "off center": replace(CAMERA, principal=(0.25, 0.875)),
+    "orthographic": replace(CAMERA, orthographic=True),
+    "orthographic off center": replace(CAMERA, orthographic=True, principal=(-0.5, 0.6)),
+}
+
+
+@pytest.mark.parametrize("camera", VIEWS.values(), ids=list(VIEWS))
+def test_camera_matrices_put_points_where_the_renderer_does(camera):
+    to_camera, to_ndc = exr.camera_matrices(camera)
+    rng = np.random.default_rng(6)
+    inside = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 9, 50)])  # camera space
+    rows = np.column_stack([inside @ camera_axes(camera) + camera.eye, np.ones(50)])  # world space
+    assert np.allclose((rows @ to_camera)[:, :3], inside, atol=1e-13)
+    ndc = rows @ to_ndc
+    found = ndc[:, :2] / ndc[:, 3:]
+    u, v = clipping.image_positions(inside, camera).T
+    assert np.allclose(found[:, 0], u / camera.resolution[0], rtol=1e-11, atol=1e-11)
+    assert np.allclose(found[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
 
 
 def test_two_writes_are_the_same_bytes(tmp_path):

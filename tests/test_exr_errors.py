@@ -42,7 +42,7 @@ def test_a_disk_that_is_full_after_any_number_of_bytes(error):
         box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
         sink = Failing()
         sink.limit, sink.error = limit, error
-        exr._encode(sink, {"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9)).copy()}, compression)
+        exr._compress(sink, {"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9)).copy()}, compression)
         return len(sink.getvalue())
 
     for compression in ("none", "zip", "zstd"):

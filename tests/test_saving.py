@@ -1,0 +1,148 @@
+"""Frames as files and as bytes: both files or neither, what is refused before anything is written, pickling."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clshade import atomic, exr, frame, png
+from clshade.camera import Camera
+from clshade.errors import InputError, OutputError
+from clshade.frame import Frame
+from clshade.scene import Scene, Settings
+
+CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (48, 32))
+ENOSPC = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def made(**layers: np.ndarray) -> Frame:
+    """A frame of noise, whose stats are made on demand by a closure, as a renderer does."""
+    pixels = np.random.default_rng(1).uniform(0, 1, (32, 48, 4)).astype(np.float32)
+    calls: list[int] = []
+
+    def stats() -> dict:
+        calls.append(1)
+        return {"times_ms": {"frame": 2.0}, "calls": len(calls)}
+
+    return Frame(pixels, layers, Scene((), CAMERA, name="noise"), Settings(layers=tuple(layers)), stats)
+
+
+@pytest.fixture
+def earlier(tmp_path):
+    """Two earlier files, which must stay as they were, alone in their folder."""
+    for name in ("a.exr", "a.png"):
+        (tmp_path / name).write_text(f"earlier {name}")
+    yield tmp_path / "a"
+    assert sorted(os.listdir(tmp_path)) == ["a.exr", "a.png"]
+    for name in ("a.exr", "a.png"):
+        assert (tmp_path / name).read_text() == f"earlier {name}"
+
+
+def failing(real, call: int):
+    """`real`, but for its call of that number, which fails with a full disk."""
+    calls: list[int] = []
+
+    def fail(*arguments, **options):
+        calls.append(1)
+        if len(calls) == call:
+            raise ENOSPC
+        return real(*arguments, **options)
+
+    return fail
+
+
+def test_both_files_are_written(tmp_path):
+    assert made().save(tmp_path / "a.png") == []
+    assert sorted(os.listdir(tmp_path)) == ["a.exr", "a.png"]
+    assert np.array_equal(exr.read(tmp_path / "a.exr")[0]["G"], made().rgb[..., 1])
+    assert png.read(tmp_path / "a.png").shape == (32, 48, 3)
+    assert frame.output_paths(tmp_path / "a.PNG") == (tmp_path / "a.exr", tmp_path / "a.png")
+    assert frame.output_paths("a.b") == (Path("a.b.exr"), Path("a.b.png"))
+
+
+def test_a_png_that_cannot_be_encoded(earlier, monkeypatch):
+    def encode(file, rgb8):
+        file.write(b"half")
+        raise ENOSPC
+
+    monkeypatch.setattr(png, "encode", encode)
+    with pytest.raises(OutputError, match=r"a\.png: cannot be written: No space left on device"):
+        made().save(earlier)
+
+
+@pytest.mark.parametrize(("call", "name"), [(1, "a.exr"), (2, "a.png")])
+@pytest.mark.parametrize("operation", ["fsync", "replace", "open"])
+def test_a_step_that_fails_for_either_file(earlier, monkeypatch, operation, call, name):
+    """fsync: what was kept in memory until then does not fit. replace: the EXR's rename is taken back."""
+    monkeypatch.setattr(atomic, "_swept", {str(earlier.parent)})
+    monkeypatch.setattr(os, operation, failing(getattr(os, operation), call))
+    with pytest.raises(OutputError, match=rf"{name}: cannot be written: No space left on device"):
+        made().save(earlier)
+    monkeypatch.undo()
+
+
+def test_a_rename_that_fails_leaves_no_new_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "replace", failing(os.replace, 2))
+    with pytest.raises(OutputError, match=r"a\.png"):
+        made().save(tmp_path / "a")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_disk_that_has_room_for_the_exr_alone(earlier):
+    resource = pytest.importorskip("resource")
+    flat = made()
+    flat.rgba[..., :3] = 1.0  # its EXR is a kilobyte
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    noise = np.random.default_rng(2).integers(0, 256, (512, 512, 3)).astype(np.uint8)
+    flat.to_png8 = lambda *_: noise  # a megabyte
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limit[1]))
+    try:
+        with pytest.raises(OutputError, match=r"a\.png: cannot be written: File too large"):
+            flat.save(earlier)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({"compression": "foo"}, ("compression", "foo", "zip")),
+        ({"exposure": float("nan")}, ("exposure", "nan")),
+        ({"tonemap": "film"}, ("operator", "film")),
+    ],
+)
+def test_refused_options(earlier, options, parts):
+    with pytest.raises(InputError) as caught:
+        made().save(earlier, **options)
+    assert all(part in str(caught.value) for part in parts)
+
+
+@pytest.mark.parametrize("path", ["", ".", "..", "/", "sub/.."])
+def test_refused_names(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"Frame\.save: path: expected a file name"):
+        made().save(path)
+    assert os.listdir(tmp_path) == []
+
+
+def test_pickling_keeps_pixels_layers_and_stats():
+    first = made(Z=np.full((32, 48), np.inf, np.float32), id=np.arange(32 * 48, dtype=np.uint32).reshape(32, 48))
+    second = pickle.loads(pickle.dumps(first))
+    assert frame.same_bits(first, second)
+    assert second.stats == first.stats == {"times_ms": {"frame": 2.0}, "calls": 1, "nonfinite": 0}
+    assert second.settings == first.settings
+    assert (second.scene.name, second.scene.camera.resolution) == ("noise", (48, 32))
+
+
+def test_a_rendered_frame_can_be_pickled(device):
+    from clshade import builtin, render
+
+    first = render(builtin("quads"), resolution=(32, 24), preset="course", layers=("Z", "id"), device=device)
+    second = pickle.loads(pickle.dumps(first))
+    assert frame.same_bits(first, second)
+    assert second.stats == first.stats
