@@ -33,7 +33,8 @@ class Device:
     device, context, queue: pyopencl's objects; the queue is in order.
     version: the device's OpenCL version text. driver: its driver's version.
     lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU.
-    memory, max_allocation, local_memory: bytes, in all, in one buffer, per work-group.
+    memory, max_allocation: bytes, in all and in one buffer.
+    setup_run: faces that a work-item of the set-up takes one after the other.
     """
 
     device: Any
@@ -50,7 +51,7 @@ class Device:
     compute_units: int
     memory: int
     max_allocation: int
-    local_memory: int
+    setup_run: int
     profiling: bool
 
 
@@ -199,15 +200,17 @@ def open_device(
     raise DeviceError(problems[chosen[0]] + others)
 
 
-_shared: dict[tuple[int, str], Device] = {}
+_shared: dict[tuple[int, str, bool], Device] = {}
 
 
-def shared_device() -> Device:
-    """The default device, opened once in a process (and for each CLSHADE_DEVICE that is asked for on the way), so that
-    programs built for it are found again. Raises DeviceError like `open_device`."""
-    key = (os.getpid(), os.environ.get("CLSHADE_DEVICE", "").strip())
+def shared_device(
+    name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
+) -> Device:
+    """The same as `open_device`, but opened once in a process, so that programs built for it are found again."""
+    asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
+    key = (os.getpid(), asked, profiling)
     if key not in _shared:
-        _shared[key] = open_device()
+        _shared[key] = open_device(asked, profiling=profiling, meanwhile=meanwhile)
     return _shared[key]
 
 
@@ -263,7 +266,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         compute_units=info.compute_units,
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
-        local_memory=handle.local_mem_size,
+        setup_run=256 if info.is_cpu else 1,
         profiling=profiling,
     )
 

@@ -10,15 +10,20 @@ from .stages import Buffer
 
 
 class Pool:
-    """Buffers by shape and type. A buffer is free when nothing outside refers to its array or to a view of it."""
+    """Buffers by shape and type. A buffer is free when nothing outside refers to its array or to a view of it.
 
-    def __init__(self, device: Device, keep: int = 4) -> None:
-        self._device, self._keep = device, keep
-        self._held: dict[tuple, list[tuple[Buffer, int]]] = {}
+    keep: buffers of one shape and type. shapes: as many are kept, those asked for last.
+    """
+
+    def __init__(self, device: Device, keep: int = 4, shapes: int = 8) -> None:
+        self._device, self._keep, self._shapes = device, keep, shapes
+        self._held: dict[tuple, list[tuple[Buffer, int]]] = {}  # the latest last
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> Buffer:
         """A buffer whose array nobody else holds; the array's content is arbitrary."""
-        held = self._held.setdefault((shape, dtype), [])
+        held = self._held[shape, dtype] = self._held.pop((shape, dtype), [])
+        while len(self._held) > self._shapes:
+            del self._held[next(iter(self._held))]
         for buffer, idle_references in held:
             if sys.getrefcount(buffer.array) <= idle_references:
                 return buffer
@@ -26,7 +31,3 @@ class Pool:
         if len(held) < self._keep:
             held.append((buffer, sys.getrefcount(buffer.array)))
         return buffer
-
-    def clear(self) -> None:
-        """Forgets all buffers; arrays still held by frames stay valid."""
-        self._held.clear()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import re
+import threading
 import time
 from dataclasses import dataclass, field
 from functools import cache
@@ -61,12 +62,16 @@ def flatten_text(text: str, name: str = "text") -> str:
 
 @dataclass
 class Program:
-    """A built program. kernels: by name, made once. seconds: what the build took. cached: an earlier one was reused."""
+    """A built program. kernels: by name. seconds: what the build took.
+
+    lock: held while a kernel gets its arguments and is launched.
+    """
 
     features: Features
     lanes: int
     seconds: float
-    kernels: dict[str, Any] = field(default_factory=dict)
+    kernels: dict[str, Any]
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
@@ -93,8 +98,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     import pyopencl as cl
 
     source = "#pragma OPENCL FP_CONTRACT OFF\n" + header(device.has_fp64) + flat
-    run = 256 if device.is_cpu else 1
-    options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={run}", "-cl-std=CL1.2"]
+    options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)
     key = (device.context.int_ptr, features.values, source, lanes)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import threading
 import time
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -10,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import clipping, layout, packing
+from .binning import TileLists
 from .camera import Camera
-from .device import Device, open_device
-from .errors import DeviceError, InputError
+from .device import Device, shared_device
+from .errors import ClshadeError, DeviceError, InputError
 from .frame import Frame
 from .geometry import camera_axes
 from .memory import Pool
@@ -22,18 +25,22 @@ from .sorting import front_to_back
 from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers, VertexBuffers
 from .validation import Array, refuse
 
-_MOST_CHUNKS = 16
-_COUNTS_BUDGET = 1 << 22  # chunks * tiles of the binning's counters: 16 MiB
-_SCAN_RUN = 1 << 13  # counters that one work-item of the scan takes at least
-_MOST_PARTS = 64
+_COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+_KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
-class Bins(NamedTuple):
-    """counts: (chunks, tiles), where each chunk's entries of a tile begin. starts: (tiles + 1,). chunk: triangles of one."""
+class Attributes(NamedTuple):
+    """Device tables of corners, faces and materials, in the order of kernels/surface.clh; None where nothing reads them."""
 
-    counts: Buffer
-    starts: Buffer
-    chunk: int
+    normals: Buffer | None
+    normal_faces: Buffer | None
+    colors: Buffer | None
+    uvs: Buffer | None
+    uv_faces: Buffer | None
+    face_materials: Buffer | None
+    materials: Buffer
+    textures: Buffer | None
+    texels: Buffer | None
 
 
 def settle(
@@ -48,27 +55,28 @@ def settle(
         if resolution is not None:
             scene = replace(scene, camera=scene.camera.with_resolution(resolution))
     if settings is None:
-        return scene, Settings.from_preset(preset or scene.preset, **fields)
+        return scene, Settings.from_preset(scene.preset if preset is None else preset, **fields)
     if preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
         raise refuse("render", "settings", "a Settings", settings)
-    try:
-        return scene, replace(settings, **fields)
-    except TypeError:
-        unknown = sorted(set(fields) - set(Settings.__dataclass_fields__))
-        raise refuse("Settings", unknown[0], "one of " + ", ".join(Settings.__dataclass_fields__), "no field") from None
+    unknown = sorted(set(fields) - set(Settings.__dataclass_fields__))
+    if unknown:
+        raise refuse("Settings", unknown[0], "one of " + ", ".join(Settings.__dataclass_fields__), "no field")
+    return scene, replace(settings, **fields)
 
 
 class Renderer:
     """Draws one scene many times: uploaded once, cameras may differ from frame to frame.
 
-    scene: what is drawn. preset, settings, and any field of Settings or `resolution=(N, M)` as keywords: see `render`.
+    scene: what is drawn. A CPU works in its arrays, which must not be changed meanwhile.
+    preset, settings, and any field of Settings or `resolution=(N, M)` as keywords: see `render`.
     device: an open Device, a name for `device.open_device`, or None for the default.
     specialize: False draws with every optional feature on (the same bits, slower): what leaving out saves.
     lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device. The bits do not depend on it.
 
-    Use as a context manager, or call `close`. Raises InputError for refused arguments, DeviceError without a device.
+    Use as a context manager, or call `close`. Threads may share one; their frames are drawn one after the other.
+    Raises InputError for refused arguments, DeviceError without a device.
     """
 
     def __init__(
@@ -83,6 +91,7 @@ class Renderer:
         **fields: Any,
     ) -> None:
         start = time.perf_counter()
+        self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = settle(scene, preset, settings, **fields)
         packed = packing.pack(self.scene, self.settings, everything=not specialize)
         self.features = packed.features
@@ -95,7 +104,7 @@ class Renderer:
                 build(tried, self.features, files, lanes=lanes)
 
         if not isinstance(device, Device):
-            device = open_device(device, profiling=True, meanwhile=build_meanwhile)
+            device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
         if not self.device.has_fp64:
             raise DeviceError(f"{self.device.name}: has no float64, which the projection needs")
@@ -129,10 +138,20 @@ class Renderer:
         def optional(array: Array | None) -> Buffer | None:
             return None if array is None else Buffer(device, array)
 
-        self._attributes = [optional(packed.normals), optional(packed.normal_faces), optional(colors)]
-        self._attributes += [optional(packed.uvs), optional(packed.uv_faces), optional(packed.face_materials)]
-        self._attributes += [Buffer(device, packed.materials), optional(packed.textures), optional(packed.texels)]
-        self._sides = (self._attributes[5], self._attributes[6]) if self.features["SIDES"] else (None, None)
+        looked_up = self.features["TEXTURED"] or self.features["ALPHA_TEST"]
+        self._attributes = Attributes(
+            normals=optional(packed.normals),
+            normal_faces=optional(packed.normal_faces),
+            colors=optional(colors),
+            uvs=optional(packed.uvs),
+            uv_faces=optional(packed.uv_faces),
+            face_materials=optional(packed.face_materials),
+            materials=Buffer(device, packed.materials),
+            textures=optional(packed.textures if looked_up else None),
+            texels=optional(packed.texels if looked_up else None),
+        )
+        sides = self._attributes.face_materials, self._attributes.materials
+        self._sides = sides if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count)
         self._made = TriangleBuffers(device, self._face_count, 0)
         self._view = Buffer(device, np.zeros(1, layout.VIEW))
@@ -143,7 +162,7 @@ class Renderer:
         self._light_count = len(lights)
         self._light_intensities = packing.to_float32(np.array([light.intensity for light in lights]).reshape(-1, 3))
         self._pieces = Buffer.empty(device, 0, layout.PIECE)
-        self._lists = Buffer.empty(device, 0, layout.ENTRY)
+        self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
 
@@ -192,10 +211,10 @@ class Renderer:
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"] = -(-columns // layout.TILE_SIZE)
             image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
-            image["lights"], image["list_capacity"] = self._light_count, len(self._lists.array)
+            image["lights"], image["list_capacity"] = self._light_count, self._lists.room
             if self.scene.background is not None:
                 image["background"] = packing.to_float32(self.scene.background)
-            image["unscale"] = 1.0 / self._scale
+            image["unscale"] = packing.to_float32(np.float64(1.0) / self._scale)
             image["to_eye"] = -self._axes[2]
 
     def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
@@ -217,6 +236,9 @@ class Renderer:
         if counters["to_clip"]:
             start = time.perf_counter()
             count = self._clip(camera, int(counters["to_clip"]))
+            if self._face_count + count > 1 << layout.KEY_INDEX_BITS:
+                limit = f"at most {1 << layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
+                raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(self.device, self._face_count, count + count // 2)
                 return self._setup(camera, events)
@@ -274,40 +296,13 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _bin(self, visible: int, events: dict[str, Any]) -> Bins:
-        """Counts the entries of the tile lists and where each begins."""
-        tiles = self._tiles
-        chunks = max(1, min(visible // 512, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
-        chunk = max(-(-visible // chunks), 1)
-        counts = self._pool.take((-(-visible // chunk), tiles), np.uint32)
-        starts = self._pool.take((tiles + 1,), np.uint32)
-        sums = self._pool.take((min(-(-counts.array.size // _SCAN_RUN), _MOST_PARTS),), np.uint64)
-        if visible:
-            events["bin_count"] = self.stages.bin_count(self._order, self._made, self._image, counts, chunk, visible)
-            events["bin_sums"] = self.stages.bin_sums(self._image, counts, sums)
-            events["bin_scan"] = self.stages.bin_scan(self._image, sums, counts, starts, self._made)
-        else:
-            with starts.writing() as rows:
-                rows[:] = 0
-        return Bins(counts, starts, chunk)
-
-    def _make_room(self, entries: int) -> None:
-        """Makes the tile lists long enough for what the last binning counted, with a margin for the next camera."""
-        self._lists = Buffer.empty(self.device, entries + entries // 2, layout.ENTRY)
-        with self._image.writing() as table:
-            table["list_capacity"] = len(self._lists.array)
-        with self._made.counters.writing() as table:
-            table["next_tile"] = table["saturated"] = 0
-
-    def _draw(self, visible: int, bins: Bins, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
+    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
+        self._lists.fill(self._made, self._image, visible, events)
         triangles = self._made.triangles
         geometry = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
         surface = (*geometry, *self._attributes, self._lights, self._image)
-        tile = (self._lists, bins.starts, rgba, owners, self._made.counters)
+        tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
         tiles = self._tiles
-        if visible:
-            arguments = (bins.counts, self._lists, bins.chunk, visible)
-            events["bin_fill"] = self.stages.bin_fill(self._made, self._image, *arguments)
         if self.features["PHONG"]:
             events["phong"] = self.stages.phong(surface, tile, tiles)
             return
@@ -316,6 +311,13 @@ class Renderer:
                 self._corner_light = Buffer.empty(self.device, (3 * len(triangles.array), 4), np.float32)
             events["gouraud_corners"] = self.stages.gouraud_corners(surface, self._order, self._corner_light, visible)
         events["gouraud"] = self.stages.gouraud(surface, tile, self._corner_light, tiles)
+
+    def _make_room(self, entries: int) -> None:
+        self._lists.make_room(entries)
+        with self._image.writing() as table:
+            table["list_capacity"] = self._lists.room
+        with self._made.counters.writing() as table:
+            table["next_tile"] = table["saturated"] = 0
 
     def _layers(self, camera: Camera, owners: Buffer | None, events: dict[str, Any]) -> dict[str, Array]:
         columns, rows = camera.resolution
@@ -342,72 +344,73 @@ class Renderer:
         if camera.orthographic != self.scene.camera.orthographic:
             kind = "an orthographic" if self.scene.camera.orthographic else "a perspective"
             raise refuse("Renderer.render", "camera", f"{kind} camera, as the scene's", "the other kind")
+        with self._lock:
+            if self._closed:
+                raise ClshadeError("Renderer.render: the renderer is closed")
+            if os.getpid() != self._process:
+                raise DeviceError("Renderer.render: expected the process that made the renderer, found a fork of it")
+            try:
+                return self._render(camera)
+            except BaseException:
+                self._finish()  # what is under way still writes to memory that the error may free
+                raise
+
+    def _render(self, camera: Camera) -> Frame:
         columns, rows = camera.resolution
         start = time.perf_counter()
         self._host: dict[str, float] = {}
         events: dict[str, Any] = {}
+        rgba = self._pool.take((rows, columns, 4), np.float32)
+        owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
         self._set_view(camera)
         visible = self._setup(camera, events)
         sorting = time.perf_counter()
         self._sort(visible)
         self._host["sort"] = (time.perf_counter() - sorting) * 1e3
-        bins = self._bin(visible, events)
-        rgba = self._pool.take((rows, columns, 4), np.float32)
-        owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
-        self._draw(visible, bins, rgba, owners, events)
+        self._lists.count(self._order, self._made, self._image, visible, self._tiles, events)
+        self._draw(visible, rgba, owners, events)
         counters = self._made.counters.to_host()[0].copy()
-        if counters["entries"] > len(self._lists.array):
+        if counters["entries"] > self._lists.room:
             self._make_room(int(counters["entries"]))
-            self._draw(visible, bins, rgba, owners, events)
+            self._draw(visible, rgba, owners, events)
             counters = self._made.counters.to_host()[0].copy()
         layers = self._layers(camera, owners, events)
         image = rgba.to_host()[:]
-        times = (time.perf_counter() - start) * 1e3
-        scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
-        host, fixed = self._host, dict(self._times)
+        times = {**self._times, **self._host, "frame": (time.perf_counter() - start) * 1e3}
         self._times = dict.fromkeys(self._times, 0.0)
-
-        def stats() -> dict[str, Any]:
-            return self._stats(counters, events, {**fixed, **host, "frame": times}, camera)
-
-        return Frame(image, layers, scene, self.settings, stats)
-
-    def _stats(self, counters: Any, events: dict[str, Any], times: dict[str, float], camera: Camera) -> dict[str, Any]:
-        if self.device.profiling:
-            times = {
-                **{name: (event.profile.end - event.profile.start) / 1e6 for name, event in events.items()},
-                **times,
-            }
-        names = (
-            "visible",
-            "to_clip",
-            "behind",
-            "off_screen",
-            "between_samples",
-            "zero_area",
-            "back_facing",
-            "saturated",
-        )
-        counts = {name: int(counters[name]) for name in names}
-        counts["clipped"] = counts.pop("to_clip")
-        return {
-            "times_ms": times,
+        scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
+        facts = {
             "triangles": self._face_count,
             "resolution": camera.resolution,
-            **counts,
+            **{name: int(counters[name]) for name in _COUNTS},
+            "clipped": int(counters["to_clip"]),
             "features": self.features.used,
             "left_out": dict(self.features.left_out),
             "ignored": self.scene.ignored,
             "device": f"{self.device.platform}: {self.device.name}",
             "lanes": self.stages.program.lanes,
         }
+        profiling = self.device.profiling
+
+        def stats() -> dict[str, Any]:
+            kernels = {name: (e.profile.end - e.profile.start) / 1e6 for name, e in events.items()} if profiling else {}
+            return {"times_ms": {**kernels, **times}, **facts}
+
+        return Frame(image, layers, scene, self.settings, stats)
+
+    def _finish(self) -> None:
+        if os.getpid() == self._process:
+            self.device.queue.finish()
 
     def close(self) -> None:
-        """Gives the device's memory back; frames stay valid."""
-        self._pool.clear()
-        for name in [name for name, value in vars(self).items() if isinstance(value, (Buffer, VertexBuffers))]:
-            delattr(self, name)
-        self._attributes = []
+        """Gives the device's memory back; frames stay valid. The renderer draws no more."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._finish()
+            for name in vars(self).keys() - _KEPT_WHEN_CLOSED:
+                delattr(self, name)
 
     def __enter__(self) -> Renderer:
         return self

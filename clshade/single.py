@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from . import layout, packing
+from .binning import TileLists
 from .device import Device
 from .features import Features, derive_alone
 from .programs import build
@@ -170,19 +171,6 @@ def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]
     return column, row, width, height
 
 
-def _bin(stages: Stages, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int) -> tuple[Buffer, Buffer]:
-    """The lists of all tiles and where each begins."""
-    device, tiles = stages.device, int(image.array["tiles"][0])
-    counts = Buffer.empty(device, (1, tiles), np.uint32)
-    stages.bin_count(order, made, image, counts, visible, visible)
-    starts = np.concatenate([[0], np.cumsum(counts.to_host()[0])]).astype(np.uint32)
-    lists = Buffer.empty(device, int(starts[-1]), layout.ENTRY)
-    cursors = Buffer(device, starts[:-1].copy())  # bin_fill moves them on
-    stages.bin_fill(made, image, cursors, lists, visible, visible)
-    lists.to_host()
-    return lists, Buffer(device, starts)
-
-
 def draw_triangle(
     device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: Surroundings, image: Array
 ) -> None:
@@ -232,7 +220,12 @@ def _draw(
     if not visible:
         return None
     order = Buffer(device, front_to_back(made.keys.to_host(visible)))
-    lists, starts = _bin(stages, order, made, image, visible)
+    lists = TileLists(stages)
+    lists.count(order, made, image, visible, tiles, {})
+    lists.make_room(int(made.counters.to_host()["entries"][0]))
+    with image.writing() as rows_of_image:
+        rows_of_image["list_capacity"] = lists.room
+    lists.fill(made, image, visible, {})
     normals, colors = attributes
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     # All corners lie at the one point, so that the triangle's centroid does.
@@ -242,7 +235,7 @@ def _draw(
     given = (_four(device, normals), None, _four(device, colors), None, None, None, lit.materials, None, None)
     surface = (*geometry, *given, lit.lights, image)
     rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
-    tile = (lists, starts, rgba, None, made.counters)
+    tile = (lists.entries, lists.starts, rgba, None, made.counters)
     if shader == "phong":
         stages.phong(surface, tile, tiles)
     else:

@@ -103,7 +103,6 @@ class Stages:
         self._dummy = Buffer(device, np.zeros(64, np.uint8))
 
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
-        kernel = self.program[name]
         raw = [
             argument.memory
             if isinstance(argument, Buffer)
@@ -112,9 +111,11 @@ class Stages:
             else np.int32(argument)
             for argument in arguments
         ]
-        kernel.set_args(*raw)
+        kernel = self.program[name]
         try:
-            return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
+            with self.program.lock:  # a kernel has one set of arguments, whoever launches it
+                kernel.set_args(*raw)
+                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
@@ -135,8 +136,7 @@ class Stages:
         count: int,
         sides: Sides = (None, None),
     ) -> cl.Event:
-        run = 256 if self.device.is_cpu else 1
-        items = -(-count // run)
+        items = -(-count // self.device.setup_run)
         local = 1 if self.device.is_cpu else 64
         inputs = (faces, vertices.projected, *sides, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
@@ -160,11 +160,13 @@ class Stages:
         arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, counts, chunk, count)
         return self._launch("bin_count", (-(-count // chunk),), (1,), *arguments)
 
-    def bin_sums(self, image: Buffer, counts: Buffer, sums: Buffer) -> cl.Event:
-        return self._launch("bin_sums", sums.array.shape, (1,), image, counts, sums, len(counts.array))
+    def bin_sums(self, image: Buffer, counts: Buffer, sums: Buffer, chunks: int) -> cl.Event:
+        return self._launch("bin_sums", sums.array.shape, (1,), image, counts, sums, chunks)
 
-    def bin_scan(self, image: Buffer, sums: Buffer, counts: Buffer, starts: Buffer, made: TriangleBuffers) -> cl.Event:
-        arguments = (image, sums, counts, starts, made.counters, len(counts.array))
+    def bin_scan(
+        self, image: Buffer, sums: Buffer, counts: Buffer, starts: Buffer, made: TriangleBuffers, chunks: int
+    ) -> cl.Event:
+        arguments = (image, sums, counts, starts, made.counters, chunks)
         return self._launch("bin_scan", sums.array.shape, (1,), *arguments)
 
     def bin_fill(

@@ -1,0 +1,144 @@
+"""A renderer's life: threads, errors on the way, closing, forks, memory over many frames."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade import layout
+from clshade.camera import Camera
+from clshade.errors import ClshadeError, DeviceError, InputError
+from clshade.memory import Pool
+from clshade.renderer import Renderer
+from clshade.scene import Mesh, Scene
+from clshade.stages import Stages
+
+CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
+TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+SCENE = Scene((TRIANGLE,), CAMERA)
+
+
+def test_a_closed_renderer_says_so_and_its_frames_stay(device):
+    renderer = Renderer(SCENE, device=device)
+    frame = renderer.render()
+    before = frame.rgba.copy()
+    renderer.close()
+    renderer.close()
+    assert np.array_equal(frame.rgba, before)
+    assert frame.stats["triangles"] == 1
+    with pytest.raises(ClshadeError, match="the renderer is closed"):
+        renderer.render()
+
+
+def test_threads_share_a_renderer_and_a_device(device):
+    """Each frame is that of its camera, with the interpreter switching threads as often as it can."""
+    cameras = [replace(CAMERA, eye=np.array([0.1 * k, 0.0, 3.0])) for k in range(8)]
+    with Renderer(SCENE, device=device) as one, Renderer(SCENE, device=device) as other:
+        expected = [one.render(camera).rgba.copy() for camera in cameras]
+        wrong: list[object] = []
+
+        def draw(renderer: Renderer) -> None:
+            try:
+                for turn in range(25):
+                    k = turn % len(cameras)
+                    if not np.array_equal(renderer.render(cameras[k]).rgba, expected[k]):
+                        wrong.append(k)
+            except Exception as error:
+                wrong.append(error)
+
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(1e-6)
+        try:
+            threads = [threading.Thread(target=draw, args=(renderer,)) for renderer in (one, one, other)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        finally:
+            sys.setswitchinterval(interval)
+    assert not wrong
+
+
+@pytest.mark.parametrize("stage", ["setup", "bin_fill", "phong"])
+def test_an_error_on_the_way_leaves_the_renderer_usable(device, monkeypatch, stage):
+    with Renderer(SCENE, device=device) as renderer:
+        expected = renderer.render().rgba.copy()
+        launch = Stages._launch
+
+        def interrupted(self, name, *arguments):
+            event = launch(self, name, *arguments)
+            if name == stage:
+                raise KeyboardInterrupt
+            return event
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Stages, "_launch", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                renderer.render()
+        assert np.array_equal(renderer.render().rgba, expected)
+
+
+def test_an_image_beyond_the_device_is_refused_with_numbers(device):
+    limited = replace(device, max_allocation=100_000)
+    with pytest.raises(DeviceError, match=r"one buffer needs 160000 bytes, the device allows 100000"):
+        clshade.render(SCENE, device=limited, resolution=(100, 100))
+
+
+def test_pieces_beyond_the_sort_keys_index_are_refused(device, monkeypatch):
+    mesh = Mesh(np.array([[-9.0, -9, 5], [9, -9, -5], [0, 9, -5]]), np.array([[0, 1, 2], [0, 2, 1]]))
+    with Renderer(Scene((mesh,), CAMERA), device=device) as renderer:
+        assert renderer.render().stats["clipped"] == 2
+        monkeypatch.setattr(layout, "KEY_INDEX_BITS", 1)
+        with pytest.raises(InputError, match="at most 2 triangles, pieces of clipped ones included, found 2 and"):
+            renderer.render()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_child_is_told_instead_of_waiting_forever(device):
+    with Renderer(SCENE, device=device) as renderer:
+        renderer.render()
+        child = os.fork()
+        if child == 0:
+            try:
+                renderer.render()
+            except DeviceError:
+                os._exit(7)
+            os._exit(1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+
+
+GROWTH = """
+import resource, sys
+import clshade
+scene = clshade.builtin("icosphere")
+def draw(count):
+    for _ in range(count):
+        clshade.render(scene, resolution=(32, 32))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = draw(20)
+print((draw(150) - before) / before)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ru_maxrss is in KiB on Linux only")
+def test_memory_does_not_grow_with_the_number_of_renderers(device):
+    environment = {**os.environ, "CLSHADE_DEVICE": device.index}
+    done = subprocess.run([sys.executable, "-c", GROWTH], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"-?[\d.e-]+", done.stdout.strip())
+    assert float(done.stdout) < 0.01
+
+
+def test_the_pool_forgets_shapes_that_are_no_longer_asked_for(device):
+    pool = Pool(device, shapes=3)
+    for columns in range(1, 9):
+        pool.take((2, columns), np.float32)
+    assert sorted(shape for shape, _ in pool._held) == [(2, 6), (2, 7), (2, 8)]
