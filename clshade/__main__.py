@@ -2,7 +2,10 @@
 
 import sys
 
-from .cli import main
-
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        from .cli import entry
+
+        entry()
+    except KeyboardInterrupt:  # while Python was still importing
+        sys.exit(130)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from .errors import ClshadeError, InputError
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from .frame import Frame
     from .scene import Scene
 
-DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, REFUSED, INTERRUPTED, UNREAD = 0, 1, 2, 130, 141
 
 
 class _Parser(argparse.ArgumentParser):
@@ -225,8 +227,8 @@ def _render(arguments: argparse.Namespace) -> int:
     warming.start()
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     chosen = {name: value for name, value in given.items() if value is not None}
+    _check_output(arguments)
     scene = load_scene(arguments)
-    _check_writable(Path(arguments.output))
     from . import renderer
 
     frame = renderer.render(
@@ -256,22 +258,25 @@ def _import_writers() -> None:
     import PIL.Image  # noqa: F401
 
 
-def _check_writable(output: Path) -> None:
-    """Complains before the rendering about a folder that is not there."""
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: --output: expected a file in an existing folder, found no folder {output.parent}")
+def _check_output(arguments: argparse.Namespace) -> None:
+    """Refuses before the rendering what could not be saved after it."""
+    from .frame import check_output
+
+    check_output(
+        arguments.output, tonemap=arguments.tonemap, exposure=arguments.exposure, compression=arguments.compression
+    )
 
 
 def summary(frame: Frame, output: str) -> str:
     """What was drawn, on what, how long each stage took, and the files: a few lines."""
+    from .frame import output_paths
+
     stats = frame.stats
     times = dict(stats["times_ms"])
     columns, rows = stats["resolution"]
     whole = times.pop("frame")
     fixed = {name: times.pop(name) for name in ("pack", "open", "build", "upload")}
-    stem = Path(output).with_suffix("") if Path(output).suffix.lower() in (".exr", ".png") else Path(output)
-    files = [stem.with_name(stem.name + suffix) for suffix in (".exr", ".png")]
-    shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in files)
+    shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
 
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
@@ -309,12 +314,13 @@ def _stability(arguments: argparse.Namespace) -> int:
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from . import inspecting
+    from . import exr, inspecting
 
     path = Path(arguments.file)
-    print(inspecting.format_statistics(inspecting.statistics(path)))
+    channels, _ = exr.read(path)
+    print(inspecting.format_statistics(inspecting.statistics(channels)))
     picture = Path(arguments.output) if arguments.output else path.with_name(path.stem + "-ladder.png")
-    inspecting.exposure_ladder(path, picture)
+    inspecting.exposure_ladder(channels, picture)
     print(f"wrote {picture}")
     return DONE
 
@@ -344,10 +350,62 @@ def _warnings_in_one_line() -> Iterator[None]:
         yield
 
 
+class _Unwritable(Exception):
+    """Standard output cannot be written; its cause says why."""
+
+
+class _Stdout:
+    """Standard output; an error of its own is told from the errors of files."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self.stream.write(text)
+        except OSError as error:
+            raise _Unwritable from error
+
+    def flush(self) -> None:
+        try:
+            self.stream.flush()
+        except OSError as error:
+            raise _Unwritable from error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+def _discard(stream: TextIO) -> None:
+    """What the stream still holds goes nowhere: Python would try to write it once more at its end, and complain."""
+    with contextlib.suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line (default: the process's own); returns its exit code: 0 done, 1 a check failed, 2 bad usage or
-    input, 130 interrupted."""
+    input, 130 interrupted, 141 (as a shell counts it) when nobody reads the output any more."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    stdout = sys.stdout  # None where there is none
+    try:
+        with contextlib.redirect_stdout(_Stdout(stdout) if stdout else None):  # type: ignore[type-var]
+            code = _run(arguments)
+            if stdout:
+                sys.stdout.flush()
+            return code
+    except _Unwritable as error:
+        _discard(stdout)
+        if isinstance(error.__cause__, BrokenPipeError):
+            return UNREAD
+        reason = getattr(error.__cause__, "strerror", None) or error.__cause__
+        print(f"clshade: standard output: cannot be written: {reason}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("clshade: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(arguments: Sequence[str]) -> int:
     try:
         parsed = _parser().parse_args(_with_values(arguments))
     except SystemExit as stop:
@@ -360,11 +418,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"clshade: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED
-    except KeyboardInterrupt:
-        print("clshade: interrupted", file=sys.stderr)
-        return INTERRUPTED
 
 
 def entry() -> NoReturn:
     """The console script."""
-    sys.exit(main())
+    try:
+        code = main()
+    except KeyboardInterrupt:  # once more
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is clearing up
+    sys.exit(code)

@@ -183,21 +183,33 @@ def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, 
     assert listing(tmp_path) == before
 
 
-@needs_device
+@pytest.fixture
+def no_loading(monkeypatch):
+    """Fails where a scene is loaded: what cannot be saved is refused before."""
+    monkeypatch.setattr(cli, "load_scene", lambda arguments: pytest.fail("a scene was loaded"))
+
+
+@pytest.mark.usefixtures("no_loading")
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
         (("--compression", "lzma"), ("compression", "lzma", "zip")),
         (("--exposure", "nan"), ("exposure", "nan")),
         (("--exposure", "1000"), ("exposure", "1000")),
+        (("-o", "."), ("a file name", "'.'")),
+        (("-o", "missing/out"), ("missing/out.exr", "there is no folder")),
+        (("-o", "n" * 256), ("nnn.exr", "too long")),
+        (("-o", "file/out"), ("file/out.exr", "not a folder")),
     ],
 )
-def test_refused_output_options_leave_nothing(tmp_path, capsys, options, parts):
+def test_refused_output_options_leave_nothing(tmp_path, capsys, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
     assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", *options), *parts)
-    assert listing(tmp_path) == []
+    assert listing(tmp_path) == ["file"]
 
 
-@needs_device
+@pytest.mark.usefixtures("no_loading")
 @pytest.mark.parametrize("taken", ["out.exr", "out.png"])
 def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
     """A folder in the place of either file: the other is not left alone."""
@@ -206,7 +218,7 @@ def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
     assert listing(tmp_path) == [taken]
 
 
-@needs_device
+@pytest.mark.usefixtures("no_loading")
 @pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="root may write everywhere")
 def test_a_folder_without_permission(tmp_path, capsys):
     tmp_path.chmod(0o500)
@@ -221,7 +233,7 @@ def test_a_folder_without_permission(tmp_path, capsys):
 def test_earlier_files_survive_a_refusal(tmp_path, capsys):
     (tmp_path / "out.exr").write_text("kept")
     (tmp_path / "out.png").write_text("kept too")
-    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", "--exposure", "nan"), "exposure")
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", "--device", "no such platform"), "no such platform")
     assert (tmp_path / "out.exr").read_text() == "kept"
     assert (tmp_path / "out.png").read_text() == "kept too"
 
@@ -252,6 +264,73 @@ def test_interrupted(capsys, monkeypatch):
     code, out, err = run(capsys, *SMALL)
     assert (code, out) == (130, "")
     assert len(err) == 1
+
+
+def interrupted(code: str, cwd: Path) -> tuple[int, str]:
+    """Exit code and standard error of `python -m clshade render` where `code` runs first and raises SIGINT."""
+    (cwd / "sitecustomize.py").write_text(code)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(cwd), str(ROOT)])}
+    command = [sys.executable, "-m", "clshade", "render", "quads"]
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("module", ["argparse", "clshade.errors", "clshade.cli", "clshade.scene", "numpy", "_signal"])
+def test_interrupted_while_importing(tmp_path, module):
+    code = f"""
+import signal, sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+if {module!r} == "_signal":  # not imported any more: between the imports and the scene
+    import clshade.cli
+    clshade.cli._parser = lambda: signal.raise_signal(signal.SIGINT)
+"""
+    status, err = interrupted(code, tmp_path)
+    assert status == 130, err
+    assert err in ("", "clshade: interrupted\n")
+    assert listing(tmp_path) in (["sitecustomize.py"], ["__pycache__", "sitecustomize.py"])
+
+
+# Standard output
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("inspect", "a.exr"), ("render", *SMALL[1:])])
+def test_a_full_disk_behind_standard_output(tmp_path, arguments):
+    if arguments[0] == "render" and not working_devices():
+        pytest.skip("no OpenCL device works here")
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", *arguments]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert done.stderr == "clshade: standard output: cannot be written: No space left on device\n"
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("inspect", "a.exr")])
+def test_nobody_reads_standard_output(tmp_path, arguments):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", *arguments]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_without_standard_output(tmp_path, capsys, monkeypatch):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    monkeypatch.setattr(sys, "stdout", None)
+    assert cli.main(["inspect", str(tmp_path / "a.exr")]) == 0
 
 
 # The other commands
@@ -294,6 +373,14 @@ def test_inspect(tmp_path, capsys):
     code, _, _ = run(capsys, "inspect", tmp_path / "a.exr", "-o", tmp_path / "b.png")
     assert code == 0
     assert (tmp_path / "b.png").exists()
+
+
+def test_inspect_reads_the_file_once(tmp_path, capsys, monkeypatch):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    reads, read = [], exr.read
+    monkeypatch.setattr(exr, "read", lambda path: reads.append(path) or read(path))
+    assert run(capsys, "inspect", tmp_path / "a.exr")[0] == 0
+    assert reads == [tmp_path / "a.exr"]
 
 
 def test_inspect_refuses(tmp_path, capsys):
