@@ -6,6 +6,8 @@ is kept on disk until the driver, or what it needs from the system, changes. Not
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import hashlib
 import importlib.util
 import json
@@ -17,7 +19,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import runtimes
+from . import atomic, runtimes
+from .errors import DeviceError
 
 PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
 VERDICT_VERSION = 1  # to be raised when the probe changes
@@ -122,22 +125,46 @@ def can_probe() -> bool:
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
+def _sweep(root: Path) -> None:
+    """Removes the folders of probes that were killed; another process may be doing the same."""
+    with contextlib.suppress(OSError):
+        for left in root.glob("probe-*"):
+            with contextlib.suppress(OSError):
+                if left.stat().st_mtime < time.time() - 3600:
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+_running: set[Probe] = set()
+
+
+@atexit.register
+def _abandon_all() -> None:
+    """At the end of the process: what an interrupt left running."""
+    for probe in list(_running):
+        if probe.owner == os.getpid():
+            probe.abandon()
+
+
 class Probe:
     """A probing process, started at once. It has a PoCL cache of its own: with kernels from an earlier run in it, a
-    missing linker would go unnoticed. End it with `finish` or `abandon`."""
+    missing linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
+
+    Raises DeviceError if it cannot be started.
+    """
 
     def __init__(self, info: DeviceInfo) -> None:
         import subprocess
         import tempfile
 
-        self.info = info
+        self.info, self.owner = info, os.getpid()
+        self.process: subprocess.Popen[str] | None = None
+        self.folder = ""
         root = runtimes.cache_root()
-        for left in root.glob("probe-*"):  # of processes that were killed
-            if left.stat().st_mtime < time.time() - 3600:
-                shutil.rmtree(left, ignore_errors=True)
-        self.folder = tempfile.mkdtemp(prefix="probe-", dir=root)
+        _sweep(root)
+        _running.add(self)
         self.started = time.monotonic()
         try:
+            self.folder = tempfile.mkdtemp(prefix="probe-", dir=root)
             self.process = subprocess.Popen(
                 probe_command(info),
                 env={**os.environ, "POCL_CACHE_DIR": self.folder, "PYOPENCL_NO_CACHE": "1"},
@@ -147,21 +174,27 @@ class Probe:
                 encoding="utf-8",
                 errors="replace",
             )
+        except OSError as error:
+            self.abandon()
+            raise DeviceError(f"{info} cannot be tried out: {error.strerror or error}") from None
         except BaseException:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            self.abandon()
             raise
 
     def abandon(self) -> None:
         """Ends the process."""
-        if self.process.poll() is None:
+        if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.communicate()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if self.folder:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        _running.discard(self)
 
     def finish(self) -> str:
         """Waits for the verdict and remembers it: "" if the device works, else what is wrong and what to do."""
         from subprocess import TimeoutExpired
 
+        assert self.process is not None
         try:
             left = self.started + PROBE_SECONDS - time.monotonic()
             out, err = self.process.communicate(timeout=max(left, 0.0))
@@ -210,16 +243,10 @@ def _verdict_file(info: DeviceInfo) -> Path:
 
 def remember(info: DeviceInfo, problem: str) -> None:
     """Keeps a verdict on disk; if that fails, the device is tried out again next time."""
-    import tempfile
-
     file = _verdict_file(info)
-    try:
+    with contextlib.suppress(OSError):
         file.parent.mkdir(exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False) as out:
-            json.dump({"device": str(info), "problem": problem}, out)
-        os.replace(out.name, file)
-    except OSError:
-        pass
+        atomic.write_bytes(file, json.dumps({"device": str(info), "problem": problem}).encode())
 
 
 def recall(info: DeviceInfo) -> bool | None:

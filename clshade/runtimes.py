@@ -22,6 +22,7 @@ from pathlib import Path
 from .errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a throw-away one
+ROOM = 64 << 20  # bytes: PoCL ends the process, without a word, when it cannot write what it compiles
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
 
@@ -74,25 +75,36 @@ def _default_cache_home() -> Path:
     return Path(named or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache"))
 
 
-def _usable(home: Path) -> bool:
-    """Whether caches can be kept there, by clshade and by pyopencl (which keeps one in `pytools`)."""
+def unusable(folder: Path, error: OSError) -> DeviceError:
+    """The complaint about a cache folder."""
+    return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
+
+
+def _fault(home: Path) -> str:
+    """Why caches cannot be kept there, by clshade and by pyopencl (which keeps one in `pytools`); "" if they can."""
     try:
         if not home.is_absolute():
-            return False
+            return "not an absolute path"
         (home / "clshade").mkdir(parents=True, exist_ok=True, mode=0o700)
         trial = home / "clshade" / f"trial-{os.getpid()}-{threading.get_native_id()}"
         trial.touch()
         trial.unlink()
+        free = shutil.disk_usage(home / "clshade").free
+        if free < ROOM:
+            return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
         pytools = home / "pytools"
-        if not pytools.exists():
-            return os.access(home, os.W_OK | os.X_OK)
-        return os.access(pytools, os.W_OK | os.X_OK) and all(os.access(f, os.W_OK) for f in pytools.iterdir())
-    except (OSError, RuntimeError):
-        return False
+        writable = os.access(pytools if pytools.exists() else home, os.W_OK | os.X_OK)
+        if writable and pytools.exists():
+            writable = all(os.access(file, os.W_OK) for file in pytools.iterdir())
+        return "" if writable else "not writable"
+    except (OSError, RuntimeError) as error:
+        return getattr(error, "strerror", None) or str(error)
 
 
-def _temporary_cache_home() -> Path:
+def _temporary_cache_home(instead: str) -> Path:
     """A folder of this user in the system's temporary folder: the same one each time unless someone else made it.
+
+    instead: what was wrong with the other folder, for the message.
 
     What is cached is code that gets loaded, so a folder that others can write to is not used.
     """
@@ -105,25 +117,29 @@ def _temporary_cache_home() -> Path:
         try:
             folder.mkdir(mode=0o700)
         except FileExistsError:
-            found = folder.lstat()
-            if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+            status = folder.lstat()
+            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
                 folder = Path(tempfile.mkdtemp(prefix="clshade-"))
-        if _usable(folder):
+        fault = _fault(folder)
+        if not fault:
             return folder
-    except OSError:
-        pass
-    raise DeviceError("no folder for caches can be written: set XDG_CACHE_HOME to a folder that can")
+        fault = f"{folder}: {fault}"
+    except OSError as error:
+        fault = f"the temporary folder: {error.strerror or error}"
+    found = f"{instead}; {fault}"
+    raise DeviceError(f"no folder for caches can be written ({found}): set XDG_CACHE_HOME to a folder that can")
 
 
 def cache_home() -> Path:
-    """A writable cache folder. Where the user's own is missing or unwritable: one in the temporary folder, which is
+    """A writable cache folder. Where the user's own is missing, unwritable or full: one in the temporary folder, which is
     then also set as XDG_CACHE_HOME, because pyopencl fails without."""
     global _home
     with _guard:
         if _home is None:
             home = _default_cache_home()
-            if not _usable(home):
-                home = _temporary_cache_home()
+            fault = _fault(home)
+            if fault:
+                home = _temporary_cache_home(f"{home}: {fault}")
                 os.environ["XDG_CACHE_HOME"] = str(home)
             _home = home
         return _home
@@ -182,9 +198,12 @@ def _throw_away_slot() -> Slot:
     import atexit
     import tempfile
 
-    slot = Slot(Path(tempfile.mkdtemp(prefix="once-", dir=cache_root())), None)
-    for folder in (slot.pocl, slot.programs):
-        folder.mkdir()
+    try:
+        slot = Slot(Path(tempfile.mkdtemp(prefix="once-", dir=cache_root())), None)
+        for folder in (slot.pocl, slot.programs):
+            folder.mkdir()
+    except OSError as error:
+        raise unusable(cache_root(), error) from None
     owner = os.getpid()
 
     def remove() -> None:
@@ -230,7 +249,7 @@ def isolate_cache(folder: str | os.PathLike[str]) -> Path:
         try:
             slot = _take(path)
         except OSError as error:
-            raise DeviceError(f"the cache folder {path} cannot be used: {error.strerror or error}") from None
+            raise unusable(path, error) from None
         if slot is None:
             raise DeviceError(f"the cache folder {path} is in use by another process: give each its own")
         if _slot is not None and _slot.lock is not None:
@@ -302,9 +321,12 @@ def expose_runtimes() -> None:
     if not folder.is_dir():
         import tempfile
 
-        made = Path(tempfile.mkdtemp(prefix="vendors-", dir=cache_root()))
-        for name, content in files.items():
-            (made / name).write_text(content + "\n")
+        try:
+            made = Path(tempfile.mkdtemp(prefix="vendors-", dir=cache_root()))
+            for name, content in files.items():
+                (made / name).write_text(content + "\n")
+        except OSError as error:
+            raise unusable(cache_root(), error) from None
         try:
             made.rename(folder)
         except OSError:  # another process was first
