@@ -157,7 +157,7 @@ def write_pictures(result: Result, folder: Path) -> list[Path]:
         apart = np.where(np.isfinite(apart), apart, np.inf)
         seen = apart[np.isfinite(apart)].max(initial=0.0)
         difference = _picture(apart, float(seen) or 1.0)
-    device = re.sub(r"\W+", "-", result.device).strip("-").lower()
+    device = re.sub(r"\W+", "-", result.device.partition(":")[0]).strip("-").lower()
     paths = []
     for name, picture in (
         ("rendered", _picture(rendered, scale)),

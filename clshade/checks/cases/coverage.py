@@ -266,7 +266,9 @@ CASES = (
     Case(
         "5", "random-triangles", "random, adversarial, 2^0..2^8 px", "as integers and fractions", random_triangles, True
     ),
-    Case("5b", "half-pixel-grid", "every triangle of a 7x7 half-pixel grid", "as exact integers", half_pixel_grid),
+    Case(
+        "5b", "half-pixel-grid", "every triangle of a 7x7 half-pixel grid", "as exact integers", half_pixel_grid, True
+    ),
     Case("6", "edges-on-centers", "corners and edges on pixel centers", "top-left rule", edges_on_centers),
     Case("7", "windings", "windings, rotated corner order", "same pixels", windings),
     Case("8", "whole-pixel-shifts", "shifts by whole pixels", "same pixels", whole_pixel_shifts),

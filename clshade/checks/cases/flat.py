@@ -22,9 +22,11 @@ Resolution = tuple[int, int]
 _Y, _Z = np.eye(3)[1:]
 ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
 
-# All unlit scenes share a material, and a depth that float32 cannot hold: one program for all of them.
+# All unlit scenes share a material, and positions that float32 cannot hold: one program for all of them. The nudge is far
+# too small to move a snapped corner.
+NUDGE = 2.0**-38
 UNLIT = Material(0.0, 1.0, 0.0, 1.0)
-DEPTH = 1.0 + 2.0**-40
+DEPTH = 1.0
 FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
 
 
@@ -39,6 +41,7 @@ def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | flo
     columns, rows = resolution
     verts = np.empty((len(uv), 3))
     verts[:, :2] = np.asarray(uv, np.float64) - [columns / 2, rows / 2]
+    verts[:, 0] += NUDGE
     verts[:, 2] = -np.asarray(depth)
     return Scene((Mesh(verts, faces, material=UNLIT),), camera(resolution), background=None)
 

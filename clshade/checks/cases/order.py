@@ -133,5 +133,5 @@ CASES = (
         "depth right, painter as defined",
         cyclic_overlap,
     ),
-    Case("30", "same-bits", "the same input twice, every device", "same bits", same_input_twice),
+    Case("30", "same-bits", "the same input twice, every device", "same bits", same_input_twice, True),
 )

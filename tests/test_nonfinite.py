@@ -1,0 +1,101 @@
+"""Vertices that are NaN or infinite; normals that cancel; light beyond float32."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clshade import oracle
+from clshade.errors import InputError
+from clshade.geometry import vertex_normals
+from clshade.scene import Camera, Mesh, PointLight, Scene, Settings
+
+VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+FACES = np.array([[0, 1, 2], [1, 3, 2]])
+
+
+def broken(value: float, vertex: int = 3, **fields) -> Mesh:
+    verts = VERTS.copy()
+    verts[vertex, 1] = value
+    return Mesh(verts, FACES, **fields)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_refused_unless_told(value):
+    with pytest.raises(InputError, match=r"Mesh: verts: expected finite numbers, found .* in row 3"):
+        broken(value)
+    with pytest.raises(InputError, match="nonfinite: expected one of refuse, drop"):
+        broken(value, nonfinite="keep")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_dropped_faces_keep_their_number_and_draw_nothing(value):
+    mesh = broken(value, nonfinite="drop")
+    assert mesh.dropped == 1
+    assert len(mesh.faces) == 2
+    assert np.isfinite(mesh.verts).all()
+    assert np.array_equal(mesh.faces[0], FACES[0])
+    assert len(set(mesh.faces[1].tolist())) == 1
+    alone = Mesh(VERTS[:3], FACES[:1])
+    assert np.array_equal(vertex_normals(mesh.verts, mesh.faces)[:3], vertex_normals(alone.verts, alone.faces))
+    assert mesh.verts[mesh.faces].min() == 0.0
+    assert mesh.verts[mesh.faces].max() == 1.0
+
+
+def test_the_count_goes_with_the_mesh():
+    mesh = broken(np.nan, nonfinite="drop", instances=np.stack([np.eye(4)] * 3))
+    again = replace(mesh, name="again")
+    assert again.dropped == 1
+    camera = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 1.0, (1.0, 1.0), (8, 8))
+    scene = Scene((mesh, again, Mesh(VERTS, FACES)), camera)
+    assert scene.nonfinite == 6
+    assert (oracle.render(scene, Settings()).id > 0).any()
+
+
+def test_nothing_left():
+    for vertex_count in (4, 3):
+        verts = np.full((vertex_count, 3), np.nan)
+        mesh = Mesh(verts, FACES[: vertex_count - 2], nonfinite="drop")
+        assert np.isfinite(mesh.verts).all()
+        assert mesh.dropped == vertex_count - 2
+    assert Mesh(VERTS, FACES, nonfinite="drop").dropped == 0
+    unused = Mesh(np.concatenate([VERTS, [[np.inf, 0, 0]]]), FACES, nonfinite="drop")
+    assert unused.dropped == 0
+    assert np.isfinite(unused.verts).all()
+
+
+def test_a_sheet_with_a_back_has_no_normals():
+    """Each face with its reverse: what sums leave is rounding, not a direction."""
+    line = np.linspace(-1, 1, 12)
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    verts = np.stack([x, y, 0.3 * x * x - 0.1 * y], axis=1)
+    corner = (np.arange(11)[:, None] * 12 + np.arange(11)).reshape(-1)
+    front = np.concatenate(
+        [np.stack([corner, corner + 1, corner + 13], 1), np.stack([corner, corner + 13, corner + 12], 1)]
+    )
+    both = np.concatenate([front, front[:, [0, 2, 1]]])
+    for scale in (1.0, 1e-20, 1e20):
+        for normals_of in (vertex_normals, oracle.normals.vertex_normals):
+            assert not normals_of(verts * scale, both).any()
+            assert np.allclose(np.linalg.norm(normals_of(verts * scale, front), axis=1), 1.0)
+
+
+def test_a_vertex_whose_faces_nearly_cancel_keeps_its_normal():
+    """A cone's tip 1e-6 high beside its reverse's: far above rounding."""
+    angle = np.linspace(0, 2 * np.pi, 9)[:8]
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(8)], axis=1)
+    k = np.arange(8)
+    up = np.stack([np.zeros(8, int), k + 1, (k + 1) % 8 + 1], axis=1)
+    verts = np.concatenate([[[0.0, 0, 0]], rim, rim * 1.000001])
+    down = np.stack([np.zeros(8, int), (k + 1) % 8 + 9, k + 9], axis=1)
+    for normals_of in (vertex_normals, oracle.normals.vertex_normals):
+        assert np.allclose(normals_of(verts, np.concatenate([up, down]))[0], [0, 0, -1], atol=1e-9)
+
+
+def test_light_beyond_float32_is_refused():
+    for value in (1e39, -1e39):
+        with pytest.raises(InputError, match="PointLight: intensity: expected numbers within float32"):
+            PointLight(np.zeros(3), np.array([1.0, value, 0.0]))
+    PointLight(np.zeros(3), np.array([3.4e38, -3.4e38, 0.0]))
