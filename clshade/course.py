@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from . import course_arguments as checked
+from . import course_values
 from .camera import Camera
 from .course_files import save_course as save
 from .device import Device, shared_device
@@ -58,9 +59,7 @@ _lock = threading.RLock()  # kernels take their arguments one after the other: o
 # Single points
 
 
-def light(
-    point: Any, normal: Any, color: Any, cam_pos: Any, k_a: Any, k_d: Any, k_s: Any, n: Any, l_pos: Any, l_int: Any
-) -> Array:
+def light(point, normal, color, cam_pos, k_a, k_d, k_s, n, l_pos, l_int) -> Array:
     """The light that a point of a surface sends to the eye.
 
     point, cam_pos: 3-vectors, world space. normal: 3-vector of any length. color: 3-vector, linear RGB, of the surface.
@@ -89,7 +88,7 @@ def _surroundings(owner: str, point: tuple[str, Any], eye: Any, surface: tuple, 
     return around
 
 
-def bilerp(uv: Any, texture_map: Any) -> Array:
+def bilerp(uv, texture_map) -> Array:
     """The color of a texture at one place, by bilinear interpolation of the four texels around it.
 
     uv: 2 numbers, (2,), (1, 2) or (2, 1): u to the right and v down the rows, held to [0, 1].
@@ -107,7 +106,7 @@ def bilerp(uv: Any, texture_map: Any) -> Array:
         return _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
 
 
-def calculate_normals(verts: Any, faces: Any) -> Array:
+def calculate_normals(verts, faces) -> Array:
     """Unit normals at the vertices of a mesh: the sum of the cross products of the faces around each, normalized.
 
     verts: (3, V) positions. faces: (3, F) indices into verts, counter-clockwise seen from outside.
@@ -120,7 +119,7 @@ def calculate_normals(verts: Any, faces: Any) -> Array:
 # One triangle over an image
 
 
-def gouraud_shading(verts_p: Any, verts_c: Any, X: Any) -> Array:
+def gouraud_shading(verts_p, verts_c, X) -> Array:
     """One triangle over an image, its corners' colors interpolated, without light.
 
     verts_p: (3, 2), rows are corners, continuous image coordinates u to the right and v up in pixels: the center of
@@ -139,21 +138,7 @@ def gouraud_shading(verts_p: Any, verts_c: Any, X: Any) -> Array:
     return image
 
 
-def shade_gouraud(
-    verts_p: Any,
-    verts_n: Any,
-    verts_c: Any,
-    bcoords: Any,
-    cam_pos: Any,
-    k_a: Any,
-    k_d: Any,
-    k_s: Any,
-    n: Any,
-    l_pos: Any,
-    l_int: Any,
-    l_amb: Any,
-    X: Any,
-) -> Array:
+def shade_gouraud(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
     """One triangle over an image, lit at its corners, the light interpolated.
 
     verts_p, verts_c, X: as for `gouraud_shading`. verts_n: (3, 3), columns are the corners' normals, of any length.
@@ -163,56 +148,31 @@ def shade_gouraud(
 
     Returns a new (M, N, 3) float64 image, not clamped.
     """
-    arguments = (verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X)
-    return _shade("shade_gouraud", "gouraud", *arguments)
+    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
+    return _shade("gouraud", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
 
 
-def shade_phong(
-    verts_p: Any,
-    verts_n: Any,
-    verts_c: Any,
-    bcoords: Any,
-    cam_pos: Any,
-    k_a: Any,
-    k_d: Any,
-    k_s: Any,
-    n: Any,
-    l_pos: Any,
-    l_int: Any,
-    l_amb: Any,
-    X: Any,
-) -> Array:
+def shade_phong(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
     """One triangle over an image, normals and colors interpolated, lit at each pixel.
 
     The arguments are those of `shade_gouraud`. Normals are interpolated as they are given, then normalized.
     Returns a new (M, N, 3) float64 image, not clamped.
     """
-    arguments = (verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X)
-    return _shade("shade_phong", "phong", *arguments)
+    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
+    return _shade("phong", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
 
 
 def _shade(
-    owner: str,
-    shader: str,
-    verts_p: Any,
-    verts_n: Any,
-    verts_c: Any,
-    bcoords: Any,
-    cam_pos: Any,
-    k_a: Any,
-    k_d: Any,
-    k_s: Any,
-    n: Any,
-    l_pos: Any,
-    l_int: Any,
-    l_amb: Any,
-    X: Any,
+    shader: str, triangle: tuple, bcoords: Any, cam_pos: Any, surface: tuple, lights: tuple, l_amb: Any, X: Any
 ) -> Array:
+    owner = f"shade_{shader}"
+    verts_p, verts_n, verts_c = triangle
+    k_a, *others = surface
     corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
     normals = checked.corners(owner, "verts_n", verts_n, (3, 3)).T
     colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
     ambient = coefficient(owner, "k_a", k_a) * coefficient(owner, "l_amb", l_amb)
-    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, k_d, k_s, n), (l_pos, l_int))
+    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, *others), lights)
     image = checked.image(owner, X)
     with _lock:
         draw_triangle(shared_device(), shader, corners, normals, colors, around, image)
@@ -223,27 +183,9 @@ def _shade(
 
 
 def render_object(
-    shader: str,
-    focal: Any,
-    eye: Any,
-    lookat: Any,
-    up: Any,
-    bg_color: Any,
-    M: Any,
-    N: Any,
-    H: Any,
-    W: Any,
-    verts: Any,
-    verts_colors: Any,
-    faces: Any,
-    k_a: Any,
-    k_d: Any,
-    k_s: Any,
-    n: Any,
-    l_pos: Any,
-    l_int: Any,
-    light_amb: Any,
-) -> Array:
+    shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, verts_colors, faces,
+    k_a, k_d, k_s, n, l_pos, l_int, light_amb
+) -> Array:  # fmt: skip
     """The image of an object with vertex colors, painted back to front.
 
     shader: gouraud, phong, or nolight (the colors themselves).
@@ -258,38 +200,16 @@ def render_object(
     interpolated in the image.
     Returns (M, N, 3) float64, row 0 at the bottom, not clamped: `np.clip(image, 0, 1)` clamps as the course does.
     """
-    owner = "render_object"
-    choice(owner, "shader", shader, SHADERS)
-    camera = checked.camera(owner, focal, eye, lookat, up, M, N, H, W)
-    given = checked.mesh(owner, verts=verts, verts_colors=verts_colors, faces=faces)
-    geometry = (given["verts"], given["verts_colors"], given["faces"], None, None, None)
-    return _render(owner, shader, camera, geometry, (k_a, k_d, k_s, n), (l_pos, l_int), light_amb, bg_color)
+    view = ((eye, lookat, up), focal, (M, N), (H, W))
+    mesh = {"verts": verts, "colors": verts_colors, "faces": faces}
+    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
+    return _render("render_object", shader, view, mesh, None, surface, lights, light_amb, bg_color)
 
 
 def render_object_map(
-    shader: str,
-    focal: Any,
-    eye: Any,
-    lookat: Any,
-    up: Any,
-    bg_color: Any,
-    M: Any,
-    N: Any,
-    H: Any,
-    W: Any,
-    verts: Any,
-    faces: Any,
-    uvs: Any,
-    uvs_faces: Any,
-    texture_map: Any,
-    k_a: Any,
-    k_d: Any,
-    k_s: Any,
-    n: Any,
-    l_pos: Any,
-    l_int: Any,
-    light_amb: Any,
-) -> Array:
+    shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, faces, uvs, uvs_faces, texture_map,
+    k_a, k_d, k_s, n, l_pos, l_int, light_amb
+) -> Array:  # fmt: skip
     """The image of an object with a texture, whose colors at the corners of the faces are interpolated.
 
     uvs: (2, T) texture coordinates. uvs_faces: (3, F) indices into uvs, for each corner of each face.
@@ -297,30 +217,34 @@ def render_object_map(
     of `render_object`.
     """
     owner = "render_object_map"
-    choice(owner, "shader", shader, SHADERS)
-    camera = checked.camera(owner, focal, eye, lookat, up, M, N, H, W)
-    given = checked.mesh(owner, verts=verts, faces=faces, uvs=uvs, uvs_faces=uvs_faces)
+    view = ((eye, lookat, up), focal, (M, N), (H, W))
+    mesh = {"verts": verts, "faces": faces, "uvs": uvs, "uv_faces": uvs_faces}
+    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
     texels = checked.texel_array(owner, texture_map)
-    geometry = (given["verts"], None, given["faces"], given["uvs"], given["uvs_faces"], texels)
-    return _render(owner, shader, camera, geometry, (k_a, k_d, k_s, n), (l_pos, l_int), light_amb, bg_color)
+    return _render(owner, shader, view, mesh, texels, surface, lights, light_amb, bg_color)
 
 
 def _render(
     owner: str,
-    shader: str,
-    camera: Camera,
-    geometry: tuple,
+    shader: Any,
+    view: tuple,
+    mesh: dict[str, Any],
+    texels: Array | None,
     surface: tuple,
     lights: tuple,
     light_amb: Any,
     bg_color: Any,
 ) -> Array:
+    choice(owner, "shader", shader, SHADERS)
+    camera = course_values.camera(owner, *view)
+    given = checked.mesh(owner, **mesh)
+    geometry = [given.get(field) for field in ("verts", "faces", "colors", "uvs", "uv_faces")]
     material = checked.material(owner, *surface)
     around = (*checked.lights(owner, *lights), coefficient(owner, "light_amb", light_amb))
     background = coefficient(owner, "bg_color", bg_color)
     coefficients = (material.ka, material.kd, material.ks, material.n)
     with _lock:
-        renderer = _renderers.get(shared_device(), owner, shader, *coefficients, *around, background, *geometry)
+        renderer = _renderers.get(shared_device(), owner, shader, *geometry, texels, *coefficients, *around, background)
         image = _turned(renderer.render(camera).rgba)
         if image.size > 3 * _LARGE:
             release()
@@ -340,27 +264,10 @@ def _turned(rgba: Array) -> Array:
 # What stays for the next call
 
 
-def _make_renderer(
-    device: Device,
-    owner: str,
-    shader: str,
-    ka: Array,
-    kd: Array,
-    ks: Array,
-    n: float,
-    positions: Array,
-    intensities: Array,
-    ambient: Array,
-    background: Array,
-    verts: Array,
-    colors: Array | None,
-    faces: Array,
-    uvs: Array | None,
-    uvs_faces: Array | None,
-    texels: Array | None,
-) -> Renderer:
+def _make_renderer(device: Device, owner: str, shader: str, *given: Any) -> Renderer:
+    verts, faces, colors, uvs, uv_faces, texels, ka, kd, ks, n, positions, intensities, ambient, background = given
     texture = None if texels is None else checked.texture(owner, texels)
-    mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uvs_faces, material=Material(ka, kd, ks, n, texture))
+    mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=Material(ka, kd, ks, n, texture))
     lights = tuple(PointLight(*light) for light in zip(positions, intensities, strict=True))
     scene = Scene((mesh,), _ANYWHERE, lights, ambient, background, "course")
     return Renderer(scene, device=device, shader=shader)

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from . import course_pickle
+from . import course_values as values
 from .atomic import Path, shown, write_bytes
-from .camera import MAX_RESOLUTION, Camera
-from .errors import InputError
+from .camera import Camera
 from .images import as_texture
 from .reading import complaint, read_file
 from .scene import Material, Mesh, PointLight, Scene, Texture
-from .validation import Array, coefficient, indices, integer, number, refuse, rows, vector
+from .validation import Array, coefficient, number, refuse
 
 MAX_BYTES = 1 << 31  # of a course file
-_WIDTHS = {"verts": 3, "vertex_colors": 3, "face_indices": 3, "uvs": 2, "face_uv_indices": 3}
+_NAMES = {
+    "verts": "verts",
+    "colors": "vertex_colors",
+    "faces": "face_indices",
+    "uvs": "uvs",
+    "uv_faces": "face_uv_indices",
+}
 
 
 class _Fields:
@@ -37,20 +42,8 @@ class _Fields:
     def number(self, key: str) -> float:
         return number(self.owner, key, self.get(key), above=0.0)
 
-    def vector(self, key: str) -> Array:
-        return vector(self.owner, key, self.get(key))
-
     def coefficient(self, key: str) -> Array:
         return coefficient(self.owner, key, self.get(key))
-
-    def per_light(self, key: str) -> Array:
-        """(L, 3) float64 from L x 3 numbers or a list of L 3-vectors; an empty one of any shape is L = 0."""
-        array = np.asarray(self.get(key))
-        if array.size == 0:
-            return np.zeros((0, 3))
-        if array.ndim == 3 and array.shape[1:] in ((1, 3), (3, 1)):
-            array = array.reshape(-1, 3)
-        return rows(self.owner, key, array, 3)
 
 
 def read_course(
@@ -83,70 +76,30 @@ def read_course(
 
 
 def _mesh(fields: _Fields, name: str) -> Mesh:
-    owner, content = fields.owner, fields.content
-    textured = "uvs" in content or "face_uv_indices" in content
-    wanted = ["verts", "face_indices"]
-    wanted += ["vertex_colors"] if "vertex_colors" in content or not textured else []
-    wanted += ["uvs", "face_uv_indices"] if textured else []
-    arrays = upright(owner, {key: fields.get(key) for key in wanted}, _WIDTHS)
-    verts = rows(owner, "verts", arrays["verts"], 3)
-    faces = indices(owner, "face_indices", arrays["face_indices"], len(verts))
-    colors = uvs = uv_faces = None
-    if "vertex_colors" in arrays:
-        colors = rows(owner, "vertex_colors", arrays["vertex_colors"], 3)
-        if len(colors) != len(verts):
-            raise complaint(owner, "vertex_colors", f"one color per vertex ({len(verts)})", str(len(colors)))
-    if "uvs" in arrays:
-        uvs = rows(owner, "uvs", arrays["uvs"], 2, finite=False)
-        uv_faces = indices(owner, "face_uv_indices", arrays["face_uv_indices"], len(uvs))
-        if len(uv_faces) != len(faces):
-            raise complaint(owner, "face_uv_indices", f"one triple per face ({len(faces)})", str(len(uv_faces)))
+    textured = "uvs" in fields.content or "face_uv_indices" in fields.content
+    wanted = ["verts", "faces"]
+    wanted += ["colors"] if "vertex_colors" in fields.content or not textured else []
+    wanted += ["uvs", "uv_faces"] if textured else []
+    given = {field: fields.get(_NAMES[field]) for field in wanted}
+    arrays = values.mesh_fields(fields.owner, _NAMES, given, finite_uvs=False)
     ka, kd, ks = (fields.coefficient(key) for key in ("ka", "kd", "ks"))
-    exponent = number(owner, "n", fields.get("n"), least=0.0, expected="a number from 0 to 1e9")
-    if exponent > 1e9:
-        raise refuse(owner, "n", "a number from 0 to 1e9", exponent)
-    return Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=Material(ka, kd, ks, exponent), name=name)
-
-
-def upright(owner: str, arrays: dict[str, Any], widths: Mapping[str, int]) -> dict[str, Array]:
-    """All arrays with a row per item, as views: each may come as w x N or N x w, the same for all that show which.
-
-    widths: w of each array. Where all are square, they are w x N. Raises InputError, with `owner` and the array's name.
-    """
-    shown_by: dict[bool, str] = {}  # whether w x N, and the first array that shows it
-    for key, array in arrays.items():
-        width = widths[key]
-        if not isinstance(array, np.ndarray) or array.ndim != 2 or width not in array.shape:
-            raise refuse(owner, key, f"an array of shape ({width}, N) or (N, {width})", array)
-        if array.shape != (width, width):
-            shown_by.setdefault(array.shape[0] == width, key)
-    if len(shown_by) == 2:
-        rows_key, columns_key = shown_by[False], shown_by[True]
-        width = widths[rows_key]
-        raise refuse(owner, rows_key, f"shape ({width}, N), the layout of {columns_key}", arrays[rows_key])
-    return {key: array if False in shown_by else array.T for key, array in arrays.items()}
+    return Mesh(**arrays, material=Material(ka, kd, ks, values.exponent(fields.owner, fields.get("n"))), name=name)
 
 
 def _camera(fields: _Fields, focal: Any) -> Camera:
-    owner = fields.owner
-    eye, up, lookat = (fields.vector(f"cam_{name}") for name in ("eye", "up", "lookat"))
-    count_rows, columns = (integer(owner, key, fields.get(key), 1, MAX_RESOLUTION) for key in ("M", "N"))
-    plane = fields.number("H"), fields.number("W")
-    if "focal" in fields.content or focal is None:
-        found = fields.number("focal")
-    distance = found if focal is None else number("load", "focal", focal, above=0.0)
-    try:
-        return Camera(eye, lookat, up, distance, plane, (columns, count_rows))
-    except InputError as error:
-        raise InputError(f"{owner}: cam_{str(error).removeprefix('Camera: ')}") from None
+    pose = [fields.get(f"cam_{name}") for name in ("eye", "lookat", "up")]
+    size, plane = (fields.get("M"), fields.get("N")), (fields.get("H"), fields.get("W"))
+    # The file's own is checked even where it is replaced.
+    distance = fields.number("focal") if "focal" in fields.content or focal is None else None
+    if focal is not None:
+        distance = number("load", "focal", focal, above=0.0)
+    return values.camera(fields.owner, pose, distance, size, plane, prefix="cam_")
 
 
 def _lights(fields: _Fields) -> tuple[PointLight, ...]:
-    positions, intensities = fields.per_light("light_positions"), fields.per_light("light_intensities")
-    if len(positions) != len(intensities):
-        expected = f"one row per light of light_positions ({len(positions)})"
-        raise complaint(fields.owner, "light_intensities", expected, str(len(intensities)))
-    return tuple(PointLight(position, intensity) for position, intensity in zip(positions, intensities, strict=True))
+    names = ("light_positions", "light_intensities")
+    given = values.lights(fields.owner, names, *(fields.get(name) for name in names))
+    return tuple(PointLight(*light) for light in zip(*given, strict=True))
 
 
 def save_course(scene: Scene, path: Path) -> None:
