@@ -8,10 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
-from .validation import Array, choice, integer, number, refuse, set_fields, vector
+from .validation import Array, choice, floats, integer, number, refuse, sequence, set_fields, vector
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
+
+
+def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
+    items = sequence(value)
+    if items is None or len(items) != 2:
+        raise refuse(owner, name, expected, value)
+    return items[0], items[1]
+
+
+def checked_resolution(owner: str, value: Any) -> tuple[int, int]:
+    """Columns and rows of an image, (N, M), 1 to MAX_RESOLUTION each. Raises InputError for anything else."""
+    columns, rows = _pair(owner, "resolution", "two whole numbers (N, M)", value)
+    return (
+        integer(owner, "resolution N", columns, 1, MAX_RESOLUTION),
+        integer(owner, "resolution M", rows, 1, MAX_RESOLUTION),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +62,8 @@ class Camera:
         unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
         if np.linalg.norm(np.cross(unit_forward, unit_up)) <= 1e-12:
             raise refuse(who, "up", "a vector not parallel to lookat - eye", up.tolist())
-        try:
-            height, width = self.plane
-            columns, count_rows = self.resolution
-        except (TypeError, ValueError):
-            raise refuse(who, "plane, resolution", "two numbers each", (self.plane, self.resolution)) from None
-        try:
-            right, up_part = self.principal
-        except (TypeError, ValueError):
-            raise refuse(who, "principal", "two numbers", self.principal) from None
+        height, width = _pair(who, "plane", "two numbers (H, W)", self.plane)
+        right, up_part = _pair(who, "principal", "two numbers", self.principal)
         set_fields(
             self,
             eye=eye,
@@ -63,10 +71,7 @@ class Camera:
             up=up,
             focal=number(who, "focal", self.focal, above=0.0),
             plane=(number(who, "plane H", height, above=0.0), number(who, "plane W", width, above=0.0)),
-            resolution=(
-                integer(who, "resolution N", columns, 1, MAX_RESOLUTION),
-                integer(who, "resolution M", count_rows, 1, MAX_RESOLUTION),
-            ),
+            resolution=checked_resolution(who, self.resolution),
             principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
             orthographic=bool(self.orthographic),
         )
@@ -78,8 +83,8 @@ class Camera:
         if fov >= 180.0:
             raise refuse("Camera.from_fov", "fov", "degrees between 0 and 180", fov)
         height = 2.0 * math.tan(math.radians(fov) / 2.0)
-        columns, count_rows = resolution
-        return cls(eye, lookat, up, 1.0, (height, height * columns / max(count_rows, 1)), resolution)
+        columns, count_rows = checked_resolution("Camera.from_fov", resolution)
+        return cls(eye, lookat, up, 1.0, (height, height * columns / count_rows), (columns, count_rows))
 
     @classmethod
     def from_matrix(
@@ -99,14 +104,16 @@ class Camera:
         pixel_center: 0.5 where K counts the first pixel's center as 0.5, 0 where it counts it as 0.
         """
         who = "Camera.from_matrix"
-        k, placement = (np.asarray(m, dtype=np.float64) for m in (matrix, pose))
+        form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+        k = floats(who, "matrix", matrix, form).astype(np.float64)
+        placement = floats(who, "pose", pose, "a finite (4, 4) matrix, camera to world").astype(np.float64)
         if (
             k.shape != (3, 3)
             or not np.isfinite(k).all()
             or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
             or k[2, 2] != 1.0
         ):
-            raise refuse(who, "matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", k.tolist())
+            raise refuse(who, "matrix", form, k.tolist())
         if min(k[0, 0], k[1, 1]) <= 0.0:
             raise refuse(who, "matrix", "fx and fy above 0", k.tolist())
         if placement.shape != (4, 4) or not np.isfinite(placement).all():
@@ -118,8 +125,7 @@ class Camera:
             raise refuse(who, "pixel_center", "0.5 or 0", pixel_center)
         choice(who, "convention", convention, ("opencv", "opengl"))
         forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
-        columns = integer(who, "resolution N", resolution[0], 1, MAX_RESOLUTION)
-        count_rows = integer(who, "resolution M", resolution[1], 1, MAX_RESOLUTION)
+        columns, count_rows = checked_resolution(who, resolution)
         shift = 0.5 - pixel_center
         principal = ((k[0, 2] + shift) / columns, 1.0 - (k[1, 2] + shift) / count_rows)
         plane = (count_rows / k[1, 1], columns / k[0, 0])
@@ -127,13 +133,6 @@ class Camera:
 
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
         """The same view at another resolution (N, M): H of the plane is kept, W makes the pixels square."""
-        try:
-            columns, count_rows = resolution
-            columns = integer("Camera", "resolution N", columns, 1, MAX_RESOLUTION)
-            count_rows = integer("Camera", "resolution M", count_rows, 1, MAX_RESOLUTION)
-        except (TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise refuse("Camera", "resolution", "two whole numbers (N, M)", resolution) from None
+        columns, count_rows = checked_resolution("Camera", resolution)
         height = self.plane[0]
         return replace(self, plane=(height, height * columns / count_rows), resolution=(columns, count_rows))

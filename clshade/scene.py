@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .camera import Camera
-from .validation import Array, choice, coefficient, floats, indices, number, refuse, rows, set_fields, vector
+from .validation import Array, choice, coefficient, floats, indices, number, refuse, rows, sequence, set_fields, vector
 
 MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key
 
@@ -49,13 +49,13 @@ class PointLight:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image to look colours up in.
+    """An image to look colors up in.
 
     image: (h, w, 3) or, with alpha, (h, w, 4), linear RGB, row 0 is v = 0, column 0 is u = 0. Floats are used as they
         are, integers are divided by their type's maximum. Kept as float32.
     wrap: repeat, clamp or mirror, or a pair of them for u and v; used by the standard lookup. Kept as a pair.
-    lookup: `standard` has the centre of texel (i, j) at ((i+0.5)/w, (j+0.5)/h), and the texel multiplies the vertex
-        colour; `course` maps u to u*(w-1), holds u and v to [0, 1], and the texel replaces the vertex colour.
+    lookup: `standard` has the center of texel (i, j) at ((i+0.5)/w, (j+0.5)/h), and the texel multiplies the vertex
+        color; `course` maps u to u*(w-1), holds u and v to [0, 1], and the texel replaces the vertex color.
     """
 
     image: Array
@@ -73,8 +73,8 @@ class Texture:
         if not np.isfinite(image).all():
             raise refuse("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
         image.flags.writeable = False
-        wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
-        if len(wraps) != 2:
+        wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else sequence(self.wrap)
+        if wraps is None or len(wraps) != 2:
             raise refuse("Texture", "wrap", "one name or two, for u and v", self.wrap)
         set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
@@ -177,9 +177,10 @@ class Mesh:
             set_fields(self, **{f"{name}_faces": given})
         if not isinstance(self.material, Material):
             raise refuse(who, "material", "a Material", self.material)
-        placements = np.eye(4)[None] if self.instances is None else np.asarray(self.instances)
-        if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind not in "fiu":
-            raise refuse(who, "instances", "an array of shape (K, 4, 4)", self.instances)
+        form = "an array of shape (K, 4, 4)"
+        placements = np.eye(4)[None] if self.instances is None else floats(who, "instances", self.instances, form)
+        if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
+            raise refuse(who, "instances", form, self.instances)
         placements = placements.astype(np.float64)
         if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise refuse(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
@@ -225,11 +226,9 @@ class Scene:
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("lights", PointLight)):
             value = getattr(self, name)
-            items = (value,) if isinstance(value, kind) else value
-            try:
-                items = tuple(items)
-            except TypeError:
-                raise refuse("Scene", name, f"a sequence of {kind.__name__}", value) from None
+            items = (value,) if isinstance(value, kind) else sequence(value)
+            if items is None:
+                raise refuse("Scene", name, f"a sequence of {kind.__name__}", value)
             for item in items:
                 if not isinstance(item, kind):
                     raise refuse("Scene", name, f"a sequence of {kind.__name__}", item)
@@ -260,7 +259,7 @@ class Scene:
 class Settings:
     """How a scene is drawn. The defaults are the preset `standard`; `Settings.from_preset("course")` gives the other.
 
-    shader: gouraud, phong or nolight (the colour itself).
+    shader: gouraud, phong or nolight (the color itself).
     visibility: `painter`: the triangle with the smallest mean vertex depth wins, ties: the later face; `depth`: per
         pixel, ties: the later face.
     lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (or vertex).
@@ -293,7 +292,9 @@ class Settings:
         choice(who, "texture_at", self.texture_at, TEXTURE_AT)
         choice(who, "ambient", self.ambient, AMBIENTS)
         choice(who, "precision", self.precision, ("float32",))
-        layers = (self.layers,) if isinstance(self.layers, str) else tuple(self.layers)
+        layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
+        if layers is None:
+            raise refuse(who, "layers", f"names of {', '.join(LAYERS)}", self.layers)
         for layer in layers:
             choice(who, "layers", layer, LAYERS)
         set_fields(self, layers=tuple(name for name in LAYERS if name in layers), cull=bool(self.cull))

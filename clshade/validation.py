@@ -16,7 +16,7 @@ Array = np.ndarray
 def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and type {value.dtype}"
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -30,6 +30,14 @@ def choice(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
     if not isinstance(value, str) or value not in allowed:
         raise refuse(owner, name, "one of " + ", ".join(allowed), value)
     return value
+
+
+def sequence(value: Any) -> tuple | None:
+    """The items of what can be iterated over; None for anything else."""
+    try:
+        return tuple(value)
+    except TypeError:
+        return None
 
 
 def floats(owner: str, name: str, value: Any, expected: str) -> Array:
@@ -108,11 +116,12 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
 
 def indices(owner: str, name: str, value: Any, count: int) -> Array:
     """An (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
-    array = np.asarray(value)
+    expected = "an array of shape (F, 3) of whole numbers"
+    array = floats(owner, name, value, expected)
     if array.size == 0:
         array = np.zeros((0, 3), np.int32)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise refuse(owner, name, "an array of shape (F, 3) of whole numbers", value)
+        raise refuse(owner, name, expected, value)
     if array.size and (array.min() < 0 or array.max() >= count):
         face, corner = np.argwhere((array < 0) | (array >= count))[0]
         raise refuse(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")

@@ -1,0 +1,73 @@
+"""Values of the wrong kind in scenes, cameras and settings: InputError, one line that names class and field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clshade.camera import Camera
+from clshade.errors import InputError
+from clshade.renderer import settle
+from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+
+CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0))
+EYE = ((0, 0, 0), (0, 0, 1), (0, 1, 0))
+K, POSE = np.diag([9.0, 9.0, 1.0]), np.eye(4)
+SCENE = Scene((), CAMERA)
+IMAGE = np.zeros((2, 2, 3))
+TRIANGLE = np.eye(3), [[0, 1, 2]]
+
+CASES = {
+    "layers=5": (lambda: Settings(layers=5), "Settings: layers: expected names of Z, id, found 5"),
+    "layers=None": (lambda: Settings(layers=None), "Settings: layers: expected names of Z, id, found None"),
+    "layers=(5,)": (lambda: Settings(layers=(5,)), "Settings: layers: expected one of Z, id, found 5"),
+    "near": (lambda: Settings(near="far"), "Settings: near: "),
+    "preset": (lambda: Settings.from_preset(""), "Settings: preset: expected one of course, standard, found ''"),
+    "preset=5": (lambda: Settings.from_preset(5), "Settings: preset: expected one of course, standard, found 5"),
+    "render layers": (lambda: settle(SCENE, layers=None), "Settings: layers: "),
+    "render preset": (lambda: settle(SCENE, ""), "Settings: preset: expected one of course, standard, found ''"),
+    "scene preset": (lambda: Scene((), CAMERA, preset=""), "Scene: preset: "),
+    "wrap=5": (lambda: Texture(IMAGE, wrap=5), "Texture: wrap: expected one name or two, for u and v, found 5"),
+    "wrap=None": (lambda: Texture(IMAGE, wrap=None), "Texture: wrap: "),
+    "wrap of three": (lambda: Texture(IMAGE, wrap=("clamp",) * 3), "Texture: wrap: "),
+    "lookup": (lambda: Texture(IMAGE, lookup=None), "Texture: lookup: "),
+    "image": (lambda: Texture("x"), "Texture: image: "),
+    "n": (lambda: Material(n="x"), "Material: n: "),
+    "light": (lambda: PointLight("x"), "PointLight: position: "),
+    "meshes=5": (lambda: Scene(5, CAMERA), "Scene: meshes: "),
+    "verts": (lambda: Mesh("x", [[0, 1, 2]]), "Mesh: verts: "),
+    "faces": (lambda: Mesh(np.eye(3), "x"), "Mesh: faces: "),
+    "ragged faces": (lambda: Mesh(np.eye(3), [[0, 1, 2], [0]]), "Mesh: faces: "),
+    "instances": (lambda: Mesh(*TRIANGLE, instances=[[1], [1, 2]]), "Mesh: instances: "),
+    "plane": (lambda: Camera(*EYE, 1.0, 5), "Camera: plane: expected two numbers (H, W), found 5"),
+    "principal": (lambda: Camera(*EYE, 1.0, (1, 1), principal="x"), "Camera: principal: "),
+    "resolution": (
+        lambda: Camera(*EYE, 1.0, (1, 1), 5),
+        "Camera: resolution: expected two whole numbers (N, M), found 5",
+    ),
+    "other resolution": (lambda: CAMERA.with_resolution(("a", 3)), "Camera: resolution N: "),
+    "fov": (lambda: Camera.from_fov(*EYE, "x"), "Camera.from_fov: fov: "),
+    "fov resolution=5": (lambda: Camera.from_fov(*EYE, 45, 5), "Camera.from_fov: resolution: "),
+    "fov resolution": (lambda: Camera.from_fov(*EYE, 45, ("a", 3)), "Camera.from_fov: resolution N: "),
+    "fov resolution 0": (lambda: Camera.from_fov(*EYE, 45, (3, 0)), "Camera.from_fov: resolution M: "),
+    "matrix": (lambda: Camera.from_matrix("x", POSE, (3, 3)), "Camera.from_matrix: matrix: expected [[fx, 0, cx]"),
+    "ragged matrix": (lambda: Camera.from_matrix([[1], [1, 2]], POSE, (3, 3)), "Camera.from_matrix: matrix: "),
+    "pose": (lambda: Camera.from_matrix(K, "x", (3, 3)), "Camera.from_matrix: pose: expected a finite (4, 4) matrix"),
+    "matrix resolution=5": (lambda: Camera.from_matrix(K, POSE, 5), "Camera.from_matrix: resolution: "),
+    "matrix resolution": (lambda: Camera.from_matrix(K, POSE, ("a", 3)), "Camera.from_matrix: resolution N: "),
+    "pixel center": (
+        lambda: Camera.from_matrix(K, POSE, (3, 3), pixel_center="x"),
+        "Camera.from_matrix: pixel_center: ",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), CASES.values(), ids=list(CASES))
+def test_refused_in_one_line(call, message):
+    with pytest.raises(InputError) as caught:
+        call()
+    text = str(caught.value)
+    assert text.startswith(message)
+    assert "\n" not in text
+    assert "expected" in text
+    assert "found" in text
