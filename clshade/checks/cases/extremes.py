@@ -58,7 +58,7 @@ def huge_triangle(bench: Bench) -> Outcome:
         outcomes.append(against_oracle(frame, colors=False))
         drawn, (covered, decided) = frame.alpha > 0, _exact_edges(corners, size)
         outcomes.append(Outcome(int((decided & (drawn != covered)).sum()), pictures=(drawn, covered)))
-    return worst(outcomes, "10 triangles, also unclipped in fractions")
+    return worst(outcomes, "10 triangles, also unclipped in whole numbers")
 
 
 def far_coordinates(bench: Bench) -> Outcome:
