@@ -1,4 +1,4 @@
-"""Fixtures that several tests share: every OpenCL device that works, and the folder of real scenes."""
+"""Fixtures that several tests share: every OpenCL device that works, the folder of real scenes, empty caches."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 from devices import working_devices
+from processes import OPEN, python
 
+from clshade import runtimes
 from clshade.device import Device, open_device
+from clshade.errors import DeviceError
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -32,3 +35,30 @@ def data_folder() -> Path:
     if not name or not Path(name).is_dir():
         pytest.skip("CLSHADE_DATA names no folder with scenes")
     return Path(name)
+
+
+@pytest.fixture(scope="session")
+def opened() -> Device:
+    """The device that is opened where none is named."""
+    try:
+        return open_device(profiling=True)
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def homeless(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A process that cannot write to its home opens a device: its temporary folder, and what it printed."""
+    folder = tmp_path_factory.mktemp("temporary")
+    code = OPEN + "import os; print(os.environ['XDG_CACHE_HOME'], os.environ['POCL_CACHE_DIR'])"
+    done = python(code, "", HOME="/proc/nowhere", TMPDIR=str(folder), CLSHADE_DEVICE=opened.index)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
+
+
+@pytest.fixture
+def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache root for what this process keeps from now on."""
+    (tmp_path / "clshade").mkdir()
+    monkeypatch.setattr(runtimes, "_home", tmp_path)
+    return tmp_path / "clshade"

@@ -1,0 +1,158 @@
+"""Cache folders that processes claim for themselves, and the runtimes that are pointed to."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import OPEN, ROOT, python
+
+from clshade import runtimes
+
+CLAIM = "import os; from clshade import runtimes; print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'])"
+
+
+def test_no_home(homeless: tuple[Path, str]) -> None:
+    home = f"{homeless[0]}/clshade-{os.getuid()}"
+    opened, folders = homeless[1].splitlines()
+    assert opened.startswith("opened ")
+    assert folders == f"{home} {home}/clshade/slot-0/pocl"
+
+
+def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path) -> None:
+    taken = tmp_path / f"clshade-{os.getuid()}"
+    taken.mkdir()
+    taken.chmod(0o777)
+    done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    folder = Path(done.stdout.split()[0])
+    assert folder.is_relative_to(tmp_path)
+    assert not folder.is_relative_to(taken)
+    assert not list(taken.iterdir())
+
+
+def test_nowhere_to_write(tmp_path: Path) -> None:
+    code = "import tempfile; tempfile.tempdir = '/proc/nowhere'\n" + OPEN
+    done = python(code, "/proc/nowhere")
+    assert done.stdout.startswith("refused no folder for caches can be written"), done.stderr
+
+
+def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
+    code = CLAIM + "; import sys; sys.stdout.flush(); sys.stdin.read()"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    for name in [name for name in environment if "POCL_CACHE_DIR" in name]:
+        del environment[name]
+    running = []
+    try:
+        for expected in ("slot-0", "slot-1"):
+            process = subprocess.Popen(
+                [sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+            running.append(process)
+            assert process.stdout is not None
+            folder, pocl = process.stdout.readline().split()
+            assert folder == str(tmp_path / "clshade" / expected)
+            assert pocl == str(tmp_path / "clshade" / expected / "pocl")
+        # What a process that is killed leaves behind is cleared away by the next, which keeps the compiled kernels.
+        slot = tmp_path / "clshade" / "slot-0"
+        running[0].kill()
+        running[0].wait()
+        (slot / "programs" / "lock").touch()
+        (slot / "pocl" / "tempfile_abc").touch()
+        (slot / "pocl" / "kept").touch()
+        assert python(CLAIM, tmp_path).stdout.split()[0] == str(slot)
+        assert [path.name for path in sorted(slot.rglob("*"))] == ["lock", "pocl", "kept", "programs"]
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+
+
+def test_children_claim_their_own(tmp_path: Path) -> None:
+    code = f"""
+import os, subprocess, sys
+from clshade import runtimes
+from clshade.errors import DeviceError
+held = runtimes.prepare()
+print(held.folder.name, flush=True)
+subprocess.run([sys.executable, "-c", {CLAIM!r}])
+if os.fork() == 0:
+    print(runtimes.prepare().folder.name, os.path.basename(os.path.dirname(os.environ["POCL_CACHE_DIR"])), flush=True)
+    os._exit(0)
+os.wait()
+print(runtimes._take(held.folder))  # still locked
+runtimes.starting()
+if os.fork() == 0:
+    try: runtimes.starting()
+    except DeviceError as error: print(error, flush=True)
+    os._exit(0)
+os.wait()
+"""
+    done = python(code, tmp_path)
+    lines = done.stdout.splitlines()
+    assert lines[0] == "slot-0", done.stderr
+    assert lines[1] == f"{tmp_path}/clshade/slot-1 {tmp_path}/clshade/slot-1/pocl"
+    assert lines[2:4] == ["slot-1 slot-1", "None"]
+    assert "spawn" in lines[4]
+
+
+def test_isolate_cache(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from clshade import runtimes
+from clshade.errors import DeviceError
+runtimes.isolate_cache(sys.argv[1])
+print(runtimes.prepare().folder, os.environ["POCL_CACHE_DIR"], runtimes.isolate_cache(sys.argv[1]))
+runtimes.starting()
+try: runtimes.isolate_cache("elsewhere")
+except DeviceError as error: print(error)
+"""
+    worker = tmp_path / "worker"
+    done = python(code.replace("sys.argv[1]", repr(str(worker))), tmp_path, POCL_CACHE_DIR="/proc/x")
+    assert done.stdout.splitlines()[0] == f"{worker} {worker}/pocl {worker}", done.stderr
+    assert "too late" in done.stdout.splitlines()[1]
+    held = runtimes._lock(worker / "lock")
+    assert held is not None
+    done = python(f"from clshade.runtimes import isolate_cache; isolate_cache({str(worker)!r})", tmp_path)
+    os.close(held)
+    assert "in use by another process" in done.stderr
+
+
+def test_what_the_user_set_is_kept(tmp_path: Path) -> None:
+    code = CLAIM + "; print(os.environ['OCL_ICD_VENDORS'])"
+    done = python(code, tmp_path, POCL_CACHE_DIR="/users/own", OCL_ICD_VENDORS="/users/vendors")
+    assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", "/users/own", "/users/vendors"], done.stderr
+
+
+# Runtimes
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Intel's runtime is pointed to on Linux only")
+def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library, system = tmp_path / "libintelocl.so", tmp_path / "vendors"
+    library.touch()
+    system.mkdir()
+    (system / "mesa.icd").write_text("libMesaOpenCL.so.1\n")
+    (system / "broken.icd").write_text("/opt/anaconda1anaconda2/lib/libintelocl.so")
+    monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", system)
+    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
+    for name in ("OCL_ICD_VENDORS", "CLSHADE_SET_OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
+        monkeypatch.setenv(name, "")
+    for _ in range(2):
+        runtimes.expose_runtimes()
+        folder = Path(os.environ["OCL_ICD_VENDORS"])
+        assert folder.parent == fresh_cache
+        contents = {path.name: path.read_text().strip() for path in folder.iterdir()}
+        assert contents == {"mesa.icd": "libMesaOpenCL.so.1", "clshade-intel.icd": str(library)}
+        assert len(list(fresh_cache.glob("vendors-*"))) == 1
+    # Registered by the system already: nothing has to be done. The variable set above does not pass for the user's.
+    (system / "intel.icd").write_text(str(library))
+    runtimes.expose_runtimes()
+    assert "OCL_ICD_VENDORS" not in os.environ
+    monkeypatch.setenv("OCL_ICD_VENDORS", "/users/own")
+    runtimes.expose_runtimes()
+    assert os.environ["OCL_ICD_VENDORS"] == "/users/own"
