@@ -57,7 +57,8 @@ class TileLists:
         if len(self._sums.array) != parts:
             self._sums = self._empty(parts, np.uint64)
         events["bin_count"] = self._stages.bin_count(order, made, image, self._counts, self._chunk, visible)
-        events["bin_sums"] = self._stages.bin_sums(image, self._counts, self._sums, self._chunks)
+        if parts > 1:
+            events["bin_sums"] = self._stages.bin_sums(image, self._counts, self._sums, self._chunks)
         events["bin_scan"] = self._stages.bin_scan(image, self._sums, self._counts, self.starts, made, self._chunks)
 
     def fill(self, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:

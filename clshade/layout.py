@@ -149,15 +149,14 @@ VIEW, VERTEX, TRIANGLE, BOUNDS, ENTRY, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, C
 
 
 def header(with_double: bool = True) -> str:
-    """OpenCL C of all constants and structs; structs with doubles only when the device has them."""
-    lines = [f"#define {name} {value}" for name, value in CONSTANTS.items()]
+    """OpenCL C of all constants and structs. On devices without float64 its bits stand in its place, as ulong."""
+    lines = [f"#define FP64 {int(with_double)}"]
+    lines += [f"#define {name} {value}" for name, value in CONSTANTS.items()]
     for struct, members in _STRUCTS.items():
-        if not with_double and any(kind == "double" for kind, *_ in members):
-            continue
         lines.append("typedef struct {")
         for kind, name, count, what in members:
             size = f"[{count}]" if count > 1 else ""
             comment = f"  // {what}" if what else ""
-            lines.append(f"    {kind} {name}{size};{comment}")
+            lines.append(f"    {kind if with_double or kind != 'double' else 'ulong'} {name}{size};{comment}")
         lines.append(f"}} {struct};")
     return "\n".join(lines) + "\n"

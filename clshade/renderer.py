@@ -100,14 +100,11 @@ class Renderer:
         files = (*BASE_FILES, shader)
 
         def build_meanwhile(tried: Device) -> None:
-            if tried.has_fp64:
-                build(tried, self.features, files, lanes=lanes)
+            build(tried, self.features, files, lanes=lanes)
 
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
-        if not self.device.has_fp64:
-            raise DeviceError(f"{self.device.name}: has no float64, which the projection needs")
         opened_at = time.perf_counter()
         program = build(self.device, self.features, files, lanes=lanes)
         built_at = time.perf_counter()
@@ -393,7 +390,9 @@ class Renderer:
         profiling = self.device.profiling
 
         def stats() -> dict[str, Any]:
-            kernels = {name: (e.profile.end - e.profile.start) / 1e6 for name, e in events.items()} if profiling else {}
+            kernels = (
+                {name: (e.profile.end - e.profile.start) / 1e6 for name, e in events.items() if e} if profiling else {}
+            )
             return {"times_ms": {**kernels, **times}, **facts}
 
         return Frame(image, layers, scene, self.settings, stats)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from . import layout
+from . import layout, projection
 from .device import Device
 from .errors import DeviceError
 from .programs import Program
@@ -123,8 +123,14 @@ class Stages:
         """One work-item per element, in groups of 64."""
         return self._launch(name, (-(-count // 64) * 64,), (64,), *arguments, count)
 
-    def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event:
-        return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
+    def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
+        """On a device without float64 the host does it, and there is no event."""
+        if self.device.has_fp64:
+            return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
+        orthographic = bool(self.program.features["ORTHOGRAPHIC"])
+        with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
+            projection.project(positions.array, view.array[0], orthographic, projected, relative)
+        return None
 
     def setup(
         self,
@@ -138,9 +144,15 @@ class Stages:
     ) -> cl.Event:
         items = -(-count // self.device.setup_run)
         local = 1 if self.device.is_cpu else 64
-        inputs = (faces, vertices.projected, *sides, view, image)
+        means = None
+        if not (self.device.has_fp64 or self.program.features["DEPTH_TEST"]):
+            means = Buffer(self.device, projection.mean_depths(vertices.projected.array, faces.array))
+        inputs = (faces, vertices.projected, *sides, means, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
-        return self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
+        event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
+        if means is not None:
+            event.wait()  # its memory goes with it
+        return event
 
     def setup_pieces(
         self,

@@ -44,7 +44,8 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
     }
 }
 
-// The sums go over parts of the tiles: first each part's total, then each part's tiles from the totals before it.
+// The sums go over parts of the tiles: first each part's total, then each part's tiles from the totals before it. A part
+// alone needs no totals.
 int part_begin(int part, int tiles)
 {
     return (int)((long)tiles * part / (int)get_global_size(0));
@@ -73,22 +74,21 @@ kernel void bin_scan(global const Image *image,   // 1
                      int chunks)
 {
     int part = get_global_id(0), end = part_begin(part + 1, image->tiles);
-    ulong begin = 0;
+    ulong at = 0;
     for (int before = 0; before < part; ++before)
-        begin += sums[before];
-    uint at = (uint)begin;
+        at += sums[before];
     for (int tile = part_begin(part, image->tiles); tile < end; ++tile) {
-        starts[tile] = at;
+        starts[tile] = (uint)at;
         for (int chunk = 0; chunk < chunks; ++chunk) {
             global uint *own = counts + (long)chunk * image->tiles + tile;
             uint count = *own;
-            *own = at;
+            *own = (uint)at;
             at += count;
         }
     }
     if (end == image->tiles && part + 1 == get_global_size(0)) {
-        starts[end] = at;
-        counters->entries = begin + sums[part];
+        starts[end] = (uint)at;
+        counters->entries = at;
     }
 }
 

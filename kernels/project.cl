@@ -1,5 +1,8 @@
-// Vertices from world space to snapped image positions, in float64.
+// Vertices from world space to snapped image positions, in float64. Where the device has none, clshade/projection.py
+// does the same on the host.
 #include "features.clh"
+
+#if FP64
 
 #if DOUBLE_POSITIONS
 typedef double position_t;
@@ -57,3 +60,4 @@ kernel void project(global const position_t *positions,  // V x 3, world space
     vertices[i] = v;
     relative[i] = (float4)(held(dx * view->scale), held(dy * view->scale), held(dz * view->scale), 0.0f);
 }
+#endif

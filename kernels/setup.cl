@@ -7,14 +7,25 @@ int2 centers_within(int low, int high)
     return (int2)((low + HALF_PIXEL - 1) >> SUBPIXEL_BITS, (high - HALF_PIXEL) >> SUBPIXEL_BITS);
 }
 
-// The depth's order as unsigned bits, with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the
-// smallest key is the nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
-ulong sort_key(double depth, int index)
+// A depth's order as unsigned bits; on a device without float64 the depths are bits already.
+#if FP64
+#define DEPTH_BITS(depth) as_ulong(depth)
+#else
+#define DEPTH_BITS(depth) (depth)
+#endif
+
+ulong depth_order(ulong bits)
 {
-    ulong bits = as_ulong(depth + 0.0);
-    bits = (bits >> 63) ? ~bits : bits | (1UL << 63);
+    bits = bits << 1 ? bits : 0;  // -0.0 is 0.0
+    return (bits >> 63) ? ~bits : bits | (1UL << 63);
+}
+
+// That order with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the smallest key is the
+// nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
+ulong sort_key(ulong order, int index)
+{
     ulong low = (1UL << KEY_INDEX_BITS) - 1;
-    return (bits & ~low) | (low - (ulong)index);
+    return (order & ~low) | (low - (ulong)index);
 }
 
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
@@ -111,6 +122,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project
                   global const int *face_materials,    // F, with SIDES
                   global const Material *materials,    // with SIDES
+                  global const ulong *mean_depths,     // F, from the host: float64 bits; without FP64 and DEPTH_TEST
                   global const View *view,         // 1
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
@@ -126,18 +138,19 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     Counters counted;
     counted.visible = counted.behind = counted.off_screen = 0;
     counted.between_samples = counted.zero_area = counted.back_facing = 0;
+    ulong near = depth_order(DEPTH_BITS(view->near));
     for (int face = first; face < end; ++face) {
         Triangle t;
         Bounds b;
-        double depth[3];
+        ulong depth[3];
         int behind = 0;
         for (int k = 0; k < 3; ++k) {
             Vertex at = vertices[faces[3 * face + k]];
-            depth[k] = at.depth;
+            depth[k] = depth_order(DEPTH_BITS(at.depth));
             t.x[k] = at.x;
             t.y[k] = at.y;
             t.w[k] = at.w;
-            behind += depth[k] < view->near;
+            behind += depth[k] < near;
         }
         int left = min(min(t.x[0], t.x[1]), t.x[2]), right = max(max(t.x[0], t.x[1]), t.x[2]);
         int low = min(min(t.y[0], t.y[1]), t.y[2]), high = max(max(t.y[0], t.y[1]), t.y[2]);
@@ -162,10 +175,16 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         triangles[face] = t;
         bounds[face] = b;
 #if DEPTH_TEST
-        own_keys[counted.visible++] = sort_key(fmin(fmin(depth[0], depth[1]), depth[2]), face);
+        ulong order = min(min(depth[0], depth[1]), depth[2]);
+#elif FP64
+        double z[3];
+        for (int k = 0; k < 3; ++k)
+            z[k] = vertices[faces[3 * face + k]].depth;
+        ulong order = depth_order(DEPTH_BITS(((z[0] + z[1]) + z[2]) / 3.0));
 #else
-        own_keys[counted.visible++] = sort_key(((depth[0] + depth[1]) + depth[2]) / 3.0, face);
+        ulong order = depth_order(mean_depths[face]);
 #endif
+        own_keys[counted.visible++] = sort_key(order, face);
     }
     if (counted.visible) {
         int at = atomic_add(&counters->visible, counted.visible);
@@ -203,7 +222,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
         b.index = face_count + i;
         triangles[face_count + i] = t;
         bounds[face_count + i] = b;
-        keys[atomic_inc(&counters->visible)] = sort_key(piece->key_depth, face_count + i);
+        keys[atomic_inc(&counters->visible)] = sort_key(depth_order(DEPTH_BITS(piece->key_depth)), face_count + i);
     }
     Counters counted;
     counted.behind = counted.off_screen = counted.between_samples = counted.zero_area = counted.back_facing = 0;

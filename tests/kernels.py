@@ -180,7 +180,8 @@ class Pipeline:
         table = counts.to_host().copy()
         self.starts = Buffer.empty(self.device, self.tiles + 1, np.uint32)
         sums = Buffer.empty(self.device, parts, np.uint64)
-        self.stages.bin_sums(self.image, counts, sums, chunks)
+        if parts > 1:
+            self.stages.bin_sums(self.image, counts, sums, chunks)
         self.stages.bin_scan(self.image, sums, counts, self.starts, self.made, chunks)
         # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))

@@ -251,11 +251,11 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
 def test_every_feature_that_a_kernel_tests_is_guarded(path):
     """A macro in #if that features.clh does not demand would pass as 0 when misspelled."""
     guarded = set(re.findall(r"defined\((\w+)\)", (ROOT / "kernels" / "features.clh").read_text()))
-    own = {"LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH"}
+    own = {"FP64", "LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH"}
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):
-        tested |= set(re.findall(r"[A-Z_]{2,}", re.sub(r"defined\s*\(\w+\)|__has_builtin\(\w+\)", "", line)))
+        tested |= set(re.findall(r"[A-Z_][A-Z0-9_]+", re.sub(r"defined\s*\(\w+\)|__has_builtin\(\w+\)", "", line)))
     assert tested <= guarded | own, tested - guarded - own
 
 

@@ -52,5 +52,4 @@ def test_rows_keep_their_alignment(name):
 def test_a_header_for_devices_without_double():
     header = layout.header(with_double=False)
     assert "double" not in header
-    assert "} Triangle;" in header
-    assert "} View;" not in header
+    assert header.count("} ") == layout.header().count("} ")

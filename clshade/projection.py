@@ -1,0 +1,51 @@
+"""What kernels/project.cl computes, on the host: for devices without float64. The same operations, hence the same bits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import layout
+from .validation import Array
+
+_HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number
+
+
+def _snap(pixels: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        inside = np.abs(pixels) <= layout.GUARD_PIXELS
+    snapped = (np.where(inside, pixels, 0.0) * (1 << layout.SUBPIXEL_BITS) + _HALF_ULP) - _HALF_ULP
+    return np.where(inside, snapped, np.where(pixels > 0.0, layout.SNAP_LIMIT, -layout.SNAP_LIMIT)).astype(np.int32)
+
+
+def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
+    """Fills `vertices` (V,) layout.VERTEX and `relative` (V, 4) float32 from positions (V, 3), world space.
+
+    view: one row of layout.VIEW.
+    """
+    d = positions.astype(np.float64) - view["eye"]
+    m = view["axes"]
+    x, y, z = ((d[:, 0] * m[k] + d[:, 1] * m[k + 1]) + d[:, 2] * m[k + 2] for k in (0, 3, 6))
+    vertices[:] = 0
+    vertices["depth"] = z
+    seen = np.flatnonzero(z >= view["near"])
+    x, y, z = x[seen], y[seen], z[seen]
+    depth = np.minimum(z * view["scale"], layout.MOST_DEPTH)
+    with np.errstate(over="ignore", invalid="ignore"):
+        if orthographic:
+            across, up, w = x / view["plane_width"], y / view["plane_height"], -depth
+        else:
+            across = (view["focal"] * x) / (z * view["plane_width"])
+            up = (view["focal"] * y) / (z * view["plane_height"])
+            w = 1.0 / depth
+        vertices["x"][seen] = _snap((across + view["principal"][0]) * view["columns"])
+        vertices["y"][seen] = _snap((up + view["principal"][1]) * view["rows"])
+    high = w.astype(np.float32)
+    vertices["w"][seen], vertices["w_low"][seen] = high, (w - high).astype(np.float32)
+    relative[:, :3] = np.clip(d * view["scale"], -layout.MOST_LENGTH, layout.MOST_LENGTH)
+    relative[:, 3] = 0.0
+
+
+def mean_depths(vertices: Array, faces: Array) -> Array:
+    """The painter's depths of faces (F, 3): float64 means of their corners'."""
+    z = vertices["depth"][faces]
+    return ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
