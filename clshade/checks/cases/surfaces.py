@@ -69,25 +69,41 @@ def intensities(bench: Bench) -> Outcome:
     return worst(outcomes, "6 pairs of lights")
 
 
-def overflow(bench: Bench) -> Outcome:
-    """Light beyond float32: the largest finite value, and every such pixel is counted in stats["saturated"]. A light that
-    is itself beyond float32 is refused."""
-    outcomes = []
+def _saturated(bench: Bench, scene: Scene) -> Outcome:
+    """Pixels beyond float32 hold the largest finite value, others do not, and stats["saturated"] counts them."""
     most = compare.FLOAT32_MAX
-    for given in ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38)):
-        frame = bench.draw(_lit_by(*given, kd=3.0, ks=2.0))
-        expected = oracle.render(frame.scene, frame.settings)
-        saturated = (np.abs(frame.rgb) >= most).any(axis=-1)
-        surely = (np.abs(expected.rgb) > most * 1.001).any(axis=-1)
-        never = (np.abs(expected.rgb) < most * 0.999).all(axis=-1)
-        wrong = (surely & ~saturated) | (never & saturated) | ~np.isfinite(frame.rgb).all(axis=-1)
-        uncounted = abs(frame.stats["saturated"] - int(saturated.sum())) + int(not saturated.any())
-        outcomes.append(Outcome(int(wrong.sum()) + uncounted, detail=str(given), pictures=(frame.rgb, expected.rgb)))
+    frame = bench.draw(scene)
+    expected = oracle.render(frame.scene, frame.settings)
+    saturated = (np.abs(frame.rgb) >= most).any(axis=-1)
+    surely = (np.abs(expected.rgb) > most * 1.001).any(axis=-1)
+    never = (np.abs(expected.rgb) < most * 0.999).all(axis=-1)
+    wrong = (surely & ~saturated) | (never & saturated) | ~np.isfinite(frame.rgb).all(axis=-1)
+    uncounted = abs(frame.stats["saturated"] - int(saturated.sum())) + int(not saturated.any())
+    return Outcome(int(wrong.sum()) + uncounted, pictures=(frame.rgb, expected.rgb))
+
+
+_BRIGHT = ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38))
+
+
+def overflow(bench: Bench) -> Outcome:
+    """Light beyond float32 on surfaces of color 2. A light that is itself beyond float32 is refused."""
+    outcomes = []
+    for given in _BRIGHT:
+        scene = _lit_by(*given, kd=3.0, ks=2.0)
+        mesh = scene.meshes[0]
+        outcomes.append(
+            _saturated(bench, replace(scene, meshes=(replace(mesh, colors=np.full_like(mesh.verts, 2.0)),)))
+        )
     try:
         PointLight(np.zeros(3), np.array([1.0, 1e39, 1.0]))
     except InputError:
         return worst(outcomes, "lights of 3.4e38, -3.4e38, 1e38; 1e39 refused")
     return worst([*outcomes, Outcome(1)], "1e39 not refused")
+
+
+def colored_overflow(bench: Bench) -> Outcome:
+    """The same on surfaces darker than 1, of which some bring the light back into float32."""
+    return worst([_saturated(bench, _lit_by(*given, kd=3.0, ks=2.0)) for given in _BRIGHT], "colors 0.2 to 1")
 
 
 def centered() -> Scene:
@@ -144,6 +160,7 @@ CASES = (
     Case("26", "renormalized", "interpolated normals far below 1", "renormalized per pixel", renormalized),
     Case("26b", "intensities", "intensities 1e-30..1e30", "within the bound", intensities),
     Case("26c", "overflow", "light beyond float32", "saturates, counted", overflow),
+    Case("26d", "colored-overflow", "the same times a color below 1", "saturates, counted", colored_overflow),
     Case("27", "offsets", "everything at +1e6 and +1e9", "the centered scene's ids and colors", offsets),
     Case("27b", "scales", "everything times 1e-20..1e20", "same ids; powers of two same bits", scales, True),
 )
