@@ -83,23 +83,56 @@ def alpha_tested(mesh: Mesh) -> bool:
     return texture is not None and tested and texture.image.shape[2] == 4
 
 
-def _colored(mesh: Mesh) -> bool:
-    own = mesh.colors is not None and not replaces_colors(mesh) and bool((mesh.colors != 1.0).any())
-    return own or bool((mesh.material.color != 1.0).any())
+def _is_white(mesh: Mesh) -> bool:
+    return mesh.colors is None or not (mesh.colors != 1.0).any()
 
 
-def _any_nonzero(values: Iterable[np.ndarray]) -> int:
-    return int(any(value.any() for value in values))
+def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
+    return any(value.any() for value in values)
 
 
-def _terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, tuple[int, str]]:
-    """Which terms of the reflection model are needed, and why one would not be. shining: whether some light does."""
-    specular = int(shining) & _any_nonzero(m.ks for m in materials)
+def _first(*reasons: tuple[bool, str]) -> str:
+    """The first reason that holds; "" if none does."""
+    return next((text for holds, text in reasons if holds), "")
+
+
+def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, str]:
+    """Why each term of the reflection model is not needed; "" for one that is. shining: whether some light does."""
+    dark = ((not lit, "shader nolight"), (not shining, "no light shines"))
+    no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
     return {
-        "AMBIENT": (int(lit) & _any_nonzero(m.ka * ambient for m in materials), "no ambient light"),
-        "DIFFUSE": (int(shining) & _any_nonzero(m.kd for m in materials), "kd is 0 or no light shines"),
-        "SPECULAR": (specular, "ks is 0 or no light shines"),
-        "POWER": (specular & int(any(m.n != 1.0 and m.ks.any() for m in materials)), "no exponent but 1"),
+        "AMBIENT": _first(
+            (not lit, "shader nolight"),
+            (not ambient.any(), "no ambient light"),
+            (not _any_nonzero(m.ka for m in materials), "ka is 0"),
+            (not _any_nonzero(m.ka * ambient for m in materials), "ka*Ia is 0"),
+        ),
+        "DIFFUSE": _first(*dark, (not _any_nonzero(m.kd for m in materials), "kd is 0")),
+        "SPECULAR": no_specular,
+        "POWER": _first(
+            (bool(no_specular), f"no specular term: {no_specular}"),
+            (not any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
+        ),
+    }
+
+
+def _unneeded_colors(meshes: list[Mesh], at_corners: bool) -> dict[str, str]:
+    """Why vertex colors and textures are not needed at the pixels; "" for what is. at_corners: texture_at vertex."""
+    textured = any(map(texture_applies, meshes))
+    own = [mesh for mesh in meshes if not replaces_colors(mesh)]
+    white = all(map(_is_white, own)) and not _any_nonzero(mesh.material.color != 1.0 for mesh in meshes)
+    at_vertices = textured and at_corners
+    return {
+        "VERTEX_COLORS": _first(
+            (at_vertices, "texture_at vertex: they are in the corners' colors"),
+            (white and not all(map(_is_white, meshes)), "texels take the place of vertex colors"),
+            (white, "no vertex or material colors other than white"),
+        ),
+        "TEXTURED": _first(
+            (at_vertices, "texture_at vertex: looked up at the corners"),
+            (not any(mesh.material.texture is not None for mesh in meshes), "no texture"),
+            (not textured, "no texture coordinates"),
+        ),
     }
 
 
@@ -107,7 +140,8 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
     """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background."""
     lit = shader != "nolight"
     values = {"PHONG": int(shader == "phong"), "LIT": int(lit), "CENTROID": 1, "VERTEX_COLORS": 1}
-    values.update({name: need for name, (need, _) in _terms([material], ambient, lit, lit and shining).items()})
+    unneeded = _unneeded_terms([material], ambient, lit, lit and shining)
+    values.update({name: int(not reason) for name, reason in unneeded.items()})
     return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
 
 
@@ -142,21 +176,17 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
         "UV_INDICES": textured and any(mesh.uv_faces is not None for mesh in meshes),
         "DOUBLE_POSITIONS": double_positions,
     }
-    needed = {
-        **_terms(materials, scene.ambient, lit, shining),
-        "VERTEX_COLORS": (
-            not at_corners and any(map(_colored, meshes)),
-            "no vertex or material colors other than white",
-        ),
-        "TEXTURED": (textured and not at_corners, "no texture looked up per pixel"),
-        "MATERIALS": (len(materials) > 1, "a single material"),
-        "OWNERS": (bool(settings.layers), "no layer asked for"),
+    unneeded = {
+        **_unneeded_terms(materials, scene.ambient, lit, shining),
+        **_unneeded_colors(meshes, at_corners),
+        "MATERIALS": _first((len(materials) < 2, "a single material")),
+        "OWNERS": _first((not settings.layers, "no layer asked for")),
     }
     values = {name: int(choices[name]) for name in CHOICES}
-    values.update({name: int(everything or needed[name][0]) for name in OPTIONAL})
+    values.update({name: int(everything or not unneeded[name]) for name in OPTIONAL})
     if everything and at_corners:  # the corners' colors hold vertex colors and texels already
         values["VERTEX_COLORS"] = values["TEXTURED"] = 0
-    left_out = tuple((name, needed[name][1]) for name in OPTIONAL if not values[name])
+    left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])
     return Features(tuple(values.items()), left_out)
 
 
