@@ -1,4 +1,4 @@
-"""Geometry of scenes in float64: vertex normals, camera axes, bounding box and radius.
+"""Geometry of scenes in float64: vertex normals, camera axes, bounding box.
 
 Where scale matters, values are first multiplied by a power of two, which is exact: a scene scaled by a power of two
 gives the same bits, and squares neither overflow nor underflow.
@@ -16,7 +16,6 @@ from .camera import Camera
 from .errors import InputError
 from .scene import Scene
 from .validation import Array, refuse, vector
-
 
 _CANCELED = 2.0**-40  # of the faces' sizes: a sum below it has no direction left
 
@@ -203,11 +202,6 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
         lows.append(placed.min(axis=(0, 2)))
         highs.append(placed.max(axis=(0, 2)))
     return np.min(lows, axis=0), np.max(highs, axis=0)
-
-
-def bounding_radius(scene: Scene) -> float:
-    """Half the diagonal of the bounding box, scene units; 0 for a scene without faces or with a single point."""
-    return half_diagonal(*bounding_box(scene))
 
 
 def half_diagonal(low: Array, high: Array) -> float:

@@ -128,7 +128,7 @@ def test_bounds_of_what_faces_use_in_every_place():
     mesh = Mesh(verts, [[0, 1, 2]])
     low, high = geometry.bounding_box(scene(mesh))
     assert (low.tolist(), high.tolist()) == ([0, 0, 0], [2, 3, 6])
-    assert geometry.bounding_radius(scene(mesh)) == 3.5
+    assert geometry.half_diagonal(*geometry.bounding_box(scene(mesh))) == 3.5
     placed = Mesh(verts, [[0, 1, 2]], instances=np.stack([np.eye(4), twice]))
     low, high = geometry.bounding_box(scene(mesh, placed))
     assert (low.tolist(), high.tolist()) == ([0, 0, -1], [14, 6, 11])
@@ -136,10 +136,10 @@ def test_bounds_of_what_faces_use_in_every_place():
 
 def test_bounds_of_nothing_and_of_large_scenes():
     empty = scene(Mesh(np.ones((3, 3)), np.zeros((0, 3), int)))
-    assert geometry.bounding_radius(empty) == 0.0
+    assert geometry.half_diagonal(*geometry.bounding_box(empty)) == 0.0
     assert not np.array(geometry.bounding_box(empty)).any()
     large = scene(Mesh(np.array([[-1e308, 0, 0], [1e308, 0, 0], [0, 1, 0]]), [[0, 1, 2]]))
-    assert geometry.bounding_radius(large) == 1e308
+    assert geometry.half_diagonal(*geometry.bounding_box(large)) == 1e308
     far = np.eye(4) * [1e300, 1, 1, 1]
     with pytest.raises(InputError, match="overflow"):
         geometry.bounding_box(scene(Mesh(np.full((3, 3), 1e300), [[0, 1, 2]], instances=far[None])))

@@ -106,7 +106,7 @@ def test_the_camera_sees_all_and_fills_the_image(tmp_path, resolution):
     assert camera.eye[1] > 21  # from above
     assert camera.up.tolist() == [0, 1, 0]
     # The bounding sphere touches the narrower field of view but for the margin.
-    radius = geometry.bounding_radius(scene)
+    radius = geometry.half_diagonal(*geometry.bounding_box(scene))
     half = math.atan(min(camera.plane) / 2)
     distance = np.linalg.norm(camera.eye - camera.lookat)
     assert distance * math.sin(half) == pytest.approx(framing.MARGIN * radius)
@@ -118,7 +118,7 @@ def test_the_camera_sees_all_and_fills_the_image(tmp_path, resolution):
 
 def test_lights_stand_outside_in_front_and_behind(cube):
     scene = load(cube)
-    radius = geometry.bounding_radius(scene)
+    radius = geometry.half_diagonal(*geometry.bounding_box(scene))
     towards = scene.camera.eye / np.linalg.norm(scene.camera.eye)
     heights = [light.position @ towards for light in scene.lights]
     assert [h > 0 for h in heights] == [True, True, False]
