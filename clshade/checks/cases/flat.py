@@ -26,7 +26,7 @@ ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
 # too small to move a snapped corner.
 NUDGE = 2.0**-38
 UNLIT = Material(0.0, 1.0, 0.0, 1.0)
-DEPTH = 1.0
+DEPTH = 1.0 + 2.0**-40
 FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
 
 

@@ -57,7 +57,8 @@ def renormalized(bench: Bench) -> Outcome:
 
 def _lit_by(*intensities: float, **coefficients: Any) -> Scene:
     lights = [replace(lit.LIGHTS[i % 2], intensity=np.full(3, value)) for i, value in enumerate(intensities)]
-    material = replace(lit.MATERIAL, ka=0.0, **coefficients)
+    # Hardly any ambient light, but some: without it there would be another program to build.
+    material = replace(lit.MATERIAL, ka=1e-35, **coefficients)
     return lit.scene_of(lit.patch(material=material), lights=tuple(lights))
 
 
