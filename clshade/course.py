@@ -30,6 +30,7 @@ import numpy as np
 from . import course_arguments as checked
 from . import course_values
 from .camera import Camera
+from .course_files import only_mesh
 from .course_files import save_course as save
 from .device import Device, shared_device
 from .geometry import vertex_normals
@@ -40,6 +41,7 @@ from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, r
 from .validation import Array, choice, coefficient, refuse, vector
 
 __all__ = [
+    "arguments",
     "bilerp",
     "calculate_normals",
     "gouraud_shading",
@@ -259,6 +261,30 @@ def _turned(rgba: Array) -> Array:
         for channel in range(3):
             image[row : row + 16, :, channel] = source[row : row + 16, :, channel]
     return image
+
+
+def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
+    """What draws a scene: `render_object("phong", **arguments(scene))`, or render_object_map's if textured.
+
+    scene: a course scene of one mesh, as `clshade.load` and `clshade.builtin("course")` give. Without vertex colors it
+    is white. Arrays are 3xN, l_pos and l_int Lx3. Raises InputError for other scenes, and for a missing texture.
+    """
+    mesh, camera = only_mesh(scene, "arguments"), scene.camera
+    material, texture = mesh.material, mesh.material.texture
+    given = {"focal": camera.focal, "eye": camera.eye, "lookat": camera.lookat, "up": camera.up}
+    given |= {"bg_color": scene.background, "verts": mesh.verts.T, "faces": mesh.faces.T}
+    (given["N"], given["M"]), (given["H"], given["W"]) = camera.resolution, camera.plane
+    if not textured:
+        given["verts_colors"] = (np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors).T
+    elif texture is None or mesh.uvs is None:
+        raise refuse("arguments", "scene", "a mesh with a texture and texture coordinates", scene.name)
+    else:
+        uvs_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
+        given |= {"uvs": mesh.uvs.T, "uvs_faces": uvs_faces.T, "texture_map": texture.image}
+    given |= {"k_a": material.ka, "k_d": material.kd, "k_s": material.ks, "n": material.n}
+    for name, field in (("l_pos", "position"), ("l_int", "intensity")):
+        given[name] = np.array([getattr(light, field) for light in scene.lights]).reshape(-1, 3)
+    return {**given, "light_amb": scene.ambient}
 
 
 # What stays for the next call

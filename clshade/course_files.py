@@ -114,7 +114,9 @@ def save_course(scene: Scene, path: Path) -> None:
     owner = "save_course"
     if not os.fspath(path).lower().endswith(".npy"):
         raise complaint(owner, "path", "a name ending in .npy", shown(path))
-    mesh = _only_mesh(scene, owner)
+    mesh = only_mesh(scene, owner)
+    if isinstance(mesh.material.texture, Texture):
+        raise complaint(owner, "mesh.material.texture", "None: the image is a file apart", "a texture")
     camera, material = scene.camera, mesh.material
     content: dict[str, Any] = {
         "verts": mesh.verts.T,
@@ -143,8 +145,8 @@ def save_course(scene: Scene, path: Path) -> None:
     write_bytes(path, buffer.getbuffer())
 
 
-def _only_mesh(scene: Scene, owner: str) -> Mesh:
-    """The mesh of a scene that a course file can hold. Raises InputError for any other scene."""
+def only_mesh(scene: Scene, owner: str) -> Mesh:
+    """The mesh of a scene that is drawn as the course does. Raises InputError for any other scene."""
     if scene.preset != "course":
         raise refuse(owner, "scene.preset", "course", scene.preset)
     if len(scene.meshes) != 1:
@@ -156,6 +158,4 @@ def _only_mesh(scene: Scene, owner: str) -> Mesh:
         raise complaint(owner, "mesh.instances", "one identity", "a placement or several")
     if mesh.normals is not None:
         raise complaint(owner, "mesh.normals", "None: course scenes compute them", "normals")
-    if isinstance(mesh.material.texture, Texture):
-        raise complaint(owner, "mesh.material.texture", "None: the image is a file apart", "a texture")
     return mesh

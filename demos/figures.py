@@ -23,7 +23,7 @@ import sheet  # noqa: E402
 import clshade  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.images import as_texture  # noqa: E402
-from clshade.scene import Scene, Texture  # noqa: E402
+from clshade.scene import Scene  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
 
@@ -125,50 +125,40 @@ def _with_texture(scene: Scene, path: str) -> Scene:
     return replace(scene, meshes=(replace(mesh, material=material),))
 
 
-def texels_of(scene: Scene) -> np.ndarray:
-    texture = scene.meshes[0].material.texture
-    assert isinstance(texture, Texture)
-    return texture.image
-
-
 # Drawing
 
 
-def draw(scene: Scene, figure: Figure, size: tuple[int, int] | None = None) -> np.ndarray:
-    """The figure by one call of `render_object` or `render_object_map`, with (N, M) columns and rows."""
+def draw(scene: Scene, figure: Figure) -> np.ndarray:
+    """The figure, by one call of `render_object` or `render_object_map`."""
     from clshade import course
 
-    mesh, camera, material = scene.meshes[0], scene.camera, scene.meshes[0].material
-    lights = [scene.lights[k] for k in figure.lights]
-    columns, rows = size or camera.resolution
-    height, width = camera.plane
-    colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
-    view = (camera.focal, camera.eye, camera.lookat, camera.up, scene.background, rows, columns, height, width)
-    light = (
-        material.ka if "ambient" in figure.terms else 0.0,
-        material.kd if "diffuse" in figure.terms else 0.0,
-        material.ks if "specular" in figure.terms else 0.0,
-        material.n,
-        [light.position for light in lights],
-        [light.intensity for light in lights],
-        scene.ambient,
-    )
-    if figure.mapped:
-        uv_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
-        mapped = (mesh.verts.T, mesh.faces.T, mesh.uvs.T, uv_faces.T, texels_of(scene))
-        return course.render_object_map(figure.shader, *view, *mapped, *light)
-    return course.render_object(figure.shader, *view, mesh.verts.T, colors.T, mesh.faces.T, *light)
+    given = course.arguments(scene, textured=figure.mapped)
+    for term, name in (("ambient", "k_a"), ("diffuse", "k_d"), ("specular", "k_s")):
+        if term not in figure.terms:
+            given[name] = 0.0
+    for name in ("l_pos", "l_int"):
+        given[name] = given[name][list(figure.lights)]
+    return (course.render_object_map if figure.mapped else course.render_object)(figure.shader, **given)
 
 
 def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
-    """Has the programs of all figures built, by drawing one pixel with each."""
-    for figure in {(figure.shader, figure.terms): figure for figure in figures}.values():
-        draw(scene, figure, (1, 1))
+    """Has the programs of all figures built, by drawing one figure with each: seconds each, the first time."""
+    from tqdm import tqdm
+
+    from clshade.device import shared_device
+
+    shared_device()  # what is wrong with it is told before there is a bar
+    needed = {(figure.shader, figure.terms): figure for figure in figures}
+    for figure in tqdm(needed.values(), unit="program", desc="programs", leave=False):
+        draw(scene, figure)
 
 
 def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
-    """Draws and times each figure."""
+    """Draws and times each figure, as if it were the first of its scene."""
+    from clshade import course
+
     for figure in figures:
+        course.release()
         start = time.perf_counter()
         figure.image = draw(scene, figure)
         figure.milliseconds = (time.perf_counter() - start) * 1e3
@@ -219,7 +209,7 @@ def heading(scene: Scene) -> str:
     columns, rows = scene.camera.resolution
     return (
         f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}; ambient light {_numbers(scene.ambient)}; "
-        "times: one call, its program built before"
+        "times: one call, programs built before"
     )
 
 
@@ -230,6 +220,8 @@ def _run(
     options: argparse.Namespace, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], sheet_name: str
 ) -> None:
     from tqdm import tqdm
+
+    from clshade import png
 
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
@@ -248,7 +240,7 @@ def _run(
     with ThreadPoolExecutor(1) as writer:
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
         panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs]
-        sheet.write(panels, heading(scene), str(folder / sheet_name))
+        png.write(folder / sheet_name, sheet.compose(panels, heading(scene)))
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")

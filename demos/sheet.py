@@ -1,4 +1,4 @@
-"""A contact sheet: pictures with titles and captions on one PNG. Knows nothing of rendering."""
+"""A contact sheet: pictures with titles and captions side by side. Knows nothing of rendering."""
 
 from __future__ import annotations
 
@@ -65,10 +65,9 @@ class _Writer:
         return np.broadcast_to(255 - alpha, (*self.size, 3))
 
 
-def write(panels: Sequence[Panel], heading: str, path: str) -> None:
-    """The panels, all of one size, in rows of ACROSS."""
+def compose(panels: Sequence[Panel], heading: str) -> np.ndarray:
+    """The sheet, (height, width, 3) uint8: the panels, all of one size, in rows of ACROSS."""
     from matplotlib import colormaps, rc_context
-    from PIL import Image
 
     height = len(panels[0].picture)
     step = height + TITLE + CAPTION
@@ -85,4 +84,4 @@ def write(panels: Sequence[Panel], heading: str, path: str) -> None:
             whole[y : y + height, x : x + PANEL] = picture
             text.centered(x + PANEL / 2, y - 6, 8, panel.title)
             text.centered(x + PANEL / 2, y + height + 12, 6.5, panel.text)
-    Image.fromarray(np.minimum(whole, text.pixels())).save(path, compress_level=1)
+    return np.minimum(whole, text.pixels())

@@ -10,7 +10,7 @@ import pytest
 from devices import working_devices
 from processes import OPEN, python
 
-from clshade import runtimes
+from clshade import course, runtimes
 from clshade.device import Device, open_device
 from clshade.errors import DeviceError
 
@@ -26,6 +26,14 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     if request.param is None:
         pytest.skip("no OpenCL device works here: see `python -m clshade devices`")
     return open_device(request.param, profiling=True)
+
+
+@pytest.fixture
+def on_each_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The course's functions run on each device that works."""
+    monkeypatch.setattr(course, "shared_device", lambda: device)
+    yield
+    course.release()
 
 
 @pytest.fixture(scope="session")

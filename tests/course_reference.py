@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from clshade import course
 from clshade.oracle import coverage, shade
 from clshade.scene import Scene
 
@@ -119,5 +118,12 @@ def map_arguments(scene: Scene, texture_map: Any, **changes: Any) -> dict[str, A
     return {**arguments, **changes}
 
 
-def render(**arguments: Any) -> Array:
-    return course.render_object(**arguments)
+def quad_arguments(**changes: Any) -> dict[str, Any]:
+    """A white square of side 2 about the origin, facing the eye at (0, 0, 4); it fills the middle half of 16 x 16."""
+    arguments = {"shader": "phong", "focal": 1, "eye": [0, 0, 4], "lookat": [0, 0, 0], "up": [0, 1, 0]}
+    arguments |= {"bg_color": [0.5, 0.25, 2.0], "M": 16, "N": 16, "H": 1, "W": 1}
+    arguments["verts"] = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0]])
+    arguments |= {"verts_colors": np.ones((3, 4)), "faces": np.array([[0, 0], [1, 2], [2, 3]])}
+    arguments |= {"k_a": 0.1, "k_d": 0.5, "k_s": 0.0, "n": 1, "light_amb": [1, 2, 3]}
+    arguments |= {"l_pos": [[0.0, 0.0, 1e6]], "l_int": [[1.0, 0.5, 4.0]]}
+    return {**arguments, **changes}

@@ -21,11 +21,6 @@ numbers = st.floats(-4, 4, allow_subnormal=False, width=32)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 
 
-@pytest.fixture
-def on_each_device(device, monkeypatch):
-    monkeypatch.setattr(course, "shared_device", lambda: device)
-
-
 def assert_light(arguments, n=None) -> None:
     found, expected = course.light(*arguments), reference.light(*arguments)
     assert found.shape == (3,)

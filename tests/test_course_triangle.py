@@ -27,11 +27,6 @@ K_A, K_D, K_S, N, L_AMB = 0.2, np.array([0.8, 0.7, 0.6]), 0.5, 20.0, np.array([0
 SHADERS = {"nolight": course.gouraud_shading, "gouraud": course.shade_gouraud, "phong": course.shade_phong}
 
 
-@pytest.fixture
-def on_each_device(device, monkeypatch):
-    monkeypatch.setattr(course, "shared_device", lambda: device)
-
-
 def draw(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, image=X, **changes):
     if shader == "nolight":
         return course.gouraud_shading(verts_p, verts_c, image)

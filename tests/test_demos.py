@@ -179,6 +179,14 @@ def test_bad_input_is_one_line(saved_course, script, words, part):
     assert lines[0].startswith(f"{script}: ")
 
 
+def test_a_sheet_that_cannot_be_written_is_one_line(saved_course, tmp_path):
+    (tmp_path / "demotmap.png").mkdir()
+    done = run("demotmap.py", saved_course, "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "demotmap.png" in done.stderr.splitlines()[-1]
+
+
 def test_a_map_needs_a_texture(saved_course, tmp_path):
     done = run("demotmap.py", tmp_path, "--scene", str(saved_course / "h3.npy"))
     assert done.returncode == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -46,3 +47,27 @@ def test_scanline_is_the_oracle_but_for_edges(shader):
 def test_scenes_that_it_cannot_draw_are_refused(scene):
     with pytest.raises(InputError, match=r"scanline.render: .*: expected"):
         scanline.render(scene)
+
+
+def test_the_comparison_prints_every_way_and_how_far_images_are_apart(capsys):
+    assert scanline.main(["--level", "2", "--size", "32", "--frames", "2", "--shader", "gouraud"]) == 0
+    first, *ways, last = capsys.readouterr().out.splitlines()
+    assert first == "256 triangles, 32 x 32, gouraud"
+    assert [line.split("  ")[0] for line in ways] == [
+        "plain Python loop",
+        "render_object, a new object",
+        "render_object, the same object",
+        "Renderer.render, scene on the device",
+    ]
+    times = [float(re.search(r"([\d.]+) ms", line)[1]) for line in ways]
+    ratios = [float(re.search(r"([\d,]+) times", line)[1].replace(",", "")) for line in ways]
+    assert ratios[0] == 1.0
+    assert np.allclose(ratios, times[0] / np.array(times), rtol=0.02, atol=0.6)
+    assert last == "pixels that differ by more than 0.05: 0.00%"
+
+
+def test_the_comparison_fails_on_a_wrong_image_and_on_bad_options(monkeypatch, capsys):
+    monkeypatch.setattr(scanline, "measure", lambda scene, shader, frames: ({"plain Python loop": 1.0}, 0.02))
+    assert scanline.main([]) == 1
+    assert scanline.main(["--level", "0"]) == 2
+    assert "level" in capsys.readouterr().err

@@ -3,17 +3,31 @@
 This is what speed is compared with, so it is written as the course teaches it: whole arrays at once for the vertices,
 a loop over triangles, scanlines and pixels, NumPy for 3-vectors. Its image is that of preset `course` but for pixels on
 the triangles' edges: nothing is snapped here. The near plane is not clipped: the whole scene has to lie before the eye.
+
+    python -m clshade.checks.scanline
+
+measures how many times as fast the same image comes from `render_object` and from a scene that stays on the device.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from .. import course
 from ..camera import Camera
+from ..errors import ClshadeError
 from ..geometry import camera_axes, vertex_normals
-from ..scene import Scene
+from ..renderer import Renderer
+from ..scene import SHADERS, Scene
+from ..scenes import builtin
 from ..validation import Array, refuse
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
@@ -123,3 +137,71 @@ def render(scene: Scene, shader: str = "phong") -> Array:
         shade = _shade_phong if shader == "phong" else _shade_gouraud
         shade(image, positions[face], normals[face], colors[face], verts[face].mean(axis=0), light_arguments)
     return image
+
+
+# How much faster the kernels are
+
+
+def median_time(draw: Callable[[Camera], object], camera: Camera, frames: int) -> float:
+    """Seconds for one frame, the median of several, after one that is not counted; the camera moves every frame."""
+    times = []
+    for k in range(frames + 1):
+        moved = replace(camera, eye=camera.eye * (1.0 + 1e-3 * k))
+        start = time.perf_counter()
+        draw(moved)
+        times.append(time.perf_counter() - start)
+    return statistics.median(times[1:])
+
+
+def measure(scene: Scene, shader: str, frames: int) -> tuple[dict[str, float], float]:
+    """Seconds for an image by way of drawing it, and the share of pixels in which loop and kernels differ by over 0.05.
+
+    scene: as for `render`. The loop draws once; programs are built before the kernels are measured.
+    """
+    given = course.arguments(scene)
+    start = time.perf_counter()
+    expected = render(scene, shader)
+    seconds = {"plain Python loop": time.perf_counter() - start}
+    apart = np.abs(course.render_object(shader, **given) - expected).max(axis=2)
+
+    def by_function(camera: Camera) -> Array:
+        return course.render_object(shader, **{**given, "eye": camera.eye})
+
+    def from_scratch(camera: Camera) -> Array:
+        course.release()
+        return by_function(camera)
+
+    seconds["render_object, a new object"] = median_time(from_scratch, scene.camera, frames)
+    seconds["render_object, the same object"] = median_time(by_function, scene.camera, frames)
+    with Renderer(scene, shader=shader) as renderer:
+        seconds["Renderer.render, scene on the device"] = median_time(renderer.render, scene.camera, frames)
+    return seconds, float((apart > 0.05).mean())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints the comparison; returns 0, 1 if the images differ in 1 % of the pixels, 2 for bad usage or no device."""
+    about = "How many times as fast as a plain Python scanline loop the kernels draw the course's object."
+    parser = argparse.ArgumentParser(prog="python -m clshade.checks.scanline", description=about)
+    parser.add_argument("--shader", choices=SHADERS, default="phong")
+    parser.add_argument("--level", type=int, default=13, help="64*level^2 triangles (default: 13, which is 10816)")
+    parser.add_argument("--size", type=int, default=512, help="rows and columns (default: 512)")
+    parser.add_argument("--frames", type=int, default=31, help="that the kernels draw each way (default: 31)")
+    options = parser.parse_args(arguments)
+    try:
+        scene = builtin("course", level=options.level, resolution=(options.size, options.size))
+        mesh = scene.meshes[0]
+        plain = replace(scene, meshes=(replace(mesh, material=replace(mesh.material, texture=None)),))
+        seconds, apart = measure(plain, options.shader, max(options.frames, 1))
+    except ClshadeError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"{scene.face_count} triangles, {options.size} x {options.size}, {options.shader}")
+    slowest = seconds["plain Python loop"]
+    for name, taken in seconds.items():
+        print(f"{name:38} {taken * 1e3:12.3f} ms {slowest / taken:10,.0f} times as fast")
+    print(f"pixels that differ by more than 0.05: {apart:.2%}")
+    return 1 if apart > 0.01 else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
