@@ -32,7 +32,7 @@ class Device:
 
     device, context, queue: pyopencl's objects; the queue is in order.
     version: the device's OpenCL version text. driver: its driver's version.
-    lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU.
+    lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU and where the runtime wants it so.
     memory, max_allocation: bytes, in all and in one buffer.
     setup_run: faces that a work-item of the set-up takes one after the other.
     """
@@ -262,7 +262,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         driver=info.driver,
         is_cpu=info.is_cpu,
         has_fp64=info.has_fp64,
-        lanes=16 if info.is_cpu else 1,
+        lanes=16 if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa puts work-items in lanes itself
         compute_units=info.compute_units,
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,

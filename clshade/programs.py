@@ -7,6 +7,7 @@ import hashlib
 import re
 import threading
 import time
+import warnings
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -108,7 +109,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         program = _load(device, stored)
         if program is None:
             try:
-                program = cl.Program(device.context, source).build(options)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", cl.CompilerWarning)  # some runtimes log every build
+                    program = cl.Program(device.context, source).build(options)
             except cl.RuntimeError as error:
                 lines = [line for line in str(error).splitlines() if "error" in line.lower()]
                 raise DeviceError(
