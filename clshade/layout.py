@@ -117,6 +117,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
         ("float", "background", 3, "linear RGB"),
         ("float", "unscale", 1, "turns a scaled depth into scene units"),
+        ("float", "light_unit", 1, "what light is counted in: a power of two"),
         ("float", "to_eye", 3, "unit, world axes: against the viewing direction"),
     ],
     "Counters": [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,8 @@ class Packed:
     normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) float32. uvs: (T, 4) float32, u and v and what float32 leaves
     of them. face_materials: (F,) int32. materials, textures: tables of layout's structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
-    low, high: (3,) float64, bounding box of the vertices in use.
+    low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
+    in it too.
     """
 
     features: Features
@@ -49,6 +51,7 @@ class Packed:
     texels: Array | None
     corner_uvs: Array | None
     corner_textures: Array | None
+    light_unit: float
 
 
 def _fits_float32(values: Array) -> bool:
@@ -137,6 +140,18 @@ def material_table(materials: list[Material], textures: list[Texture], ambient: 
     return table
 
 
+def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array, brightest: float) -> float:
+    """The power of two that light is counted in so that no sum of it overflows float32: 1 for all but extreme scenes.
+
+    intensities: (L, 3). ambient: (3,). brightest: the largest component of a surface's color.
+    """
+    reflected = max((float((np.abs(m.kd) + np.abs(m.ks)).max()) for m in materials), default=0.0)
+    scattered = max((float(np.abs(m.ka * ambient).max()) for m in materials), default=0.0)
+    with np.errstate(over="ignore"):
+        most = (float(np.abs(intensities).sum(axis=0).max(initial=0.0)) * reflected + scattered) * max(brightest, 1.0)
+    return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
+
+
 def to_float32(values: Array) -> Array:
     """Rounded to float32; beyond its range the largest finite value, below its normal range 0."""
     info = np.finfo(np.float32)
@@ -191,8 +206,8 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 class _Gatherer:
     """Collects the arrays of the placed meshes, one after the other."""
 
-    def __init__(self, scene: Scene, settings: Settings) -> None:
-        self.scene, self.settings = scene, settings
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
         self.parts: dict[str, list] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
@@ -255,8 +270,17 @@ class _Gatherer:
         numbers = {key: i for i, key in enumerate(self.materials)}
         return self.per_face([numbers[material_key(mesh)] for mesh, *_ in self.placed])
 
-    def material_table(self) -> Array:
-        return material_table(list(self.materials.values()), self.textures, self.scene.ambient)
+    def light_unit(self) -> float:
+        intensities = np.array([light.intensity for light in self.scene.lights]).reshape(-1, 3)
+        brightest = 0.0
+        for mesh, *_ in self.placed:
+            color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
+            texel = 1.0 if mesh.material.texture is None else mesh.material.texture.image.max()
+            brightest = max(brightest, float(color) * max(float(texel), 1.0))
+        return light_unit(self.materials.values(), intensities, self.scene.ambient, brightest)
+
+    def material_table(self, ambient_unit: float) -> Array:
+        return material_table(list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit)
 
     def face_textures(self) -> Array:
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
@@ -265,7 +289,7 @@ class _Gatherer:
 
 def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packed:
     """The arrays a render of `scene` under `settings` needs, and the features they imply."""
-    gatherer = _Gatherer(scene, settings)
+    gatherer = _Gatherer(scene)
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
@@ -285,6 +309,8 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
             found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
         if features["MATERIALS"]:
             found["face_materials"] = gatherer.face_materials()
-    found.update(positions=positions, faces=faces, materials=gatherer.material_table())
+    unit = gatherer.light_unit()
+    materials = gatherer.material_table(unit if features["TINTED"] else 1.0)
+    found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)

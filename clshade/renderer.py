@@ -157,7 +157,9 @@ class Renderer:
         self._lights = Buffer(device, np.zeros(max(len(lights), 1), layout.LIGHT))
         self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
         self._light_count = len(lights)
-        self._light_intensities = packing.to_float32(np.array([light.intensity for light in lights]).reshape(-1, 3))
+        intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
+        self._light_unit = packed.light_unit
+        self._light_intensities = packing.to_float32(intensities / self._light_unit)
         self._pieces = Buffer.empty(device, 0, layout.PIECE)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
@@ -212,6 +214,7 @@ class Renderer:
             if self.scene.background is not None:
                 image["background"] = packing.to_float32(self.scene.background)
             image["unscale"] = packing.to_float32(np.float64(1.0) / self._scale)
+            image["light_unit"] = self._light_unit
             image["to_eye"] = -self._axes[2]
 
     def _setup(self, camera: Camera, events: dict[str, Any]) -> int:

@@ -49,16 +49,19 @@ def reach(around: Surroundings) -> float:
 class _Lit:
     """The buffers that the reflection model reads, for one point; unlit lights are left out."""
 
-    def __init__(self, device: Device, around: Surroundings) -> None:
+    def __init__(self, device: Device, around: Surroundings, colors: Array) -> None:
         shining = around.intensities.any(axis=1)
         self.count = int(shining.sum())
+        self.unit = packing.light_unit(
+            [around.material], around.intensities, np.zeros(3), float(colors.max(initial=0.0))
+        )
         scale = packing.scale_for(reach(around))
         self.relative = np.zeros((1, 4), np.float32)
         self.relative[0, :3] = packing.to_float32((around.point - around.eye) * scale)
         lights = np.zeros(max(self.count, 1), layout.LIGHT)
         if self.count:
             lights["position"] = packing.relative_lights(around.positions[shining], around.eye, scale)
-            lights["intensity"] = packing.to_float32(around.intensities[shining])
+            lights["intensity"] = packing.to_float32(around.intensities[shining] / self.unit)
         self.lights = Buffer(device, lights)
         self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
 
@@ -89,7 +92,7 @@ def unit(vectors: Array) -> Array:
 def light_point(device: Device, around: Surroundings, normal: Array, color: Array) -> Array:
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
     stages = _stages(device, "phong", around, "light.cl")
-    lit = _Lit(device, around)
+    lit = _Lit(device, around, color)
     # Every buffer keeps its name until the kernels are done: its memory goes with it.
     points, normals, colors = (
         Buffer(device, lit.relative),
@@ -97,7 +100,7 @@ def light_point(device: Device, around: Surroundings, normal: Array, color: Arra
         _four(device, color[None]),
     )
     result = Buffer.empty(device, (1, 4), np.float32)
-    stages.light(points, normals, colors, lit.materials, lit.lights, result, lit.count, 1)
+    stages.light(points, normals, colors, lit.materials, lit.lights, result, lit.unit, lit.count, 1)
     return result.to_host()[0, :3].astype(np.float64)
 
 
@@ -207,12 +210,12 @@ def _draw(
 ) -> Array | None:
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
     stages = _stages(device, shader, around, *BASE_FILES, "phong.cl" if shader == "phong" else "gouraud.cl")
-    lit = _Lit(device, around)
+    lit = _Lit(device, around, attributes[1])
     table = np.zeros(1, layout.IMAGE)
     table["columns"], table["rows"] = columns, rows = resolution
     table["tiles_x"] = -(-columns // layout.TILE_SIZE)
     table["tiles"] = tiles = -(-columns // layout.TILE_SIZE) * -(-rows // layout.TILE_SIZE)
-    table["lights"], table["unscale"] = lit.count, 1.0
+    table["lights"], table["unscale"], table["light_unit"] = lit.count, 1.0, lit.unit
     image, made = Buffer(device, table), TriangleBuffers(device, 1, len(pieces))
     on_device = Buffer(device, pieces)
     stages.setup_pieces(on_device, image, made, 1, len(pieces))

@@ -108,6 +108,8 @@ class Stages:
             if isinstance(argument, Buffer)
             else self._dummy.memory
             if argument is None
+            else argument
+            if isinstance(argument, np.float32)
             else np.int32(argument)
             for argument in arguments
         ]
@@ -217,12 +219,13 @@ class Stages:
         materials: Buffer,
         lights: Buffer,
         lit: Buffer,
+        unit: float,
         light_count: int,
         count: int,
     ) -> cl.Event:
         items = -(-count // self.program.lanes)
         inputs = (points, normals, colors, materials, lights)
-        return self._launch("light", (items,), (1,), *inputs, lit, light_count, count)
+        return self._launch("light", (items,), (1,), *inputs, lit, np.float32(unit), light_count, count)
 
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)

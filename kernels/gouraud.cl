@@ -83,7 +83,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
     }
     color = times_texel(color, &texels, in);
 #if LIT
-    color = add_plain_ambient(color, &surface);
+    color = radiance_of(color, &surface, in->image->light_unit);
 #endif
     return color;
 }

@@ -8,6 +8,7 @@ kernel void light(global const float4 *points,        // K, relative to the eye,
                   global const Material *materials,   // 1
                   global const Light *lights,
                   global float4 *lit,                 // K, linear RGB
+                  float unit,                         // of the lights' intensities
                   int light_count, int count)         // K
 {
     int first = get_global_id(0) * LANES;
@@ -23,7 +24,7 @@ kernel void light(global const float4 *points,        // K, relative to the eye,
     colors3 color = {LOAD_LANES(c[0]), LOAD_LANES(c[1]), LOAD_LANES(c[2])};
     Surface surface = surface_of(materials);
     color = shade(point, normal, color, surface, lights, light_count, 0);
-    color = add_plain_ambient(color, &surface);
+    color = radiance_of(color, &surface, unit);
     STORE_LANES(color.r, c[0]);
     STORE_LANES(color.g, c[1]);
     STORE_LANES(color.b, c[2]);

@@ -41,7 +41,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
     }
     color = times_texel(color, &texels, in);
     color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights, in->image->to_eye);
-    return add_plain_ambient(color, &surface);
+    return radiance_of(color, &surface, in->image->light_unit);
 }
 
 #define LIGHT_PARAMETERS

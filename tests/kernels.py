@@ -84,6 +84,7 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> 
 def image_of(device: Device, resolution: tuple[int, int], **fields: Any) -> Buffer:
     """layout.IMAGE of a resolution (N, M); `fields` set its other members."""
     image = np.zeros(1, layout.IMAGE)
+    image["light_unit"] = 1.0
     columns, rows = resolution
     image["columns"], image["rows"] = columns, rows
     image["tiles_x"] = -(-columns // layout.TILE_SIZE)

@@ -32,7 +32,7 @@ def reflect(device, points, normals, lights, *, colors=None, lanes=None, materia
         Buffer(device, light_rows(*map(np.atleast_2d, lights))),
     ]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    stages.light(*inputs, found, len(np.atleast_2d(lights[0])), len(points))
+    stages.light(*inputs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
     return found.to_host()[:, :3]
 
 

@@ -20,8 +20,6 @@ from clshade.frame import Frame
 from clshade.oracle import coverage
 
 CASES = {case.name: case for case in all_cases()}
-# Light that overflows before the surface's color brings it back is not yet saturated: kernels/light.clh.
-FAILING = {"colored-overflow": pytest.mark.xfail(strict=True, reason="saturated before the product with the color")}
 TRIANGLES = 2000
 
 
@@ -52,22 +50,19 @@ class Spoiled(Bench):
         return found, warnings
 
 
-def cases(*, failing: bool) -> list:
+def cases() -> list:
     """Every case; the slow ones with -m long."""
-    marks = {name: [pytest.mark.long] if case.slow else [] for name, case in CASES.items()}
-    if failing:
-        marks = {name: [*given, *([FAILING[name]] if name in FAILING else [])] for name, given in marks.items()}
-    return [pytest.param(case, id=name, marks=marks[name]) for name, case in CASES.items()]
+    return [pytest.param(case, id=name, marks=[pytest.mark.long] * case.slow) for name, case in CASES.items()]
 
 
-@pytest.mark.parametrize("case", cases(failing=True))
+@pytest.mark.parametrize("case", cases())
 def test_every_case_passes(device, case, tmp_path):
     outcome = case.run(Bench(device, tmp_path, triangles=TRIANGLES))
     assert outcome.passed, outcome
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("case", cases(failing=False))
+@pytest.mark.parametrize("case", cases())
 def test_every_case_can_fail(device, case, tmp_path):
     """An image wrong in one pixel, light off by a quarter, a texel by 1e-5, a file by 1: found by whom it concerns."""
     assert not case.run(Spoiled(device, tmp_path, triangles=TRIANGLES)).passed

@@ -114,7 +114,7 @@ class Bench:
         at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, colors))
         surface, shining = Buffer(self.device, material), Buffer(self.device, table)
         found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
-        stages.light(at, facing, tint, surface, shining, found, len(table), len(points))
+        stages.light(at, facing, tint, surface, shining, found, 1.0, len(table), len(points))
         return found.to_host()[:, :3].copy()
 
     def look_up(self, texture: Texture, uv: Array) -> Array:
