@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -36,52 +38,62 @@ def reduced(picture: np.ndarray) -> np.ndarray:
 
 def prepare() -> None:
     """Imports what is slow to import."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.font_manager  # noqa: F401
+    import matplotlib.ft2font  # noqa: F401
 
 
-class _Writer:
-    """Text on a white sheet of (height, width) pixels, drawn by matplotlib."""
+@cache
+def _font():
+    """The font that comes with matplotlib, alone: the rest of matplotlib takes as long to import as the figures."""
+    from matplotlib import get_data_path
+    from matplotlib.ft2font import FT2Font
 
-    def __init__(self, height: int, width: int) -> None:
-        from matplotlib.backends.backend_agg import RendererAgg
+    return FT2Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"))
 
-        self._renderer = RendererAgg(width, height, DPI)
-        self._renderer.clear()
-        self.size = height, width
 
-    def centered(self, x: float, y: float, size: float, text: str) -> None:
-        """Lines of text of a size in points, the first one's baseline y pixels from the top."""
-        from matplotlib.font_manager import FontProperties
+@cache
+def _unhinted():
+    """The flag with which letters keep their distances, under its name in this version of matplotlib."""
+    from matplotlib import ft2font
 
-        font, pen = FontProperties(size=size), self._renderer.new_gc()
-        for k, line in enumerate(text.split("\n")):
-            width = self._renderer.get_text_width_height_descent(line, font, False)[0]
-            self._renderer.draw_text(pen, x - width / 2, y + k * LINE * size, line, font, 0.0)
+    return ft2font.LoadFlags.NO_HINTING if hasattr(ft2font, "LoadFlags") else ft2font.LOAD_NO_HINTING
 
-    def pixels(self) -> np.ndarray:
-        """(height, width, 3) uint8, black on white."""
-        alpha = np.asarray(self._renderer.buffer_rgba())[:, :, 3:]
-        return np.broadcast_to(255 - alpha, (*self.size, 3))
+
+@cache
+def _line(text: str, size: float) -> tuple[np.ndarray, int]:
+    """A line of text of a size in points, (height, width) uint8, 255 where it is black; rows below its baseline."""
+    font = _font()
+    font.set_size(size, DPI)
+    font.set_text(text, 0.0, flags=_unhinted())
+    font.draw_glyphs_to_bitmap(antialiased=True)
+    return np.array(font.get_image()), font.get_descent() // 64  # from 1/64 pixel
+
+
+def _center(sheet: np.ndarray, x: float, y: float, size: float, text: str) -> None:
+    """Darkens a sheet (height, width, 3) with lines of text, the first one's baseline y pixels from the top."""
+    for k, line in enumerate(text.split("\n")):
+        ink, descent = _line(line, size)
+        left, bottom = round(x - ink.shape[1] / 2), round(y + k * LINE * size) + descent
+        # What reaches beyond the sheet is cut off.
+        ink = ink[:, max(-left, 0) : sheet.shape[1] - left]
+        place = sheet[bottom - len(ink) : bottom, max(left, 0) :][:, : ink.shape[1]]
+        np.minimum(place, 255 - ink[:, :, None], out=place)
 
 
 def compose(panels: Sequence[Panel], heading: str) -> np.ndarray:
     """The sheet, (height, width, 3) uint8: the panels, all of one size, in rows of ACROSS."""
-    from matplotlib import colormaps, rc_context
+    from matplotlib import colormaps
 
     height = len(panels[0].picture)
     step = height + TITLE + CAPTION
-    whole = np.full((HEAD + step * -(-len(panels) // ACROSS), (PANEL + GAP) * ACROSS, 3), 255, np.uint8)
-    text = _Writer(*whole.shape[:2])
-    with rc_context({"text.hinting": "none"}):
-        text.centered(whole.shape[1] / 2, 16, 8, heading)
-        for k, panel in enumerate(panels):
-            x, y = k % ACROSS * (PANEL + GAP) + GAP // 2, HEAD + k // ACROSS * step + TITLE
-            picture = panel.picture
-            if picture.ndim == 2:
-                picture = (colormaps["magma"](picture)[:, :, :3] * 255.0).astype(np.uint8)
-            whole[y - 1 : y + height + 1, x - 1 : x + PANEL + 1] = 160
-            whole[y : y + height, x : x + PANEL] = picture
-            text.centered(x + PANEL / 2, y - 6, 8, panel.title)
-            text.centered(x + PANEL / 2, y + height + 12, 6.5, panel.text)
-    return np.minimum(whole, text.pixels())
+    sheet = np.full((HEAD + step * -(-len(panels) // ACROSS), (PANEL + GAP) * ACROSS, 3), 255, np.uint8)
+    _center(sheet, sheet.shape[1] / 2, 16, 8, heading)
+    for k, panel in enumerate(panels):
+        x, y = k % ACROSS * (PANEL + GAP) + GAP // 2, HEAD + k // ACROSS * step + TITLE
+        picture = panel.picture
+        if picture.ndim == 2:
+            picture = (colormaps["magma"](picture)[:, :, :3] * 255.0).astype(np.uint8)
+        sheet[y - 1 : y + height + 1, x - 1 : x + PANEL + 1] = 160
+        sheet[y : y + height, x : x + PANEL] = picture
+        _center(sheet, x + PANEL / 2, y - 6, 8, panel.title)
+        _center(sheet, x + PANEL / 2, y + height + 12, 6.5, panel.text)
+    return sheet
