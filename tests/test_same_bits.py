@@ -1,0 +1,89 @@
+"""The same bits everywhere: one SHA-256 per scene and settings, on every device, with any lanes, threads and features."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from functools import partial
+
+import pytest
+
+import clshade
+from clshade.frame import Frame
+from clshade.renderer import Renderer
+from kernels import OTHER_LANES
+
+RESOLUTION = (161, 97)
+
+# (scene, its options, preset, shader) -> the first 16 digits. They change only when an image is meant to change.
+GOLDEN = {
+    ("teapot", "standard", "phong"): "287f35a3b8fbaa53",
+    ("teapot", "course", "gouraud"): "b0a149a0b1d58ba3",
+    ("torus_knot", "standard", "phong"): "c492d5ef6e411981",
+    ("icosphere", "standard", "phong"): "c08619f34c11b9e3",
+    ("icosphere", "course", "phong"): "927e48b18e7856bc",
+    ("quads", "standard", "phong"): "a40a46783dfc0f1b",
+    ("box_room", "standard", "gouraud"): "7fb96803e80b1381",
+    ("course", "course", "phong"): "11a7f9f28278f14e",
+    ("course", "standard", "nolight"): "7f8f191b9fa851bc",
+}
+LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
+
+
+def digest(frame: Frame) -> str:
+    """Of image and layers, the first 16 digits of the SHA-256."""
+    found = hashlib.sha256(frame.rgba.tobytes())
+    for name in frame.layers:
+        found.update(frame[name].tobytes())
+    return found.hexdigest()[:16]
+
+
+def draw(device, name: str, preset: str, shader: str, **options) -> Frame:
+    scene = clshade.builtin(name, **({"triangles": 10_000} if name == "torus_knot" else {}))
+    given = {"preset": preset, "shader": shader, "layers": ("Z", "id"), "resolution": RESOLUTION}
+    with Renderer(scene, device=device, **given, **options) as renderer:
+        return renderer.render()
+
+
+@pytest.mark.parametrize("key", GOLDEN, ids="-".join)
+def test_golden_images(device, key):
+    frame = draw(device, *key)
+    assert frame.alpha.any()
+    assert digest(frame) == GOLDEN[key]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("key", LONG, ids="-".join)
+@pytest.mark.parametrize("options", [{"specialize": False}, *({"lanes": lanes} for lanes in OTHER_LANES)], ids=str)
+def test_neither_lanes_nor_features_change_a_bit(device, key, options):
+    assert digest(draw(device, *key, **options)) == GOLDEN[key]
+
+
+ONE_THREAD = """
+import sys
+sys.path[:0] = sys.argv[1:2]
+from clshade.device import open_device
+from test_same_bits import GOLDEN, digest, draw
+device = open_device(sys.argv[2], profiling=True)
+assert device.compute_units == 1, device.compute_units
+key = ("torus_knot", "standard", "phong")
+assert digest(draw(device, *key)) == GOLDEN[key]
+"""
+
+
+def test_one_thread_gives_the_same_bits(device):
+    if "portable computing" not in device.platform.lower():
+        pytest.skip("only PoCL lets its number of threads be chosen")
+    environment = {**os.environ, "POCL_CPU_MAX_CU_COUNT": "1", "POCL_MAX_PTHREAD_COUNT": "1"}
+    run = partial(subprocess.run, env=environment, capture_output=True, text=True, timeout=120)
+    done = run([sys.executable, "-c", ONE_THREAD, os.path.dirname(__file__), device.index])
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_changed_bit_is_noticed(device):
+    frame = draw(device, "icosphere", "standard", "phong")
+    before = digest(frame)
+    frame["Z"].view("u4")[50, 50] ^= 1
+    assert digest(frame) != before
