@@ -137,6 +137,33 @@ def test_memory_does_not_grow_with_the_number_of_renderers(device):
     assert float(done.stdout) < 0.01
 
 
+FRAMES = """
+import resource
+from dataclasses import replace
+import numpy as np
+import clshade
+from clshade.renderer import Renderer
+scene = clshade.builtin("icosphere")
+camera = scene.camera.with_resolution((64, 48))
+with Renderer(scene, layers=("Z", "id")) as renderer:
+    def draw(count):
+        for k in range(count):
+            renderer.render(replace(camera, eye=camera.eye + 1e-3 * np.sin([k, 2.0 * k, 3.0 * k])))
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = draw(200)
+    print((draw(10_000) - before) / before)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ru_maxrss is in KiB on Linux only")
+def test_ten_thousand_frames_in_one_process(device):
+    environment = {**os.environ, "CLSHADE_DEVICE": device.index}
+    done = subprocess.run([sys.executable, "-c", FRAMES], env=environment, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 0.01
+
+
 def test_the_pool_forgets_shapes_that_are_no_longer_asked_for(device):
     pool = Pool(device, shapes=3)
     for columns in range(1, 9):
