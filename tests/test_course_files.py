@@ -204,6 +204,15 @@ def test_texture(tmp_path):
     refusal(path, "none.png: file: ", "no such file", texture=tmp_path / "none.png")
 
 
+def test_texture_coordinates_may_be_nan(tmp_path):
+    """Exporters write them for corners that nothing textures: the renderer gives such a corner a finite color."""
+    content = course_dict()
+    content["uvs"] = np.array(content["uvs"], np.float64)
+    content["uvs"][0, 0] = np.nan
+    uvs = load(save_npy(tmp_path / "a.npy", content)).meshes[0].uvs
+    assert np.array_equal(uvs.T, content["uvs"], equal_nan=True)
+
+
 def test_number_types_and_byte_order(tmp_path):
     content = course_dict()
     content["verts"] = content["verts"].astype(">f4")
