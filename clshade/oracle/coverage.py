@@ -135,13 +135,49 @@ def samples(xy: Array, boxes: Array, limit: int = 1 << 18) -> Iterator[tuple[Arr
     for start in range(int(bottom.min()), int(top.max()) + 1, band):
         low, high = np.maximum(bottom, start), np.minimum(top, start + band - 1)
         count = width * np.maximum(high - low + 1, 0)
-        present = np.flatnonzero(count)
-        batch_number = (np.cumsum(count[present]) - 1) // limit
-        for batch in np.split(present, np.flatnonzero(np.diff(batch_number)) + 1):
-            triangle = np.repeat(batch, count[batch])
-            offset = np.arange(len(triangle)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])
+        for batch in _batches(count, limit):
+            triangle, offset = _spread(batch, count)
             column = left[triangle] + offset % width[triangle]
             row = low[triangle] + offset // width[triangle]
             edges = edge_functions(xy[triangle], column, row)
             drawn = covered(xy[triangle], edges)
             yield triangle[drawn], column[drawn], row[drawn], edges[drawn]
+
+
+def samples_at(
+    xy: Array, boxes: Array, column: Array, row: Array, limit: int = 1 << 18
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Which of some pixels (column, row), (Q,) each, every triangle draws; for the others no time is spent.
+
+    xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle and index of the pixel, each (S,), and edge functions
+    (S, 3), in batches of bounded size; of one pixel a later batch holds later triangles only.
+    """
+    left, bottom, right, top = boxes.T
+    stride = int(max(column.max(initial=0), right.max(initial=0))) + 1
+    in_reading_order = np.lexsort((column, row))
+    place = (row * stride + column)[in_reading_order]
+    height = np.maximum(top - bottom + 1, 0)
+    for some in _batches(height, limit):
+        owner, up = _spread(some, height)  # each row of each triangle's box
+        start = (bottom[owner] + up) * stride
+        first = np.searchsorted(place, start + left[owner])
+        count = np.maximum(np.searchsorted(place, start + right[owner], "right") - first, 0)
+        for batch in _batches(count, limit):
+            span, offset = _spread(batch, count)
+            triangle, pixel = owner[span], in_reading_order[first[span] + offset]
+            edges = edge_functions(xy[triangle], column[pixel], row[pixel])
+            drawn = covered(xy[triangle], edges)
+            yield triangle[drawn], pixel[drawn], edges[drawn]
+
+
+def _batches(count: Array, limit: int) -> list[Array]:
+    """Indices with a count above 0, in order, in runs whose counts sum to about `limit`."""
+    present = np.flatnonzero(count)
+    number = (np.cumsum(count[present]) - 1) // limit
+    return [run for run in np.split(present, np.flatnonzero(np.diff(number)) + 1) if len(run)]
+
+
+def _spread(batch: Array, count: Array) -> tuple[Array, Array]:
+    """Each index of the batch as often as its count says, and which time it is, from 0."""
+    index = np.repeat(batch, count[batch])
+    return index, np.arange(len(index)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])

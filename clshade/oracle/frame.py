@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import partial
 
@@ -16,6 +16,11 @@ from .pixels import Shaded, shade_pixels
 from .vectors import Array
 
 BATCH = 1 << 15  # pixels shaded at a time
+
+# Of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool: which can be seen there?
+Opaque = Callable[[Array, Array], Array]
+# Of triangles (T, 3, 2) with boxes (T, 4): index of the triangle and of the pixel it draws, (S,), and edge functions (S, 3).
+Drawn = Callable[[Array, Array], Iterator[tuple[Array, Array, Array]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +76,7 @@ def owners(
     prepared: Prepared,
     visibility: str,
     resolution: tuple[int, int],
-    opaque: Callable[[Array, Array], Array] | None = None,
+    opaque: Opaque | None = None,
     orthographic: bool = False,
 ) -> Array:
     """The piece seen at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
@@ -80,24 +85,52 @@ def owners(
     opaque: of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool, which can be seen there; None: all.
     """
     columns, rows = resolution
+
+    def drawn(xy: Array, boxes: Array) -> Iterator[tuple[Array, Array, Array]]:
+        for k, column, row, edges in coverage.samples(xy, boxes):
+            yield k, row * columns + column, edges
+
+    return _first(prepared, visibility, columns * rows, drawn, opaque, orthographic).reshape(rows, columns)
+
+
+def owners_at(
+    prepared: Prepared,
+    visibility: str,
+    column: Array,
+    row: Array,
+    opaque: Opaque | None = None,
+    orthographic: bool = False,
+) -> Array:
+    """The same at pixels (column, row from the BOTTOM), (Q,) each: (Q,)."""
+
+    def drawn(xy: Array, boxes: Array) -> Iterator[tuple[Array, Array, Array]]:
+        return coverage.samples_at(xy, boxes, column, row)
+
+    return _first(prepared, visibility, len(column), drawn, opaque, orthographic)
+
+
+def _first(
+    prepared: Prepared, visibility: str, count: int, drawn: Drawn, opaque: Opaque | None, orthographic: bool
+) -> Array:
+    """The piece seen at each of `count` pixels. drawn: which piece draws which pixel."""
     cut, alive = prepared.pieces, ~prepared.setup.culled
     if visibility == "painter":
         order = coverage.painter_order(prepared.z[cut.face], alive)
-        rank = np.full(columns * rows, len(order))
-        for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
+        rank = np.full(count, len(order))
+        for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
             seen = slice(None) if opaque is None else opaque(order[k], edges)
-            np.minimum.at(rank, (row * columns + column)[seen], k[seen])
-        return np.append(order, -1)[rank].reshape(rows, columns)
+            np.minimum.at(rank, pixel[seen], k[seen])
+        return np.append(order, -1)[rank]
     order = np.flatnonzero(alive)
-    owner, nearest = np.full(columns * rows, -1), np.full(columns * rows, np.inf)
-    for k, column, row, edges in coverage.samples(cut.xy[order], prepared.setup.box[order]):
+    owner, nearest = np.full(count, -1), np.full(count, np.inf)
+    for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
         seen = slice(None) if opaque is None else opaque(order[k], edges)
-        k, column, row, edges = k[seen], column[seen], row[seen], edges[seen]
-        pixel, z = row * columns + column, shade.depth(edges, cut.z[order[k]], orthographic)
+        k, pixel, edges = k[seen], pixel[seen], edges[seen]
+        z = shade.depth(edges, cut.z[order[k]], orthographic)
         np.minimum.at(nearest, pixel, z)
         equal = z == nearest[pixel]  # a later batch holds later pieces only, so the later owner is the right one
         np.maximum.at(owner, pixel[equal], order[k[equal]])
-    return owner.reshape(rows, columns)
+    return owner
 
 
 def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: Array, edges: Array) -> Array:
@@ -117,9 +150,14 @@ def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Ar
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
     """The frame of a scene's own camera, all layers."""
-    columns, rows = scene.camera.resolution
+    camera = scene.camera
+    columns, rows = camera.resolution
+    prepared = prepare(scene, settings)
+    opaque = _opaque(scene, settings, prepared)
+    owner = owners(prepared, settings.visibility, camera.resolution, opaque, camera.orthographic)
     grid_rows, grid_columns = np.divmod(np.arange(rows * columns), columns)
-    flat = sample(scene, settings, grid_rows, grid_columns)
+    upward = rows - 1 - grid_rows
+    flat = _shaded(scene, settings, prepared, owner[upward, grid_columns], grid_columns, upward)
     return OracleFrame(*(_grid(getattr(flat, f.name), rows, columns) for f in fields(OracleFrame)))
 
 
@@ -128,14 +166,29 @@ def _grid(values: Array, rows: int, columns: int) -> Array:
 
 
 def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> OracleFrame:
-    """The same as `render` at some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,)."""
-    prepared = prepare(scene, settings)
-    rows, columns = np.asarray(rows), np.asarray(columns)
-    upward = scene.camera.resolution[1] - 1 - rows
-    tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
-    opaque = partial(passes_alpha, scene, settings, prepared) if tested else None
+    """The same as `render` at some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,).
+
+    Takes the time of these pixels, and of getting the scene's triangles into the image.
+    """
     camera = scene.camera
-    owner = owners(prepared, settings.visibility, camera.resolution, opaque, camera.orthographic)[upward, columns]
+    columns = np.asarray(columns, np.int64)
+    upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
+    prepared = prepare(scene, settings)
+    opaque = _opaque(scene, settings, prepared)
+    owner = owners_at(prepared, settings.visibility, columns, upward, opaque, camera.orthographic)
+    return _shaded(scene, settings, prepared, owner, columns, upward)
+
+
+def _opaque(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
+    """The alpha test of a scene, None where no material has one."""
+    tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
+    return partial(passes_alpha, scene, settings, prepared) if tested else None
+
+
+def _shaded(
+    scene: Scene, settings: Settings, prepared: Prepared, owner: Array, columns: Array, upward: Array
+) -> OracleFrame:
+    """Pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
     frame = _background(scene, len(owner))
     drawn = np.flatnonzero(owner >= 0)
     for start in range(0, len(drawn), BATCH):
