@@ -46,6 +46,11 @@ class Features:
     def used(self) -> tuple[str, ...]:
         return tuple(name for name, value in self.values if value)
 
+    def only(self, names: Iterable[str]) -> Features:
+        """The same with every other feature 0: what a program that reads no other ones depends on."""
+        kept = set(names)
+        return Features(tuple((name, value if name in kept else 0) for name, value in self.values))
+
     def options(self) -> list[str]:
         """-D options of the OpenCL build, each feature as 0 or 1."""
         return [f"-D{name}={value}" for name, value in self.values]

@@ -19,10 +19,9 @@ from .errors import ClshadeError, DeviceError, InputError
 from .frame import Frame
 from .geometry import camera_axes
 from .memory import Pool
-from .programs import build
 from .scene import Scene, Settings
 from .sorting import front_to_back
-from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers, VertexBuffers
+from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
 from .validation import Array, refuse
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
@@ -96,19 +95,16 @@ class Renderer:
         packed = packing.pack(self.scene, self.settings, everything=not specialize)
         self.features = packed.features
         packed_at = time.perf_counter()
-        shader = "phong.cl" if self.features["PHONG"] else "gouraud.cl"
-        files = (*BASE_FILES, shader)
 
         def build_meanwhile(tried: Device) -> None:
-            build(tried, self.features, files, lanes=lanes)
+            scene_stages(tried, self.features, lanes)
 
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
         opened_at = time.perf_counter()
-        program = build(self.device, self.features, files, lanes=lanes)
+        self.stages = scene_stages(self.device, self.features, lanes)
         built_at = time.perf_counter()
-        self.stages = Stages(self.device, program)
         self._pool = Pool(self.device)
         self._upload(packed)
         self._times = {
@@ -173,7 +169,8 @@ class Renderer:
         uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
         texture_of = Buffer(self.device, packed.corner_textures[rows])  # type: ignore[index]
         textures, texels = (Buffer(self.device, np.asarray(table)) for table in (packed.textures, packed.texels))
-        self.stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
+        stages = lookup_stages(self.device, self.features, self.stages.lanes)
+        stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
         colors[rows] *= looked_up.to_host()
         return colors
 
@@ -388,7 +385,7 @@ class Renderer:
             "left_out": dict(self.features.left_out),
             "ignored": self.scene.ignored,
             "device": f"{self.device.platform}: {self.device.name}",
-            "lanes": self.stages.program.lanes,
+            "lanes": self.stages.lanes,
         }
         profiling = self.device.profiling
 

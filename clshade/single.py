@@ -15,7 +15,7 @@ from .features import Features, derive_alone
 from .programs import build
 from .scene import Material, Texture
 from .sorting import front_to_back
-from .stages import BASE_FILES, Buffer, Stages, TriangleBuffers
+from .stages import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
 from .validation import Array
 
 _SUBPIXELS = 1 << layout.SUBPIXEL_BITS
@@ -66,13 +66,13 @@ class _Lit:
         self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
 
 
-def _stages(device: Device, shader: str, around: Surroundings, *files: str) -> Stages:
-    return _built(device, derive_alone(shader, around.material, _ONES, bool(around.intensities.any())), files)
+def _features(shader: str, around: Surroundings) -> Features:
+    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()))
 
 
 @cache
-def _built(device: Device, features: Features, files: tuple[str, ...]) -> Stages:
-    return Stages(device, build(device, features, files))
+def _light_stages(device: Device, features: Features) -> Stages:
+    return Stages(device, build(device, features, ("light.cl",)))
 
 
 def _four(device: Device, vectors: Array) -> Buffer:
@@ -91,7 +91,7 @@ def unit(vectors: Array) -> Array:
 
 def light_point(device: Device, around: Surroundings, normal: Array, color: Array) -> Array:
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
-    stages = _stages(device, "phong", around, "light.cl")
+    stages = _light_stages(device, _features("phong", around))
     lit = _Lit(device, around, color)
     # Every buffer keeps its name until the kernels are done: its memory goes with it.
     points, normals, colors = (
@@ -109,7 +109,7 @@ class Lookup:
 
     def __init__(self, device: Device, texture: Texture) -> None:
         self._device = device
-        self._stages = _stages(device, "nolight", NOWHERE, "bilerp.cl")
+        self._stages = lookup_stages(device, _features("nolight", NOWHERE))
         table, texels = packing.texture_tables([texture])
         self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
 
@@ -209,7 +209,7 @@ def _draw(
     resolution: tuple[int, int],
 ) -> Array | None:
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
-    stages = _stages(device, shader, around, *BASE_FILES, "phong.cl" if shader == "phong" else "gouraud.cl")
+    stages = scene_stages(device, _features(shader, around))
     lit = _Lit(device, around, attributes[1])
     table = np.zeros(1, layout.IMAGE)
     table["columns"], table["rows"] = columns, rows = resolution

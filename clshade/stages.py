@@ -13,10 +13,14 @@ import pyopencl as cl
 from . import layout, projection
 from .device import Device
 from .errors import DeviceError
-from .programs import Program
+from .features import Features
+from .programs import Program, build
 from .validation import Array
 
-BASE_FILES = ("project.cl", "setup.cl", "bin.cl", "bilerp.cl", "layers.cl")
+# Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
+_GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
+_GEOMETRY_FEATURES = {"DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
+_GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _FLAGS = cl.mem_flags
 
 
@@ -92,14 +96,29 @@ class Buffer:
         return rows
 
 
+def scene_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
+    """The stages that draw a scene; their programs are built unless they are known."""
+    geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
+    needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
+    pixels = "phong.cl" if features["PHONG"] else "gouraud.cl"
+    return Stages(device, build(device, features.only(needed), (pixels,), lanes=lanes), geometry)
+
+
+def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
+    """The stages that look textures up at given places."""
+    return Stages(device, build(device, features.only(()), ("bilerp.cl",), lanes=lanes))
+
+
 class Stages:
-    """The kernels of one program on one device. Each method enqueues a kernel and returns its event.
+    """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
     Array arguments are `Buffer`s; their element types and sizes stand beside the kernels' arguments.
+    The first program is the pixel stage's, whose lanes they are, the last one the geometry's.
     """
 
-    def __init__(self, device: Device, program: Program) -> None:
-        self.device, self.program = device, program
+    def __init__(self, device: Device, *programs: Program) -> None:
+        self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
+        self._programs = {name: program for program in programs for name in program.kernels}
         self._dummy = Buffer(device, np.zeros(64, np.uint8))
 
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
@@ -113,9 +132,10 @@ class Stages:
             else np.int32(argument)
             for argument in arguments
         ]
-        kernel = self.program[name]
+        program = self._programs[name]
+        kernel = program[name]
         try:
-            with self.program.lock:  # a kernel has one set of arguments, whoever launches it
+            with program.lock:  # a kernel has one set of arguments, whoever launches it
                 kernel.set_args(*raw)
                 return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
@@ -129,7 +149,7 @@ class Stages:
         """On a device without float64 the host does it, and there is no event."""
         if self.device.has_fp64:
             return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
-        orthographic = bool(self.program.features["ORTHOGRAPHIC"])
+        orthographic = bool(self._features["ORTHOGRAPHIC"])
         with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
             projection.project(positions.array, view.array[0], orthographic, projected, relative)
         return None
@@ -147,7 +167,7 @@ class Stages:
         items = -(-count // self.device.setup_run)
         local = 1 if self.device.is_cpu else 64
         means = None
-        if not (self.device.has_fp64 or self.program.features["DEPTH_TEST"]):
+        if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
             means = Buffer(self.device, projection.mean_depths(vertices.projected.array, faces.array))
         inputs = (faces, vertices.projected, *sides, means, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
@@ -190,11 +210,11 @@ class Stages:
         return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
 
     def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
-        items = -(-count // self.program.lanes)
+        items = -(-count // self.lanes)
         return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
 
     def _draw(self, name: str, arguments: tuple, tiles: int) -> cl.Event:
-        if self.program.lanes > 1:
+        if self.lanes > 1:
             return self._launch(name, (4 * self.device.compute_units,), (1,), *arguments)
         items = layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
@@ -208,7 +228,7 @@ class Stages:
     def bilerp(
         self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int
     ) -> cl.Event:
-        items = -(-count // self.program.lanes)
+        items = -(-count // self.lanes)
         return self._launch("bilerp", (items,), (1,), uvs, texture_of, textures, texels, colors, count)
 
     def light(
@@ -223,7 +243,7 @@ class Stages:
         light_count: int,
         count: int,
     ) -> cl.Event:
-        items = -(-count // self.program.lanes)
+        items = -(-count // self.lanes)
         inputs = (points, normals, colors, materials, lights)
         return self._launch("light", (items,), (1,), *inputs, lit, np.float32(unit), light_count, count)
 
