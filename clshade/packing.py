@@ -235,7 +235,7 @@ class _Gatherer:
             elif mesh.normal_faces is not None:
                 own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
             else:
-                own, own_faces = _kept(_own_normals(mesh, matrix), kept), faces
+                own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
             parts.append(_four(own))
             index.append((own_faces, len(own)))
         return _join(parts), _shifted(index) if indexed else None
