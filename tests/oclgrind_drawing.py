@@ -1,0 +1,190 @@
+"""Run by test_oclgrind.py in a process of its own: draws small images on Oclgrind, in the form named by its argument.
+
+`groups`: as on a GPU, an item a pixel. `vectors`: as on a CPU, four lanes and several tiles per item. `planted`: kernels
+with one error each. Prints a line of JSON: the kernels that ran, and the largest color error.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from clshade import binning, course, oracle, programs, stages
+from clshade.camera import Camera
+from clshade.checks import compare
+from clshade.checks.cases import lit
+from clshade.device import Device, open_device
+from clshade.renderer import Renderer
+from clshade.scene import Material, Scene, Texture
+
+# What Oclgrind 21.10 gets wrong in correct OpenCL C is said to it otherwise; each piece of text must be there.
+#
+# Of clamp(int4, int, int) it takes the bounds for vectors and reads beyond them; OpenCL 1.2 section 6.12.3 has the form
+# gentype clamp(gentype, sgentype, sgentype). `planted` shows it: the same values as vectors come out right.
+_VECTORS = (
+    ("clamp(box - corner, 0, TILE_SIZE - 1)", "clamp(box - corner, (int4)(0), (int4)(TILE_SIZE - 1))"),
+    ("clamp(span.first, 0, size - 1)", "clamp(span.first, (ints)(0), (ints)(size - 1))"),
+    ("clamp(span.second, 0, size - 1)", "clamp(span.second, (ints)(0), (ints)(size - 1))"),
+)
+# Copying a struct copies its padding, which is never set; no kernel names it (the test looks). With the padding set,
+# and nothing else changed, there is no report left.
+_PADDING = (("    t->piece = piece;\n", "    t->piece = piece;\n    t->pad[0] = t->pad[1] = t->pad[2] = 0;\n"),)
+
+
+def told(text: str) -> str:
+    for found, instead in _ALL:
+        if found in text:
+            text = text.replace(found, instead)
+            _said.add(found)
+    return text
+
+
+# A vector's `mask ? a : b` with a mask of ones reads b too, for `(a & mask) | (b & ~mask)`: with an unset b set, and
+# nothing else changed, there is no report left and the image is the same.
+_UNCHOSEN = (
+    ("    Surface s;\n", "    Surface s = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f};\n"),
+)
+_ALL = (*_VECTORS, *_PADDING, *_UNCHOSEN)
+# Of memory that an earlier, smaller buffer had it takes the end for uninitialized though a kernel wrote it (`planted`
+# shows that too): buffers are kept, so that none has another's place.
+_kept: list[Any] = []
+_said: set[str] = set()
+_flatten, _launch = programs.flatten, stages.Stages._launch
+ran: dict[str, int] = {}
+
+
+def launched(self: Any, name: str, *arguments: Any) -> Any:
+    ran[name] = ran.get(name, 0) + 1
+    return _launch(self, name, *arguments)
+
+
+def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
+    """Device memory that nothing has been written to, so that reading it before a kernel writes it shows."""
+    made = cls.__new__(cls)
+    made._queue, made._shared, made.array = device.queue, False, np.zeros(shape, dtype)
+    made.memory = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, max(made.array.nbytes, 64))
+    return made
+
+
+def prepare() -> None:
+    programs.flatten = lambda names: told(_flatten(names))  # type: ignore[assignment]
+    stages.Stages._launch = launched  # type: ignore[method-assign]
+    buffer = cl.Buffer
+
+    def kept(*arguments: Any, **options: Any) -> Any:
+        _kept.append(buffer(*arguments, **options))
+        return _kept[-1]
+
+    cl.Buffer = kept  # type: ignore[assignment, misc]
+    # Oclgrind takes the host's memory for uninitialized where a buffer works in it: its arrays are copied.
+    stages._coherent = lambda *_: False  # type: ignore[assignment]
+    stages.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
+    # Lists of so few triangles would be made in one piece.
+    binning._LEAST_CHUNK, binning._SCAN_RUN = 8, 2
+
+
+def scenes() -> list[tuple[Scene, dict[str, Any]]]:
+    """Small scenes that bring all kernels, and all branches that a feature opens."""
+    camera = Camera((0.3, 0.2, 3.0), (0.05, 0, 0), (0, 1, 0), 1.3, (1.0, 1.3), (27, 20))
+    rng = np.random.default_rng(4)
+    image = rng.uniform(0, 1, (3, 5, 4)).astype(np.float32)
+    corners = rng.uniform(-0.5, 2.0, (36, 2))
+    cut = Material(texture=Texture(image, ("mirror", "clamp")), alpha_cutoff=0.4, two_sided=True, sides="front")
+    replaced = Material(texture=Texture(image[..., :3], lookup="course"), n=1.0)
+    front = lit.blob(12, 3, uvs=corners, material=cut)
+    behind = lit.blob(10, 5)
+    around = replace(lit.blob(6, 7), verts=lit.blob(6, 7).verts + [0, 0, 2.8])  # through the near plane
+    both = lit.scene_of(front, behind, around, camera=camera)
+    plain = lit.scene_of(behind, around, camera=camera, background=None)
+    textured = lit.scene_of(lit.blob(12, 3, uvs=corners, material=replaced), around, camera=camera)
+    flat = replace(camera, orthographic=True, plane=(3.0, 4.0), principal=(0.4, 0.55))
+    return [
+        (both, {"shader": "phong"}),
+        (both, {"shader": "gouraud"}),
+        (textured, {"shader": "phong", "preset": "course"}),
+        (textured, {"shader": "gouraud", "preset": "course"}),
+        (plain, {"shader": "nolight", "interpolation": "affine", "cull": True}),
+        (replace(both, camera=flat), {"shader": "phong", "visibility": "painter"}),
+        (lit.scene_of(camera=camera, meshes=()), {"shader": "phong"}),
+    ]
+
+
+def draw(form: str) -> float:
+    device = open_device("oclgrind")
+    assert device.platform == "Oclgrind", device
+    lanes = 4
+    if form == "groups":
+        device, lanes = replace(device, is_cpu=False, setup_run=1, lanes=1), 1
+    worst = 0.0
+    for scene, options in scenes():
+        with Renderer(scene, device=device, lanes=lanes, layers=("Z", "id"), **options) as renderer:
+            for _ in range(2 if scene.background is None else 1):  # the second frame finds all memory used
+                frame = renderer.render()
+            expected = oracle.render(frame.scene, frame.settings)
+            worst = max(worst, compare.assert_frame(frame, expected, frame.scene, frame.settings))
+    course.shared_device = lambda: device  # type: ignore[assignment]
+    up, eye = np.array([0.0, 0, 1]), np.array([0.0, 0, 5])
+    lights = np.array([[1.0, 2, 3], [3.0, 1, 1]])
+    assert np.isfinite(course.light(up, up, up, eye, 0.1, 0.5, 0.5, 20, lights, np.ones((2, 3)))).all()
+    assert np.isfinite(course.bilerp(np.array([0.3, 0.6]), np.ones((3, 4, 3)))).all()
+    assert len(_said) == len(_ALL), _said
+    return worst
+
+
+PLANTED = """
+kernel void beyond(global const int *in, global int *out) { out[0] = in[get_global_size(0)]; }
+kernel void raced(global const int *in, global int *out) { out[0] += in[get_global_id(0)]; }
+kernel void unset(global const int *in, global int *out)
+{
+    int x;
+    if (in[0] > 1000) x = 1;
+    if (x) out[0] = 2;
+}
+kernel void fill(global int *out) { out[get_global_id(0)] = 1; }
+kernel void reused(global const int *in, global int *out)
+{
+    if (in[get_global_id(0)]) out[get_global_id(0)] = 1;
+}
+kernel void clamped(global const int *in, global int *out)
+{
+    int4 v = (int4)(in[0], in[1], in[2], in[3]);
+    vstore4(clamp(v, 1, 2), 0, out);
+    vstore4(clamp(v, (int4)(1), (int4)(2)), 1, out);
+}
+"""
+
+
+def plant() -> list[int]:
+    """Runs kernels with an error each, and two that Oclgrind gets wrong; the last one's eight numbers."""
+    device = open_device("oclgrind")
+    program = cl.Program(device.context, PLANTED).build()
+    values, found = np.arange(8, dtype=np.int32), np.zeros(8, np.int32)
+    flags = cl.mem_flags
+    given = cl.Buffer(device.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=values)
+    out = cl.Buffer(device.context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=found)
+    kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+    for name, size in (("beyond", 8), ("raced", 8), ("unset", 1)):
+        kernels[name](device.queue, (size,), (1,), given, out)
+    for size in (4, 8):  # nothing is wrong with this
+        memory = cl.Buffer(device.context, flags.READ_WRITE, 4 * size)
+        kernels["fill"](device.queue, (size,), (1,), memory)
+        kernels["reused"](device.queue, (size,), (1,), memory, out)
+        device.queue.finish()
+        memory.release()
+    kernels["clamped"](device.queue, (1,), (1,), given, out)
+    cl.enqueue_copy(device.queue, found, out)
+    return found.tolist()
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "planted":
+        print(json.dumps(plant()))
+    else:
+        prepare()
+        error = draw(sys.argv[1])
+        print(json.dumps({"ran": ran, "error": error}))
