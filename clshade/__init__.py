@@ -23,6 +23,7 @@ _HOMES = {
     "render": "renderer",
     "Renderer": "renderer",
     "Frame": "frame",
+    "check": "checks.checking",
     "course": "",
     "errors": "",
 }
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from . import course as course
     from . import errors as errors
     from .camera import Camera as Camera
+    from .checks.checking import check as check
     from .frame import Frame as Frame
     from .loading import load as load
     from .renderer import Renderer as Renderer

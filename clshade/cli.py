@@ -54,6 +54,13 @@ def _names(allowed: Sequence[str]) -> Any:
     return parse
 
 
+def _checked(text: str) -> int | str:
+    if text != "all" and not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"expected a number of pixels or all, found {text!r}")
+    return text if text == "all" else int(text)
+
+
+CHECKED = 4096  # pixels of --check
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.loading.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
@@ -159,6 +166,16 @@ def _parser() -> argparse.ArgumentParser:
     output.add_argument("--compression", default="zip", help="of the EXR (default: zip)")
     output.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
     output.add_argument("--stats", action="store_true", help="print all figures as JSON")
+    measured = render.add_argument_group("measured")
+    measured.add_argument(
+        "--check",
+        nargs="?",
+        const=CHECKED,
+        type=_checked,
+        metavar="PIXELS|all",
+        help=f"the error of this image, of some pixels (default: {CHECKED}) or all, computed again in float64; "
+        "adds the layers Z and id, with `all` also `error`",
+    )
     _device_option(render)
     render.set_defaults(run=_render)
     devices = commands.add_parser("devices", help="what OpenCL devices were found, and which work")
@@ -228,12 +245,18 @@ def _render(arguments: argparse.Namespace) -> int:
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     chosen = {name: value for name, value in given.items() if value is not None}
     _check_output(arguments)
+    if arguments.check is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
     scene = load_scene(arguments)
     from . import renderer
 
     frame = renderer.render(
         scene, preset=arguments.preset, device=arguments.device, resolution=arguments.resolution, **chosen
     )
+    if arguments.check is not None:
+        from .checks.checking import check
+
+        check(frame, arguments.check)
     warming.join()
     for warning in frame.save(
         arguments.output,
@@ -247,10 +270,11 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         import json
 
-        print(json.dumps(frame.stats, indent=2))
+        checked = {} if frame.check is None else {"check": frame.check.stats()}
+        print(json.dumps({**frame.stats, **checked}, indent=2))
     else:
         print(summary(frame, arguments.output))
-    return DONE
+    return DONE if frame.check is None or frame.check.passed else FAILED
 
 
 def _import_writers() -> None:
@@ -281,6 +305,7 @@ def summary(frame: Frame, output: str) -> str:
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
 
+    checked = [] if frame.check is None else ["check   " + "\n        ".join(frame.check.lines())]
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
     return "\n".join(
         [
@@ -290,6 +315,7 @@ def summary(frame: Frame, output: str) -> str:
             f"device  {stats['device']}",
             f"once    {listed(fixed)} ms",
             f"frame   {whole:.2f} ms: {listed(times)}",
+            *checked,
             f"wrote   {shown}",
         ]
     )
@@ -327,10 +353,13 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 def _with_values(arguments: Sequence[str]) -> list[str]:
     """The arguments with `--up -x` as `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes what begins
-    with a dash, and is not one number, for an option."""
+    with a dash, and is not one number, for an option. And `--check SCENE` as `--check=4096 SCENE`."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", joined[-1]):
+        if joined and joined[-1] == "--check" and not re.fullmatch(r"all|\d+|-.*", argument):
+            joined[-1] = f"--check={CHECKED}"  # what follows is the scene
+            joined.append(argument)
+        elif joined and re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", joined[-1]):
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)

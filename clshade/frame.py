@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -13,11 +13,14 @@ from .errors import InputError
 from .scene import Scene, Settings
 from .validation import Array, choice, refuse
 
+if TYPE_CHECKING:
+    from .checks.checking import Check
+
 
 class Frame:
     """An image with its layers. Arrays are (M, N, ...), row 0 at the top; the frame owns them.
 
-    scene, settings: what was drawn and how.
+    scene, settings: what was drawn and how. check: what `clshade.check` found of it last, None before.
     """
 
     def __init__(
@@ -30,6 +33,7 @@ class Frame:
     ) -> None:
         self._rgba, self._layers = rgba, dict(layers)
         self.scene, self.settings = scene, settings
+        self.check: Check | None = None
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -73,9 +77,10 @@ class Frame:
         return self._layers[name]
 
     def channels(self) -> dict[str, Array]:
-        """The EXR's channels, name -> (M, N)."""
+        """The EXR's channels, name -> (M, N); `error` where every pixel was checked."""
         named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
-        return {**named, **self._layers}
+        checked = {} if self.check is None or self.check.image is None else {"error": self.check.image}
+        return {**named, **self._layers, **checked}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """The EXR's header besides its channels; `deterministic` leaves times out."""
@@ -86,7 +91,7 @@ class Frame:
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
         if not deterministic:
             metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
-        return metadata
+        return metadata if self.check is None else {**metadata, **self.check.metadata()}
 
     def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""

@@ -48,11 +48,16 @@ def tied(first: np.ndarray, second: np.ndarray, ulp: int = DEPTH_TIE_ULP) -> np.
 
 
 def different_ids(
-    ids: np.ndarray, oracle: OracleFrame, scene: Scene, settings: Settings
+    ids: np.ndarray,
+    oracle: OracleFrame,
+    scene: Scene,
+    settings: Settings,
+    where: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
 
     With visibility `depth` a pixel may have another owner where both faces cover it at depths within 4 float32 ulp.
+    where: rows and columns of the pixels that `ids` and `oracle` hold, if these are not the whole image.
     """
     different = ids != oracle.id
     if not different.any() or settings.visibility != "depth":
@@ -60,7 +65,8 @@ def different_ids(
     at = np.nonzero(different)
     # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
     faces = [side[at].astype(np.int64) - 1 for side in (ids, oracle.id)]
-    depths = [depth_at(scene, settings, face, *at) for face in faces]
+    pixels = at if where is None else tuple(index[at] for index in where)
+    depths = [depth_at(scene, settings, face, *pixels) for face in faces]
     unproven = np.zeros_like(different)
     unproven[at] = ~tied(depths[0], depths[1])
     return different, unproven

@@ -248,3 +248,21 @@ def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: 
             result[query[hit]], shade.depth(edges[hit], cut.z[piece[hit]], scene.camera.orthographic)
         )
     return result
+
+
+def next_depth(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Array:
+    """Depth of the second nearest piece at pixels, rows (from the TOP) and columns (K,): +inf where there is none."""
+    camera = scene.camera
+    columns, upward = np.asarray(columns, np.int64), camera.resolution[1] - 1 - np.asarray(rows, np.int64)
+    prepared = prepare(scene, settings)
+    opaque = _opaque(scene, settings, prepared)
+    alive = np.flatnonzero(~prepared.setup.culled)
+    xy, boxes = prepared.pieces.xy[alive], prepared.setup.box[alive]
+    nearest, second = np.full(len(columns), np.inf), np.full(len(columns), np.inf)
+    for k, pixel, edges in coverage.samples_at(xy, boxes, columns, upward):
+        z = shade.depth(edges, prepared.pieces.z[alive[k]], camera.orthographic)
+        if opaque is not None:
+            z = np.where(opaque(alive[k], edges), z, np.inf)
+        for at, depth in zip(pixel.tolist(), z.tolist(), strict=True):
+            nearest[at], second[at] = sorted((nearest[at], second[at], depth))[:2]
+    return second
