@@ -372,7 +372,7 @@ def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
     monkeypatch.setitem(layout.CONSTANTS, "TILE_SIZE", size)
     before = len(programs._built)
     frame = draw(device, blob_scene())
-    assert len(programs._built) == before + 1
+    assert len(programs._built) == before + 2  # of the geometry and of the pixels
     assert same_bits(frame, plain)
 
 
