@@ -176,6 +176,9 @@ def _parser() -> argparse.ArgumentParser:
         help=f"the error of this image, of some pixels (default: {CHECKED}) or all, computed again in float64; "
         "adds the layers Z and id, with `all` also `error`",
     )
+    measured.add_argument(
+        "--explain", action="store_true", help="what the kernels left out, why, and what that saves: measured"
+    )
     _device_option(render)
     render.set_defaults(run=_render)
     devices = commands.add_parser("devices", help="what OpenCL devices were found, and which work")
@@ -250,9 +253,8 @@ def _render(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments)
     from . import renderer
 
-    frame = renderer.render(
-        scene, preset=arguments.preset, device=arguments.device, resolution=arguments.resolution, **chosen
-    )
+    options = {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
+    frame = renderer.render(scene, **options)
     if arguments.check is not None:
         from .checks.checking import check
 
@@ -267,14 +269,20 @@ def _render(arguments: argparse.Namespace) -> int:
         deterministic=arguments.deterministic,
     ):
         print(f"clshade: warning: {warning}", file=sys.stderr)
+    found: dict[str, Any] = {} if frame.check is None else {"check": frame.check}
+    if arguments.explain:
+        from .checks.explaining import explain
+
+        found["explain"] = explain(scene, **options)
     if arguments.stats:
         import json
 
-        checked = {} if frame.check is None else {"check": frame.check.stats()}
-        print(json.dumps({**frame.stats, **checked}, indent=2))
+        print(json.dumps({**frame.stats, **{name: each.stats() for name, each in found.items()}}, indent=2))
     else:
         print(summary(frame, arguments.output))
-    return DONE if frame.check is None or frame.check.passed else FAILED
+        for name, each in found.items():
+            print(f"{name:<8}" + "\n        ".join(each.lines()))
+    return DONE if all(each.passed for each in found.values()) else FAILED
 
 
 def _import_writers() -> None:
@@ -305,7 +313,6 @@ def summary(frame: Frame, output: str) -> str:
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
 
-    checked = [] if frame.check is None else ["check   " + "\n        ".join(frame.check.lines())]
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
     return "\n".join(
         [
@@ -315,7 +322,6 @@ def summary(frame: Frame, output: str) -> str:
             f"device  {stats['device']}",
             f"once    {listed(fixed)} ms",
             f"frame   {whole:.2f} ms: {listed(times)}",
-            *checked,
             f"wrote   {shown}",
         ]
     )

@@ -63,7 +63,7 @@ def flatten_text(text: str, name: str = "text") -> str:
 
 @dataclass
 class Program:
-    """A built program. kernels: by name. seconds: what the build took.
+    """A built program. kernels: by name. seconds: what the build took, or the loading where it was `stored`.
 
     lock: held while a kernel gets its arguments and is launched.
     """
@@ -72,6 +72,7 @@ class Program:
     lanes: int
     seconds: float
     kernels: dict[str, Any]
+    stored: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __getitem__(self, name: str) -> Any:
@@ -79,6 +80,11 @@ class Program:
 
 
 _built: dict[tuple, Program] = {}
+
+
+def built() -> tuple[Program, ...]:
+    """All programs of this process, in the order in which they were built or loaded."""
+    return tuple(_built.values())
 
 
 def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
@@ -107,6 +113,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         start = time.perf_counter()
         stored = _stored_at(device, source, options)
         program = _load(device, stored)
+        loaded = program is not None
         if program is None:
             try:
                 with warnings.catch_warnings():
@@ -119,7 +126,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
                 ) from error
             _store(program, stored)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels)
+        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels, loaded)
     return _built[key]
 
 

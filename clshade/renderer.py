@@ -143,6 +143,8 @@ class Renderer:
             textures=optional(packed.textures if looked_up else None),
             texels=optional(packed.texels if looked_up else None),
         )
+        kept = (self._positions, self._faces, *self._attributes)
+        self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None)
         sides = self._attributes.face_materials, self._attributes.materials
         self._sides = sides if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count)
@@ -378,6 +380,7 @@ class Renderer:
         scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
         facts = {
             "triangles": self._face_count,
+            "vertices": self._vertex_count,
             "resolution": camera.resolution,
             **{name: int(counters[name]) for name in _COUNTS},
             "clipped": int(counters["to_clip"]),
@@ -386,6 +389,11 @@ class Renderer:
             "ignored": self.scene.ignored,
             "device": f"{self.device.platform}: {self.device.name}",
             "lanes": self.stages.lanes,
+            "bytes": {
+                "scene": self._scene_bytes,
+                "image": image.nbytes,
+                "owners": 0 if owners is None else owners.array.nbytes,
+            },
         }
         profiling = self.device.profiling
 
