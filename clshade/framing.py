@@ -59,9 +59,9 @@ def framed(
     if not lights:
         right, upward, forward = geometry.camera_axes(camera)
         axes = np.stack([right, upward, -forward])
-        lights = tuple(
-            PointLight(center + radius * (np.array(place) @ axes), np.array(intensity)) for place, intensity in _LIGHTS
-        )
+        with np.errstate(over="ignore"):  # PointLight refuses what comes of it
+            places = [center + radius * (np.array(place) @ axes) for place, _ in _LIGHTS]
+        lights = tuple(PointLight(at, np.array(light)) for at, (_, light) in zip(places, _LIGHTS, strict=True))
     return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
 
 

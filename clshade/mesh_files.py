@@ -94,7 +94,8 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
-            flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
+            with np.errstate(over="ignore", invalid="ignore"):  # such coordinates are texel 0
+                flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
         arrays = _arrays(text, flipped[moment], slice(run.first, end), computed, whole)
         meshes.append(Mesh(**arrays, material=material, name=run.object or run.group or name))
     return tuple(meshes)

@@ -40,7 +40,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     data = read_file(path, MAX_BYTES)
     ignored = []
     count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
-    if len(data) == _HEAD + _RECORD * count:
+    if count >= 0 and len(data) == _HEAD + _RECORD * count:
         if runs(data, _HEAD + 48, count, _RECORD, np.dtype("<u2"), 1).any():
             ignored.append("colors or attributes of facets")
         verts = runs(data, _HEAD + 12, count, _RECORD, np.dtype("<f4"), 9).reshape(-1, 3)

@@ -240,6 +240,7 @@ def test_stl_options_and_attributes(tmp_path):
         (stl(TRIANGLES)[:-1], ["facet count: expected 434 bytes for its 7 facets, found 433 bytes"]),
         (b"\xff" * 84, ["facet count: "]),
         (b"short", ["facet count: "]),
+        (b"solid".ljust(34, b"\0"), ["facet count: "]),  # as long as a file of -1 facets would be
         (stl([]), ["facet count: "]),
         ("solid x\nendsolid x\n", ["facet count: "]),
         (stl(np.where(np.arange(63).reshape(7, 3, 3) == 30, np.nan, 1)), ["facet 3: vertex 1: expected finite", "nan"]),
