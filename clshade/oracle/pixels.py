@@ -146,7 +146,7 @@ def _gouraud(batch: Batch) -> Shaded:
     kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions).max(axis=1)
     gate = shade.at_gate(points, normals, eye, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
     worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
-    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities)
+    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, kappa[where], gate[where], pixel.n)
 
 
@@ -164,5 +164,5 @@ def _phong(batch: Batch) -> Shaded:
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
     kappa = shade.conditioning(point, batch.extent[where], normal_length, eye, lights.positions)
     gate = shade.at_gate(point, normal, eye, lights.positions) & (surface.ks != 0.0).any(axis=1)
-    budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities)
+    budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, kappa, gate, surface.n)

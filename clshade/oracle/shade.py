@@ -100,10 +100,14 @@ def light(
     return color * (ka_Ia + lit) if tinted else ka_Ia + color * lit
 
 
-def budget(color: Array, ka_Ia: Array, kd: Array, ks: Array, light_intensities: Array) -> Array:
-    """The light a point could at most give off, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values."""
+def budget(color: Array, ka_Ia: Array, kd: Array, ks: Array, light_intensities: Array, tinted: bool = False) -> Array:
+    """The light a point could at most give off, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
+
+    `tinted` ambient light counts times max(color, 1) too: B must not be less than the light itself.
+    """
     total = np.abs(np.asarray(light_intensities, np.float64).reshape(-1, 3)).sum(axis=0)
-    return np.abs(ka_Ia) + total * (np.abs(kd) + np.abs(ks)) * np.maximum(np.abs(color), 1.0)
+    most = np.maximum(np.abs(color), 1.0)
+    return np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
 
 
 def conditioning(point: Array, extent: Array, normal_length: Array, eye: Array, light_positions: Array) -> Array:
