@@ -221,13 +221,14 @@ def _strata(frame: Frame) -> Array:
     if "id" in frame.layers:
         strata[_differs(frame["id"])] = STRATA.index("edges")
     inside = covered & ~silhouettes
-    brightness = np.nan_to_num(frame.rgb.max(axis=-1))
+    red, green, blue = (frame.rgb[..., channel] for channel in range(3))
+    brightness = np.nan_to_num(np.maximum(np.maximum(red, green), blue))
     count = int(np.count_nonzero(inside))
     if count:
         last = count - max(1, int(BRIGHTEST * count))
         strata[inside & (brightness > np.partition(brightness[inside], last)[last])] = STRATA.index("highlights")
     strata[silhouettes] = STRATA.index("silhouettes")
-    strata[~np.isfinite(frame.rgb).all(axis=-1)] = STRATA.index("not finite")
+    strata[~(np.isfinite(red) & np.isfinite(green) & np.isfinite(blue))] = STRATA.index("not finite")
     return strata
 
 
