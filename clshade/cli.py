@@ -274,15 +274,20 @@ def _render(arguments: argparse.Namespace) -> int:
         from .checks.explaining import explain
 
         found["explain"] = explain(scene, **options)
+    _print_found(frame, found, arguments)
+    return DONE if all(each.passed for each in found.values()) else FAILED
+
+
+def _print_found(frame: Frame, found: dict[str, Any], arguments: argparse.Namespace) -> None:
+    """The figures of a frame, and what `check` and `explain` found, as lines or as JSON."""
     if arguments.stats:
         import json
 
         print(json.dumps({**frame.stats, **{name: each.stats() for name, each in found.items()}}, indent=2))
-    else:
-        print(summary(frame, arguments.output))
-        for name, each in found.items():
-            print(f"{name:<8}" + "\n        ".join(each.lines()))
-    return DONE if all(each.passed for each in found.values()) else FAILED
+        return
+    print(summary(frame, arguments.output))
+    for name, each in found.items():
+        print(f"{name:<8}" + "\n        ".join(each.lines()))
 
 
 def _import_writers() -> None:
