@@ -326,3 +326,27 @@ def test_lookup_is_defined_everywhere(lookup, wrap):
         assert (found >= image.min()).all()
         assert (found <= image.max()).all()
         assert np.array_equal(found[6:], np.broadcast_to(found[0], (3, *found.shape[1:])))  # not finite: as 0
+
+
+def test_steepness_is_the_slope_of_the_highlight():
+    """n x^(n-1) for 0 < n < 1 at x = R.V, 1 for all other n, and where there is no highlight."""
+    normal, eye, light = np.array([[0.0, 0, 1]]), np.array([0.0, 0, 1]), np.array([[3.0, 0, 4]])
+    for n, expected in ((0.5, 0.5 * 0.8**-0.5), (0.01, 1.0), (0.0, 1.0), (1.0, 1.0), (200.0, 1.0)):
+        found = shade.steepness(np.zeros((1, 3)), normal, np.array([n]), eye, light)
+        assert found.tolist() == pytest.approx([max(expected, 1.0)])
+    low = np.array([[1.0, 0, 1e-8]])  # N.L and R.V are 1e-8
+    found = shade.steepness(np.zeros((1, 3)), normal, np.array([0.25]), eye, low)
+    assert found == pytest.approx(0.25 * 1e-8**-0.75)
+    assert shade.steepness(np.zeros((1, 3)), -normal, np.array([0.25]), eye, low) == 1.0
+
+
+def test_the_budget_holds_the_light():
+    """Tinted ambient light too, whatever the surface's color."""
+    color, ambient, zero = np.array([9.0, 0.5, 1.0]), np.full(3, 0.25), np.zeros(3)
+    for tinted in (False, True):
+        light = shade.light(
+            zero, zero, color, zero, ambient, zero, zero, 1.0, np.zeros((0, 3)), np.zeros((0, 3)), tinted
+        )
+        budget = shade.budget(color, ambient, zero, zero, np.zeros((0, 3)), tinted)
+        assert (budget >= np.abs(light)).all()
+        assert budget.tolist() == ([2.25, 0.25, 0.25] if tinted else [0.25] * 3)

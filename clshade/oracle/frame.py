@@ -34,7 +34,7 @@ class OracleFrame:
     kappa: (M, N) amplification of rounding errors by the light's geometry.
     gate: (M, N) bool, True where a highlight may be decided either way.
     exponent: (M, N) the material's n; 1 without light.
-    For gouraud the measures are those of the worst corner of the triangle.
+    For gouraud and nolight the measures are those of the worst corner of the triangle.
     """
 
     rgb: Array

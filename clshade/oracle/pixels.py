@@ -125,7 +125,8 @@ def shade_pixels(
 def _nolight(batch: Batch) -> Shaded:
     """The color itself."""
     rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel
-    budget, ones = np.maximum(np.abs(rgb), 1.0), np.ones(len(rgb))
+    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * np.abs(batch.texel)
+    budget, ones = np.maximum(worst_color, 1.0), np.ones(len(rgb))
     return Shaded(rgb, budget, ones, np.zeros(len(rgb), bool), ones)
 
 
@@ -143,7 +144,8 @@ def _gouraud(batch: Batch) -> Shaded:
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
-    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions).max(axis=1)
+    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions)
+    kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
     gate = shade.at_gate(points, normals, eye, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
     worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
@@ -163,6 +165,7 @@ def _phong(batch: Batch) -> Shaded:
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
     kappa = shade.conditioning(point, batch.extent[where], normal_length, eye, lights.positions)
+    kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
     gate = shade.at_gate(point, normal, eye, lights.positions) & (surface.ks != 0.0).any(axis=1)
     budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, kappa, gate, surface.n)

@@ -124,6 +124,21 @@ def conditioning(point: Array, extent: Array, normal_length: Array, eye: Array, 
     return kappa
 
 
+def steepness(point: Array, normal: Array, n: Array, eye: Array, light_positions: Array) -> Array:
+    """How much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1), which has no
+    bound as x goes to 0. From n = 1 on the slope is n at most, and where it is that, x is as exact as sqrt(n) asks."""
+    steepest = np.ones(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1])
+    n = np.asarray(n, np.float64)
+    if not ((n > 0.0) & (n < 1.0)).any():
+        return steepest
+    for position in light_positions:
+        n_l, r_v, _ = angles(point, normal, eye, position)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            slope = np.where((n_l > 0.0) & (r_v > 0.0) & (n > 0.0) & (n < 1.0), n * r_v ** (n - 1.0), 1.0)
+        steepest = np.fmax(steepest, slope)
+    return steepest
+
+
 def at_gate(point: Array, normal: Array, eye: Array, light_positions: Array) -> Array:
     """(...) bool: is some light so near to N.L = 0 or R.V = 0 that its highlight may jump? Not for a zero normal."""
     found = np.zeros(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], dtype=bool)
