@@ -145,6 +145,19 @@ def _stability_options(commands: Any) -> None:
     stability.set_defaults(run=_stability)
 
 
+def _fuzz_options(commands: Any) -> None:
+    fuzz = commands.add_parser("fuzz", help="random scenes against the oracle, damaged files against the loaders")
+    for name, count, what in (
+        ("scenes", 1000, "random scenes to draw"),
+        ("files", 1000, "damaged files to load"),
+        ("seed", 0, "another seed gives other scenes and files"),
+        ("first", 0, "number of the first scene and file: `--first 7 --scenes 1` draws scene 7 again"),
+    ):
+        fuzz.add_argument(f"--{name}", type=int, default=count, metavar="N", help=f"{what} (default: {count})")
+    _device_option(fuzz)
+    fuzz.set_defaults(run=_fuzz)
+
+
 def _parser() -> argparse.ArgumentParser:
     from . import __version__
 
@@ -184,6 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     devices = commands.add_parser("devices", help="what OpenCL devices were found, and which work")
     devices.set_defaults(run=_devices)
     _stability_options(commands)
+    _fuzz_options(commands)
     inspect = commands.add_parser("inspect", help="statistics per channel of an EXR, and an exposure ladder")
     inspect.add_argument("file", metavar="FILE.exr")
     inspect.add_argument("-o", "--output", metavar="PNG", help="exposure ladder (default: FILE-ladder.png)")
@@ -348,6 +362,13 @@ def _stability(arguments: argparse.Namespace) -> int:
         return DONE
     options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}
     return DONE if stability.run(arguments.device, **options) else FAILED
+
+
+def _fuzz(arguments: argparse.Namespace) -> int:
+    from .checks import fuzz
+
+    counts = {name: getattr(arguments, name) for name in ("scenes", "files", "seed", "first")}
+    return DONE if fuzz.run(arguments.device, **counts) else FAILED
 
 
 def _inspect(arguments: argparse.Namespace) -> int:

@@ -1,0 +1,284 @@
+"""The fuzzers: random scenes against the oracle, damaged files against the loaders; and that they find what is planted."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clshade import cli, oracle, packing, programs
+from clshade.camera import Camera
+from clshade.checks import fuzz, mutations, random_scenes
+from clshade.checks.random_scenes import BLOCK, KINDS, kind_of, scene_of
+from clshade.checks.samples import samples
+from clshade.errors import InputError
+from clshade.frame import Frame
+from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+
+SCENES = 40  # of one block: one program to build
+MANY = 1000
+
+
+def listed(failures):
+    return "\n".join(map(str, failures))
+
+
+# Scenes
+
+
+def test_scenes(device):
+    assert listed(fuzz.scene_failures(device, range(SCENES))) == ""
+
+
+@pytest.mark.long
+def test_many_scenes(opened):
+    """Scenes 0 to 999; as many as one likes by `python -m clshade fuzz --scenes 20000`."""
+    assert listed(fuzz.scene_failures(opened, range(MANY))) == ""
+
+
+@pytest.mark.long
+def test_scenes_on_other_devices(device, opened):
+    """Two scenes of each of a thousand's blocks."""
+    if device.index == opened.index:
+        pytest.skip("the default device draws all of them")
+    numbers = [BLOCK * block + k for block in range(MANY // BLOCK) for k in (7, 31)]
+    assert listed(fuzz.scene_failures(device, numbers)) == ""
+
+
+def test_a_number_is_a_scene():
+    """The same number and seed give the same scene, others another; kinds begin again after KINDS blocks."""
+    one, again, other = scene_of(123), scene_of(123), scene_of(123, seed=1)
+    assert [mesh.verts.tobytes() for mesh in one.scene.meshes] == [mesh.verts.tobytes() for mesh in again.scene.meshes]
+    assert (one.kind, one.settings) == (again.kind, again.settings)
+    assert one.scene.camera.eye.tolist() != other.scene.camera.eye.tolist()
+    assert kind_of(0, 3) == kind_of(0, 3 + KINDS) != kind_of(0, 4)
+
+
+def test_scenes_are_of_all_sorts():
+    kinds = [kind_of(0, block) for block in range(KINDS)]
+    for name in ("front", "two_sided", "alpha", "normal_faces", "uv_faces", "orthographic", "double", "specialize"):
+        assert {getattr(kind, name) for kind in kinds} == {False, True}, name
+    for name in ("shader", "visibility", "lighting_at", "interpolation", "texture_at", "ambient", "cull"):
+        assert len({getattr(kind.settings, name) for kind in kinds}) == (3 if name == "shader" else 2), name
+    scenes = [scene_of(number).scene for number in range(0, 50 * BLOCK, 10)]
+    sizes = {scene.camera.resolution for scene in scenes}
+    assert min(min(size) for size in sizes) == 1
+    assert {len(scene.lights) for scene in scenes} >= {0, 1, 2, 3, 4, 5}
+    reach = [np.abs(mesh.verts).max(initial=0.0) for scene in scenes for mesh in scene.meshes]
+    assert max(reach) > 1e20
+    assert 0.0 < min(r for r in reach if r) < 1e-15
+    exponents = {mesh.material.n for scene in scenes for mesh in scene.meshes}
+    assert {0.0, 1.0, 1e9} <= exponents
+
+
+def test_a_block_shares_its_program():
+    """Or two: what a rare scene leaves out, all of a mesh's colors white, say, is not worth an exception."""
+    masks = 0
+    for block in range(24):
+        drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
+        packed = [packing.pack(d.scene, d.settings, everything=not d.kind.specialize) for d in drawn]
+        masks += len({each.features.values for each in packed})
+    assert masks < 1.3 * 24
+
+
+def altered(frame: Frame, name: str) -> Frame:
+    """The frame with one wrong pixel, the first covered one."""
+    row, column = np.argwhere(frame["id"] > 0)[0]
+    rgba, layers = frame.rgba.copy(), {layer: frame[layer].copy() for layer in ("Z", "id")}
+    if name == "not a number":
+        rgba[row, column, 1] = np.nan
+    elif name == "color":
+        rgba[row, column, 0] += 0.5 * np.abs(rgba[..., :3]).max() + 1.0
+    elif name == "coverage":
+        rgba[row, column, 3] = 0.0
+    elif name == "depth":
+        layers["Z"][row, column] *= np.float32(1 + 2.0**-19)
+    else:
+        layers["id"][row, column] += 1
+    return Frame(rgba, layers, frame.scene, frame.settings, dict)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("not a number", "rgb: not finite"),
+        ("color", "colors off"),
+        ("coverage", "alpha differs"),
+        ("depth", "depths off"),
+        ("owner", "ids differ"),
+    ],
+)
+def test_a_wrong_pixel_is_found(opened, monkeypatch, name, message):
+    good = fuzz.draw
+    monkeypatch.setattr(fuzz, "draw", lambda device, drawn: altered(good(device, drawn), name))
+    monkeypatch.setattr(fuzz, "SHRINKING", 1.0)
+    (failure,) = fuzz.scene_failures(opened, [1])
+    assert message in failure.reason
+    assert failure.shrunk.startswith("so do meshes of [1")
+    assert str(failure).startswith("scene 1: ")
+
+
+def test_an_exception_is_found(opened, monkeypatch):
+    def fails(device, drawn):
+        if len(drawn.scene.meshes[-1].faces) > 1:
+            raise ZeroDivisionError("planted")
+        return good(device, drawn)
+
+    good = fuzz.draw
+    monkeypatch.setattr(fuzz, "draw", fails)
+    (failure,) = fuzz.scene_failures(opened, [1])
+    assert "ZeroDivisionError: planted" in failure.reason
+    assert "2]" in failure.shrunk  # faces of the last mesh: as few as still fail
+
+
+@pytest.mark.long
+def test_a_wrong_kernel_is_found(opened, monkeypatch):
+    """Pixels on an edge that two triangles share go to both, or to the wrong one."""
+    flatten, rule = programs.flatten, "return !(a > 0 || (a == 0 && b < 0));"
+    assert rule in flatten(("setup.cl",))
+    monkeypatch.setattr(programs, "flatten", lambda names: flatten(names).replace(rule, "return 0;"))
+    monkeypatch.setattr(fuzz, "SHRINKING", 1.0)
+    failures = fuzz.scene_failures(opened, range(BLOCK))
+    assert any("ids differ" in failure.reason for failure in failures)
+
+
+def test_normals_beyond_the_vertices():
+    """Found by the fuzzer: those of the meshes behind were shifted."""
+    corners, up = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0.0, 0, 1]])
+    first = Mesh(corners, [[0, 1, 2]], normals=np.repeat(up, 9, axis=0))
+    second = Mesh(corners - [1.0, 1, 0], [[0, 1, 2]], normals=np.array([[0.0, 1, 1], [0, 0, 1], [1, 0, 1]]))
+    camera, light = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7)), PointLight((0.0, 1, 2))
+    scene = Scene((first, second), camera, (light,))
+    packed = packing.pack(scene, Settings())
+    assert packed.normals.shape == (6, 4)
+    assert packed.normals[3:, :3] == pytest.approx(second.normals / np.linalg.norm(second.normals, axis=1)[:, None])
+
+
+def test_alpha_at_its_cutoff_decides_either_way():
+    image = np.full((1, 1, 4), 0.5, np.float32)
+    corners = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]])
+    camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7))
+    for cutoff, either in ((0.5, True), (0.5 + 1e-6, True), (0.6, False), (None, False)):
+        material = Material(texture=Texture(image), alpha_cutoff=cutoff)
+        scene = Scene((Mesh(corners, [[0, 1, 2]], uvs=np.zeros((3, 2)), material=material),), camera)
+        found = fuzz.decided_by_alpha(scene, Settings())
+        covered = oracle.render(replace(scene, meshes=(replace(scene.meshes[0], uvs=None),)), Settings()).id > 0
+        assert np.array_equal(found, covered & either)
+
+
+# Files
+
+
+def test_every_sample_is_valid(tmp_path):
+    for index, sample in enumerate(samples()):
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        assert mutations.load_problem(folder, sample) == "", index
+        options = {"texture": folder / sample.texture} if sample.texture else {}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            scene = mutations.load(folder / next(iter(sample.files)), **sample.options, **options)
+        assert scene.face_count > 0
+
+
+def test_files():
+    assert listed(fuzz.file_failures(range(200))) == ""
+
+
+@pytest.mark.long
+def test_many_files():
+    """Files 0 to 999; as many as one likes by `python -m clshade fuzz --scenes 0 --files 20000`."""
+    assert listed(fuzz.file_failures(range(MANY))) == ""
+
+
+def test_damage_is_done_and_refused(monkeypatch):
+    """Damaged files differ from the samples, and most but not all of them are refused."""
+    every, refused = samples(), 0
+    good = mutations.load
+
+    def counted(path, **options):
+        nonlocal refused
+        try:
+            return good(path, **options)
+        except InputError:
+            refused += 1
+            raise
+
+    monkeypatch.setattr(mutations, "load", counted)
+    same = sum(mutations.mutated(k).files == every[k % len(every)].files for k in range(200))
+    assert same < 10
+    assert fuzz.file_failures(range(200)) == []
+    assert 60 < refused < 185
+
+
+@pytest.mark.parametrize(
+    ("planted", "message"),
+    [
+        (lambda path: {}["key"], "KeyError: 'key'"),
+        (lambda path: 1 / np.zeros(1)[0], "RuntimeWarning: "),
+        (lambda path: None, "expected a Scene, found NoneType"),
+        (lambda path: (_ for _ in ()).throw(InputError("no name")), "one line that names the file"),
+        (lambda path: (_ for _ in ()).throw(InputError(f"{path}: two\nlines")), "one line that names the file"),
+        (lambda path: warnings.warn("two\nlines", stacklevel=1) or scene_of(1).scene, "a warning of several lines"),
+    ],
+)
+def test_wrong_answers_of_a_loader_are_found(monkeypatch, planted, message):
+    monkeypatch.setattr(mutations, "load", lambda path, **options: planted(path))
+    (failure,) = fuzz.file_failures([3])
+    assert message in failure.reason
+    assert str(failure).startswith("file 3: a.npy: ")
+
+
+def test_what_is_slow_large_or_hangs_is_found(monkeypatch):
+    scene = scene_of(1).scene
+    monkeypatch.setattr(mutations, "load", lambda path, **options: scene)
+    assert mutations.problem(3) == ""
+    times, sizes = iter([0.0, 5.1]), iter([0, 2 << 30])
+    with monkeypatch.context() as patch:
+        patch.setattr(mutations.time, "process_time", lambda: next(times))
+        assert "took 5.1 s" in mutations.problem(3)
+    with monkeypatch.context() as patch:
+        patch.setattr(mutations, "_peak", lambda: next(sizes))
+        assert "took 2048 MiB" in mutations.problem(3)
+
+    def hangs(path, **options):
+        while True:
+            pass
+
+    monkeypatch.setattr(mutations, "load", hangs)
+    monkeypatch.setattr(mutations, "HANGS", 0.05)
+    assert "took more than 0.05 s" in mutations.problem(3)
+
+
+def test_flaws_of_scenes_are_seen():
+    scene = scene_of(1).scene
+    mesh = scene.meshes[0]
+    assert mutations.flaw(scene) == ""
+    for name, value in (("verts", np.full((3, 3), np.nan)), ("faces", np.array([[0, 1, 3]]))):
+        broken = replace(mesh)
+        object.__setattr__(broken, name, value)
+        assert name in mutations.flaw(replace(scene, meshes=(broken,)))
+
+
+# The command
+
+
+def test_run_and_exit_codes(monkeypatch, capsys, opened):
+    arguments = ["fuzz", "--scenes", "3", "--files", "5", "--device", opened.index]
+    assert cli.main(arguments) == 0
+    assert "5 files (seed 0): 0 failed" in capsys.readouterr().out
+    monkeypatch.setattr(mutations, "problem", lambda number, seed: "planted" if number == 8 else "")
+    assert cli.main(["fuzz", "--scenes", "0", "--files", "5", "--first", "6"]) == 1
+    assert "file 8: planted\n5 files (seed 0): 1 failed" in capsys.readouterr().out
+    assert cli.main(["fuzz", "--seed", "-1"]) == 2
+    assert "--seed: expected a whole number from 0" in capsys.readouterr().err
+
+
+def test_the_counts_are_printed_to_a_stream():
+    stream = io.StringIO()
+    assert fuzz.run(scenes=0, files=2, seed=5, stream=stream)
+    assert stream.getvalue().startswith("2 files (seed 5): 0 failed, ")
+    assert random_scenes.BLOCK == BLOCK
