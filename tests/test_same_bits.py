@@ -13,7 +13,6 @@ import pytest
 import clshade
 from clshade.frame import Frame
 from clshade.renderer import Renderer
-from kernels import OTHER_LANES
 
 RESOLUTION = (161, 97)
 
@@ -56,7 +55,7 @@ def test_golden_images(device, key):
 
 @pytest.mark.long
 @pytest.mark.parametrize("key", LONG, ids="-".join)
-@pytest.mark.parametrize("options", [{"specialize": False}, *({"lanes": lanes} for lanes in OTHER_LANES)], ids=str)
+@pytest.mark.parametrize("options", [{"specialize": False}, *({"lanes": lanes} for lanes in (1, 4, 8))], ids=str)
 def test_neither_lanes_nor_features_change_a_bit(device, key, options):
     assert digest(draw(device, *key, **options)) == GOLDEN[key]
 
