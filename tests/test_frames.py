@@ -14,6 +14,7 @@ from clshade import layout, load, oracle, programs, scenes
 from clshade import scene as scene_module
 from clshade.camera import Camera
 from clshade.checks import compare
+from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
 from clshade.device import Device
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
@@ -121,20 +122,8 @@ def test_the_comparison_notices_another_scene(device):
 # A scene of its own: what follows shares few feature masks
 
 
-LIGHTS = (PointLight((3.0, 4.0, 5.0), (1.0, 0.9, 0.7)), PointLight((-4.0, 1.0, 2.0), (0.2, 0.3, 0.8)))
-CAMERA = Camera((0.3, 0.2, 5.0), (0.05, 0.0, 0.0), (0.0, 1.0, 0.0), 1.3, (1.0, 1.0), (61, 61))
-MATERIAL = Material()  # shared by all meshes: a second one would be another feature mask
 PRESETS = ("standard", "course")
 COURSE_LONG = ("standard", pytest.param("course", marks=pytest.mark.long))
-
-
-def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
-    """Colored triangles of all sizes about the origin, in coordinates that need float64."""
-    rng = np.random.default_rng(seed)
-    verts = rng.normal(size=(count, 1, 3)) + rng.uniform(0.05, 1, (count, 1, 1)) * rng.normal(size=(count, 3, 3))
-    colors = rng.uniform(0, 1, (3 * count, 3))
-    faces = np.arange(3 * count).reshape(-1, 3)
-    return Mesh(verts.reshape(-1, 3), faces, colors=colors, **{"material": MATERIAL, **fields})
 
 
 def blob_scene(**fields: Any) -> Scene:
