@@ -13,7 +13,10 @@ import pytest
 import scene_files
 from devices import working_devices
 
+import clshade
 from clshade import cli, exr, png
+from clshade.commands import render, scene_options
+from clshade.commands.arguments import with_values
 
 ROOT = Path(__file__).resolve().parent.parent
 # With these options the program is the one that test_frames.py builds for the scene.
@@ -32,6 +35,12 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     code = cli.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return code, out, err.splitlines()
+
+
+def scene_of(*arguments: object) -> clshade.Scene:
+    """The scene that a command line of `render` leads to."""
+    given = with_values(["render", *map(str, arguments)])
+    return scene_options.load_scene(cli._parser(given).parse_args(given))
 
 
 def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -88,10 +97,7 @@ def test_options_reach_the_image(tmp_path, capsys):
 
 
 def test_options_reach_the_scene():
-    def scene(*options: str):
-        return cli.load_scene(cli._parser().parse_args(["render", "quads", *options]))
-
-    plain, chosen = scene(), scene("--lights", "1", "--components", "ambient,specular")
+    plain, chosen = scene_of("quads"), scene_of("quads", "--lights", "1", "--components", "ambient,specular")
     assert len(plain.lights) == 2
     assert [light.position.tolist() for light in chosen.lights] == [plain.lights[1].position.tolist()]
     was, now = plain.meshes[0].material, chosen.meshes[0].material
@@ -186,7 +192,7 @@ def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, 
 @pytest.fixture
 def no_loading(monkeypatch):
     """Fails where a scene is loaded: what cannot be saved is refused before."""
-    monkeypatch.setattr(cli, "load_scene", lambda arguments: pytest.fail("a scene was loaded"))
+    monkeypatch.setattr(render, "load_scene", lambda arguments: pytest.fail("a scene was loaded"))
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -260,7 +266,7 @@ def test_interrupted(capsys, monkeypatch):
     def stop(arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "load_scene", stop)
+    monkeypatch.setattr(render, "load_scene", stop)
     code, out, err = run(capsys, *SMALL)
     assert (code, out) == (130, "")
     assert len(err) == 1
@@ -286,7 +292,7 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt())
 if {module!r} == "_signal":  # not imported any more: between the imports and the scene
     import clshade.cli
-    clshade.cli._parser = lambda: signal.raise_signal(signal.SIGINT)
+    clshade.cli._parser = lambda arguments: signal.raise_signal(signal.SIGINT)
 """
     status, err = interrupted(code, tmp_path)
     assert status == 130, err

@@ -11,24 +11,14 @@ import pytest
 from devices import working_devices
 from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
+from test_cli import run, scene_of
 
-from clshade import cli, exr, framing, loading
+from clshade import exr, framing, loading
+from clshade.commands import DONE, render
+from clshade.commands.scene_options import load_scene
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
-
-
-def scene_of(*arguments: object):
-    """The scene that a command line of `render` leads to."""
-    return cli.load_scene(cli._parser().parse_args(cli._with_values(["render", *map(str, arguments)])))
-
-
-def run(capsys, *arguments: object) -> tuple[int, str, list[str]]:
-    """The exit code of a command line, its standard output, and the lines of its standard error."""
-    capsys.readouterr()
-    code = cli.main([str(argument) for argument in arguments])
-    out, err = capsys.readouterr()
-    return code, out, err.splitlines()
 
 
 def test_creases(tmp_path):
@@ -129,14 +119,14 @@ def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
 
 def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
-    monkeypatch.setattr(cli, "_render", lambda arguments: cli.load_scene(arguments) and cli.DONE)
+    monkeypatch.setattr(render, "run", lambda arguments: load_scene(arguments) and DONE)
     code, _, err = run(capsys, "render", path)
     assert code == 0
     assert err == [
         f"clshade: warning: {path}: line 1: mtllib: there is no file 'none.mtl'",
         f"clshade: warning: {path}: usemtl: no library defines the material 'm'",
     ]
-    monkeypatch.setattr(cli, "_render", lambda arguments: warnings.warn("two\nlines", stacklevel=1))
+    monkeypatch.setattr(render, "run", lambda arguments: warnings.warn("two\nlines", stacklevel=1))
     assert run(capsys, "render", path)[2] == ["clshade: warning: two lines"]
 
 

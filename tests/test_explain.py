@@ -10,7 +10,7 @@ import pytest
 from devices import working_devices
 from test_cli import run
 
-from clshade import cli, features, packing, programs
+from clshade import commands, features, packing, programs
 from clshade.checks import explaining
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.frame import Frame, same_bits
@@ -221,7 +221,7 @@ def test_explain_in_the_figures_as_json(tmp_path, capsys):
 @needs_device
 def test_images_that_differ_are_an_exit_code(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(explaining, "same_bits", lambda *_: False)
-    assert run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")[0] == cli.FAILED
+    assert run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")[0] == commands.FAILED
 
 
 def test_every_feature_has_a_name_for_people():

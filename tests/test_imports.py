@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import clshade
-from clshade import layout
+from clshade import cli, layout
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "clshade"
@@ -97,7 +98,7 @@ def test_the_reader_of_imports_sees_what_is_there():
     assert {".scene", ".oracle.shade", ".oracle.vectors"} <= imports("oracle.pixels")
     assert ".cli" in imports("__main__")
     assert "pyopencl" in reaches("renderer")
-    assert ".memory" in reaches("cli")
+    assert ".memory" in reaches("commands.render")
     source = "def f():\n    from ..device import Device\nif TYPE_CHECKING:\n    import pyopencl\n"
     found = [names_of(node, "oracle.made_up", False) for node in import_nodes(ast.parse(source))]
     assert found == [{".device"}]
@@ -152,6 +153,26 @@ def test_only_main_imports_the_command_line():
     assert {name for name in PATHS if ".cli" in imports(name)} == {"__main__"}
 
 
+COMMANDS = [name for name in PATHS if name.split(".")[0] == "commands"]
+
+
+def test_only_the_command_line_imports_commands():
+    """`clshade.commands` and its arguments by name, a command when it is the one that is run."""
+    importers = {name for name in PATHS if any(f".{command}" in imports(name) for command in COMMANDS)}
+    assert importers <= {"cli", *COMMANDS}
+    assert imports("cli") & {f".{name}" for name in COMMANDS} == {".commands", ".commands.arguments"}
+
+
+def test_every_command_is_a_module_of_its_own():
+    shared = {"commands", "commands.arguments", "commands.scene_options"}
+    assert {f"commands.{name}" for name in cli.COMMANDS} == set(COMMANDS) - shared
+    for name in cli.COMMANDS:
+        assert not imports(f"commands.{name}") & {f".commands.{other}" for other in cli.COMMANDS}, name
+        command = importlib.import_module(f"clshade.commands.{name}")
+        assert callable(command.add_options), name
+        assert callable(command.run), name
+
+
 def test_the_renderer_never_sees_the_oracle():
     found = reaches("renderer")
     assert not [name for name in found if name.startswith(".oracle")]
@@ -166,6 +187,7 @@ LEVELS = (
     ("programs",),
     ("stages",),
     ("renderer",),
+    ("commands.render",),
     ("cli",),
     ("__main__",),
 )
@@ -204,6 +226,8 @@ HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy"
         ("import clshade", ()),
         ("import clshade; clshade.Scene, clshade.load, clshade.builtin", ("numpy",)),
         ("import clshade.cli", ()),
+        ("from clshade import cli; [cli._parser([name]) for name in cli.COMMANDS if name != 'render']", ()),
+        ("from clshade import cli; cli._parser(['render'])", ("numpy",)),
     ],
 )
 def test_importing_costs_nothing_that_is_not_used(code, allowed):

@@ -1,0 +1,142 @@
+"""`render`: a scene to OUT.exr and OUT.png."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from . import DONE, FAILED
+from .arguments import CHECKED, device_option
+from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
+
+if TYPE_CHECKING:
+    from ..frame import Frame
+
+
+def _checked(text: str) -> int | str:
+    if text != "all" and not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"expected a number of pixels or all, found {text!r}")
+    return text if text == "all" else int(text)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    scene_options(parser)
+    camera_options(parser)
+    setting_options(parser)
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o", "--output", default="out", metavar="OUT", help="writes OUT.exr and OUT.png (default: out)"
+    )
+    output.add_argument("--tonemap", choices=("none", "srgb", "reinhard", "hable", "aces"), help="of the PNG")
+    output.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
+    output.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
+    output.add_argument("--compression", default="zip", help="of the EXR (default: zip)")
+    output.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    output.add_argument("--stats", action="store_true", help="print all figures as JSON")
+    measured = parser.add_argument_group("measured")
+    measured.add_argument(
+        "--check",
+        nargs="?",
+        const=CHECKED,
+        type=_checked,
+        metavar="PIXELS|all",
+        help=f"the error of this image, of some pixels (default: {CHECKED}) or all, computed again in float64; "
+        "adds the layers Z and id, with `all` also `error`",
+    )
+    measured.add_argument(
+        "--explain", action="store_true", help="what the kernels left out, why, and what that saves: measured"
+    )
+    device_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from threading import Thread
+
+    # The writers' imports cost as much as the rendering: they happen beside it.
+    warming = Thread(target=_import_writers, daemon=True)
+    warming.start()
+    chosen = chosen_settings(arguments)
+    _check_output(arguments)
+    if arguments.check is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    scene = load_scene(arguments)
+    from .. import renderer
+
+    options = {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
+    frame = renderer.render(scene, **options)
+    if arguments.check is not None:
+        from ..checks.checking import check
+
+        check(frame, arguments.check)
+    warming.join()
+    for warning in frame.save(
+        arguments.output,
+        tonemap=arguments.tonemap,
+        exposure=arguments.exposure,
+        half=arguments.half,
+        compression=arguments.compression,
+        deterministic=arguments.deterministic,
+    ):
+        print(f"clshade: warning: {warning}", file=sys.stderr)
+    found: dict[str, Any] = {} if frame.check is None else {"check": frame.check}
+    if arguments.explain:
+        from ..checks.explaining import explain
+
+        found["explain"] = explain(scene, **options)
+    _print_found(frame, found, arguments)
+    return DONE if all(each.passed for each in found.values()) else FAILED
+
+
+def _print_found(frame: Frame, found: dict[str, Any], arguments: argparse.Namespace) -> None:
+    """The figures of a frame, and what `check` and `explain` found, as lines or as JSON."""
+    if arguments.stats:
+        import json
+
+        print(json.dumps({**frame.stats, **{name: each.stats() for name, each in found.items()}}, indent=2))
+        return
+    print(summary(frame, arguments.output))
+    for name, each in found.items():
+        print(f"{name:<8}" + "\n        ".join(each.lines()))
+
+
+def _import_writers() -> None:
+    import OpenEXR  # noqa: F401
+    import PIL.Image  # noqa: F401
+
+
+def _check_output(arguments: argparse.Namespace) -> None:
+    """Refuses before the rendering what could not be saved after it."""
+    from ..frame import check_output
+
+    check_output(
+        arguments.output, tonemap=arguments.tonemap, exposure=arguments.exposure, compression=arguments.compression
+    )
+
+
+def summary(frame: Frame, output: str) -> str:
+    """What was drawn, on what, how long each stage took, and the files: a few lines."""
+    from ..frame import output_paths
+
+    stats = frame.stats
+    times = dict(stats["times_ms"])
+    columns, rows = stats["resolution"]
+    whole = times.pop("frame")
+    fixed = {name: times.pop(name) for name in ("pack", "open", "build", "upload")}
+    shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
+
+    def listed(values: dict[str, float]) -> str:
+        return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
+
+    ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
+    return "\n".join(
+        [
+            f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
+            *ignored,
+            f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
+            f"device  {stats['device']}",
+            f"once    {listed(fixed)} ms",
+            f"frame   {whole:.2f} ms: {listed(times)}",
+            f"wrote   {shown}",
+        ]
+    )

@@ -1,0 +1,135 @@
+"""What a command line says of the scene, its camera and the settings; and the scene that it means."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .arguments import names, numbers
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.loading.load
+COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
+
+
+def scene_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("scene")
+    group.add_argument(
+        "scene",
+        nargs="?",
+        default="teapot",
+        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (teapot)",
+    )
+    group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
+    group.add_argument("--focal", type=float, help="focal length of a course file, scene units")
+    edges = group.add_mutually_exclusive_group()
+    edges.add_argument(
+        "--crease", type=float, metavar="DEGREES", help="edges above this angle are sharp, where a mesh has no normals"
+    )
+    edges.add_argument(
+        "--flat", action="store_true", default=None, help="every face is flat, where a mesh has no normals"
+    )
+    group.add_argument(
+        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="axis that points up (z for STL, else y)"
+    )
+    group.add_argument(
+        "--two-sided",
+        action=argparse.BooleanOptionalAction,
+        help="light both sides of surfaces (default: as glTF files ask, on for OBJ, PLY and STL)",
+    )
+    group.add_argument("--lights", type=numbers(int, None, "indices such as 0,2"), help="use these lights only: 0,2")
+    group.add_argument("--components", type=names(tuple(COMPONENTS)), help="use these only: ambient,diffuse,specular")
+    group.add_argument(
+        "--resolution", type=numbers(int, 2, "two whole numbers such as 800,600"), metavar="W,H", help="pixels"
+    )
+
+
+def camera_options(parser: argparse.ArgumentParser) -> None:
+    point = numbers(float, 3, "three numbers such as 1,2,3")
+    group = parser.add_argument_group("camera (default: the scene's, or chosen from its size)")
+    group.add_argument("--camera-position", type=point, metavar="X,Y,Z", help="the eye, scene units")
+    group.add_argument("--camera-focal-point", type=point, metavar="X,Y,Z", help="what is looked at, scene units")
+    group.add_argument("--camera-view-up", type=point, metavar="X,Y,Z", help="what points up in the image")
+    group.add_argument("--camera-azimuth-angle", type=float, default=0.0, metavar="DEG", help="go round to the right")
+    group.add_argument("--camera-elevation-angle", type=float, default=0.0, metavar="DEG", help="go up")
+    group.add_argument("--camera-view-angle", type=float, metavar="DEG", help="vertical field of view")
+    group.add_argument("--orthographic", action="store_true", help="parallel projection")
+
+
+def setting_options(parser: argparse.ArgumentParser) -> None:
+    from .. import scene
+
+    group = parser.add_argument_group("settings (default: those of the preset)")
+    group.add_argument("--preset", choices=scene.PRESETS, help="course for course files, else standard")
+    group.add_argument("--shader", choices=scene.SHADERS)
+    group.add_argument("--visibility", choices=scene.VISIBILITIES)
+    group.add_argument("--lighting-at", choices=scene.LIGHTING_AT)
+    group.add_argument("--interpolation", choices=scene.INTERPOLATIONS)
+    group.add_argument("--texture-at", choices=scene.TEXTURE_AT)
+    group.add_argument("--ambient", choices=scene.AMBIENTS)
+    group.add_argument("--layers", type=names(scene.LAYERS), help=f"further layers: {','.join(scene.LAYERS)}")
+    group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
+    group.add_argument("--near", type=float, help="near plane, scene units (default: 1e-4 of the scene's radius)")
+    group.add_argument("--precision", choices=("float32",))
+
+
+def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The fields of Settings that were given."""
+    from ..scene import Settings
+
+    given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def load_scene(arguments: argparse.Namespace) -> Scene:
+    """The scene of the command line: a file, or a built-in one where no such file exists."""
+    from .. import scenes, viewpoint
+
+    name = arguments.scene
+    options = {name: getattr(arguments, name) for name in LOAD_OPTIONS if getattr(arguments, name) is not None}
+    if name in scenes.BUILTINS and not Path(name).exists():
+        for option in options:
+            flag = option.replace("_", "-")
+            raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
+        scene = scenes.builtin(name)
+    else:
+        from .. import loading
+
+        scene = loading.load(name, resolution=arguments.resolution, **options)
+    if arguments.lights is not None:
+        scene = _with_lights(scene, arguments.lights)
+    if arguments.components is not None:
+        scene = _with_components(scene, arguments.components)
+    camera = viewpoint.moved(
+        scene.camera,
+        position=arguments.camera_position,
+        focal_point=arguments.camera_focal_point,
+        up=arguments.camera_view_up,
+        azimuth=arguments.camera_azimuth_angle,
+        elevation=arguments.camera_elevation_angle,
+        view_angle=arguments.camera_view_angle,
+        orthographic=arguments.orthographic,
+    )
+    return replace(scene, camera=camera)
+
+
+def _with_lights(scene: Scene, chosen: Sequence[int]) -> Scene:
+    """The scene under the lights of these indices alone."""
+    for index in chosen:
+        if not 0 <= index < len(scene.lights):
+            expected = f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
+            raise InputError(f"--lights: expected {expected}, found {index}")
+    return replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(chosen)))
+
+
+def _with_components(scene: Scene, chosen: Sequence[str]) -> Scene:
+    """The scene with the other coefficients of its materials at 0."""
+    off: dict[str, Any] = {name: 0.0 for component, name in COMPONENTS.items() if component not in chosen}
+    changed = {id(mesh.material): replace(mesh.material, **off) for mesh in scene.meshes}
+    return replace(scene, meshes=tuple(replace(mesh, material=changed[id(mesh.material)]) for mesh in scene.meshes))
