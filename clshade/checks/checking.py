@@ -222,11 +222,11 @@ def _strata(frame: Frame) -> Array:
         strata[_differs(frame["id"])] = STRATA.index("edges")
     inside = covered & ~silhouettes
     red, green, blue = (frame.rgb[..., channel] for channel in range(3))
-    brightness = np.nan_to_num(np.maximum(np.maximum(red, green), blue))
-    count = int(np.count_nonzero(inside))
-    if count:
-        last = count - max(1, int(BRIGHTEST * count))
-        strata[inside & (brightness > np.partition(brightness[inside], last)[last])] = STRATA.index("highlights")
+    at = np.flatnonzero(inside)
+    if len(at):
+        brightness = np.nan_to_num(np.maximum(np.maximum(red, green), blue).ravel()[at])
+        last = len(at) - max(1, int(BRIGHTEST * len(at)))
+        strata.reshape(-1)[at[brightness > np.partition(brightness, last)[last]]] = STRATA.index("highlights")
     strata[silhouettes] = STRATA.index("silhouettes")
     strata[~(np.isfinite(red) & np.isfinite(green) & np.isfinite(blue))] = STRATA.index("not finite")
     return strata

@@ -53,8 +53,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from threading import Thread
 
-    # The writers' imports cost as much as the rendering: they happen beside it.
-    warming = Thread(target=_import_writers, daemon=True)
+    # What comes after the rendering costs as much to import as the rendering takes: it happens beside it.
+    warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
     chosen = chosen_settings(arguments)
     _check_output(arguments)
@@ -100,7 +100,9 @@ def _print_found(frame: Frame, found: dict[str, Any], arguments: argparse.Namesp
         print(f"{name:<8}" + "\n        ".join(each.lines()))
 
 
-def _import_writers() -> None:
+def _import_meanwhile(checked: bool) -> None:
+    if checked:
+        from ..checks import checking  # noqa: F401
     import OpenEXR  # noqa: F401
     import PIL.Image  # noqa: F401
 

@@ -53,7 +53,7 @@ def gather(scene: Scene) -> Corners:
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors turns the corners' order round: what was the front stays the front.
-            turned = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0.0 else [0, 1, 2]
+            turned = slice(None) if np.linalg.det(matrix[:3, :3]) >= 0.0 else [0, 2, 1]
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
             colors.append(mesh_colors[:, turned])

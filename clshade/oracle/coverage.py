@@ -41,8 +41,9 @@ def setup(xy: Array, columns: int, rows: int, cull: bool = False) -> Setup:
     """Area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
     xy = np.asarray(xy, dtype=np.int64)
     area = signed_area(xy)
-    first = -((HALF - xy.min(axis=-2)) // SUBPIXELS)  # the ceiling of (x - HALF) / SUBPIXELS
-    last = (xy.max(axis=-2) - HALF) // SUBPIXELS
+    a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
+    first = -((HALF - np.minimum(np.minimum(a, b), c)) // SUBPIXELS)  # the ceiling of (x - HALF) / SUBPIXELS
+    last = (np.maximum(np.maximum(a, b), c) - HALF) // SUBPIXELS
     first = np.maximum(first, 0)
     last = np.minimum(last, [columns - 1, rows - 1])
     culled = (area == 0) | (last < first).any(axis=-1)
@@ -87,7 +88,9 @@ def top_left(xy: Array) -> Array:
 
 def covered(xy: Array, edges: Array) -> Array:
     """(...) bool: which pixels with edge functions (..., 3) the triangles (..., 3, 2) draw."""
-    inside = (edges > 0) | ((edges == 0) & top_left(xy))
+    inside, touched = edges > 0, edges == 0
+    on_edge = touched[..., 0] | touched[..., 1] | touched[..., 2]  # few pixels: the rule is looked up for these alone
+    inside[on_edge] |= touched[on_edge] & top_left(np.broadcast_to(xy, (*edges.shape[:-1], 3, 2))[on_edge])
     return inside[..., 0] & inside[..., 1] & inside[..., 2]
 
 

@@ -61,7 +61,8 @@ def surfaces(scene: Scene, mesh: Array) -> Surface:
 
 def blend(weights: Array, values: Array) -> Array:
     """Corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
-    return (weights[:, :, None] * values).sum(axis=1)
+    a, b, c = (weights[:, corner, None] * values[:, corner] for corner in range(3))
+    return (a + b) + c
 
 
 @dataclass(frozen=True, eq=False)

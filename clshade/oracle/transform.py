@@ -94,5 +94,5 @@ def near_distance(points: Array, eye: Array, lookat: Array, near: float | None =
         return near
     radius = 0.0
     if len(points):
-        radius = float(0.5 * length(points.max(axis=0) - points.min(axis=0)))
+        radius = float(0.5 * length(np.array([np.ptp(points[:, axis]) for axis in range(3)])))
     return NEAR_FRACTION * (radius or float(length(np.asarray(lookat) - np.asarray(eye))))
