@@ -31,3 +31,12 @@ try:
 except DeviceError as error:
     print("refused", error)
 """
+
+
+# Begins a program of `python -c`. getrusage's peak would begin with that of the process it was forked from.
+PEAK = """
+import re
+def peak():
+    "The most memory that this program has taken, MiB."
+    return int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1]) / 1024
+"""

@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
+from processes import PEAK
 
 from clshade import cli
 from clshade.loading import EXTENSIONS, load
@@ -75,8 +76,8 @@ REFUSED = {
     "self_trunc.glb": (": GLB length: ", "120484"),
     "trimesh_empty_nodes.glb": (": meshes: ", "none"),
 }
-LOAD_ALL = """
-import json, os, re, sys, time, warnings
+LOAD_ALL = f"""{PEAK}
+import json, os, sys, time, warnings
 from clshade.errors import InputError
 from clshade.loading import load
 warnings.simplefilter("ignore")
@@ -86,9 +87,7 @@ for path in sys.argv[1:]:
         verdict = load(path).face_count
     except InputError as error:
         verdict = str(error)
-    # Of this program alone: getrusage's peak begins with that of the process it was forked from.
-    peak = int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1]) / 1024
-    print(json.dumps([os.path.basename(path), verdict, time.perf_counter() - started, peak]), flush=True)
+    print(json.dumps([os.path.basename(path), verdict, time.perf_counter() - started, peak()]), flush=True)
 """
 
 

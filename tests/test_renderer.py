@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from processes import PEAK
 
 import clshade
 from clshade import layout
@@ -115,20 +116,19 @@ def test_a_forked_child_is_told_instead_of_waiting_forever(device):
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
 
 
-GROWTH = """
-import resource, sys
+GROWTH = f"""{PEAK}
 import clshade
 scene = clshade.builtin("icosphere")
 def draw(count):
     for _ in range(count):
         clshade.render(scene, resolution=(32, 32))
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak()
 before = draw(20)
 print((draw(150) - before) / before)
 """
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ru_maxrss is in KiB on Linux only")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc/self/status")
 def test_memory_does_not_grow_with_the_number_of_renderers(device):
     environment = {**os.environ, "CLSHADE_DEVICE": device.index}
     done = subprocess.run([sys.executable, "-c", GROWTH], env=environment, capture_output=True, text=True, timeout=120)
@@ -137,8 +137,7 @@ def test_memory_does_not_grow_with_the_number_of_renderers(device):
     assert float(done.stdout) < 0.01
 
 
-FRAMES = """
-import resource
+FRAMES = f"""{PEAK}
 from dataclasses import replace
 import numpy as np
 import clshade
@@ -149,14 +148,14 @@ with Renderer(scene, layers=("Z", "id")) as renderer:
     def draw(count):
         for k in range(count):
             renderer.render(replace(camera, eye=camera.eye + 1e-3 * np.sin([k, 2.0 * k, 3.0 * k])))
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak()
     before = draw(200)
     print((draw(10_000) - before) / before)
 """
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ru_maxrss is in KiB on Linux only")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc/self/status")
 def test_ten_thousand_frames_in_one_process(device):
     environment = {**os.environ, "CLSHADE_DEVICE": device.index}
     done = subprocess.run([sys.executable, "-c", FRAMES], env=environment, capture_output=True, text=True, timeout=600)
