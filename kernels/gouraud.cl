@@ -92,7 +92,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
 #define LIGHT_ARGUMENTS , corner_light
 #include "tile.clh"
 
-kernel void gouraud(SURFACE_PARAMETERS, TILE_PARAMETERS LIGHT_PARAMETERS)
+ITEM_BY_ITEM kernel void gouraud(SURFACE_PARAMETERS, TILE_PARAMETERS LIGHT_PARAMETERS)
 {
     Inputs in = SURFACE_ARGUMENTS;
     draw_tiles(&in, TILE_ARGUMENTS LIGHT_ARGUMENTS);

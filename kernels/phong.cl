@@ -48,7 +48,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
 #define LIGHT_ARGUMENTS
 #include "tile.clh"
 
-kernel void phong(SURFACE_PARAMETERS, TILE_PARAMETERS)
+ITEM_BY_ITEM kernel void phong(SURFACE_PARAMETERS, TILE_PARAMETERS)
 {
     Inputs in = SURFACE_ARGUMENTS;
     draw_tiles(&in, TILE_ARGUMENTS);

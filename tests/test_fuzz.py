@@ -48,6 +48,14 @@ def test_scenes_on_other_devices(device, opened):
     assert listed(fuzz.scene_failures(device, numbers)) == ""
 
 
+def test_items_that_leave_a_loop_early(device):
+    """Found by the fuzzer: with one pixel to a work-item Intel's runtime read through the pointers of those that had
+    left, and the process crashed, at the first of these scenes."""
+    if "intel" not in device.platform.lower():
+        pytest.skip("only Intel's compiler was wrong")
+    assert listed(fuzz.scene_failures(device, range(4400, 4410))) == ""
+
+
 def test_a_number_is_a_scene():
     """The same number and seed give the same scene, others another; kinds begin again after KINDS blocks."""
     one, again, other = scene_of(123), scene_of(123), scene_of(123, seed=1)
