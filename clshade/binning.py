@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from . import layout
 from .stages import Buffer, Stages, TriangleBuffers
 
 _LEAST_CHUNK = 512  # triangles
@@ -28,7 +27,7 @@ class TileLists:
         self._stages = stages
         self._chunk = self._chunks = 0
         self._counts, self.starts = self._empty(0, np.uint32), self._empty(0, np.uint32)
-        self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, layout.ENTRY)
+        self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, stages.structs.Entry)
 
     def _empty(self, count: int, dtype: Any) -> Buffer:
         return Buffer.empty(self._stages.device, count, dtype)
@@ -69,5 +68,6 @@ class TileLists:
 
     def make_room(self, entries: int) -> None:
         """Makes the lists long enough for so many entries, with a margin for the next camera where memory allows it."""
-        most = self._stages.device.max_allocation // layout.ENTRY.itemsize
-        self.entries = self._empty(max(entries, min(entries + entries // 2, most)), layout.ENTRY)
+        kind = self._stages.structs.Entry
+        most = self._stages.device.max_allocation // kind.itemsize
+        self.entries = self._empty(max(entries, min(entries + entries // 2, most)), kind)

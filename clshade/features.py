@@ -11,6 +11,8 @@ from .scene import Material, Mesh, Scene, Settings
 
 # Choices of the settings and of the input's form; each has its own meaning whether 0 or 1.
 CHOICES = (
+    "FAST",
+    "DOUBLE",
     "PHONG",
     "LIT",
     "DEPTH_TEST",
@@ -164,6 +166,8 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     textured = any(texture_applies(mesh) for mesh in meshes)
     at_corners = textured and settings.texture_at == "vertex"
     choices = {
+        "FAST": settings.precision == "fast",
+        "DOUBLE": settings.precision == "float64",
         "PHONG": settings.shader == "phong",
         "LIT": lit,
         "DEPTH_TEST": settings.visibility == "depth",

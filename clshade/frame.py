@@ -43,17 +43,17 @@ class Frame:
 
     @property
     def rgba(self) -> Array:
-        """(M, N, 4) float32: linear RGB and coverage."""
+        """(M, N, 4) float32, or float64 with precision float64: linear RGB and coverage."""
         return self._rgba
 
     @property
     def rgb(self) -> Array:
-        """(M, N, 3) float32, linear, never clamped; composited over the background where there is one."""
+        """(M, N, 3), linear, never clamped; composited over the background where there is one."""
         return self._rgba[..., :3]
 
     @property
     def alpha(self) -> Array:
-        """(M, N) float32 coverage, 0 to 1."""
+        """(M, N) coverage, 0 to 1."""
         return self._rgba[..., 3]
 
     @property
@@ -69,7 +69,7 @@ class Frame:
         return self._stats
 
     def __getitem__(self, name: str) -> Array:
-        """Layer `Z` (M, N) float32, camera z in scene units, infinity for the background; or `id` (M, N) uint32, the
+        """Layer `Z` (M, N), camera z in scene units, infinity for the background; or `id` (M, N) uint32, the
         face's index plus 1, 0 for the background."""
         if name not in self._layers:
             found = f"{name!r}, and rendered were: {', '.join(self._layers) or 'none'}"

@@ -1,10 +1,12 @@
 """Structs and constants shared by host and kernels, written once; `header()` emits them as OpenCL C.
 
-Members are 4-byte scalars, fixed arrays of them, or 8-byte scalars in front, so that NumPy's packed layout and C's agree;
-`tests/test_layout.py` probes sizes and offsets on every device.
+A `real` is float32, or float64 in kernels of that precision. NumPy aligns members as C does; `tests/test_layout.py` probes
+sizes and offsets on every device.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,14 +51,14 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "depth", 1, "camera z, scene units"),
         ("int", "x", 1, "snapped, 1/256 px; meaningless before the near plane"),
         ("int", "y", 1, "snapped, 1/256 px, up"),
-        ("float", "w", 1, "1/depth, scaled; orthographic: minus the scaled depth"),
-        ("float", "w_low", 1, "what float32 leaves of w"),
+        ("real", "w", 1, "1/depth, scaled; orthographic: minus the scaled depth"),
+        ("real", "w_low", 1, "what rounding leaves of w"),
     ],
     "Triangle": [
         ("int", "x", 3, "snapped corners, 1/256 px"),
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
-        ("float", "w", 3, "1/depth of the corners, scaled"),
-        ("float", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
+        ("real", "w", 3, "1/depth of the corners, scaled"),
+        ("real", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
         ("int", "orientation", 1, "+1 counter-clockwise, -1 clockwise"),
         ("int", "face", 1, "index in the scene's face order"),
         ("int", "piece", 1, "index of the clipped piece, -1 for a whole face"),
@@ -64,39 +66,39 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     ],
     "Bounds": [
         ("short", "box", 4, "first column, first row, last column, last row whose centers the box holds"),
-        ("float", "nearest", 1, "the largest w of the corners"),
+        ("real", "nearest", 1, "the largest w of the corners"),
         ("int", "index", 1, "of the triangle"),
     ],
     "Entry": [
+        ("real", "nearest", 1, "the largest w of its corners"),
         ("int", "index", 1, "of the triangle"),
-        ("float", "nearest", 1, "the largest w of its corners"),
         ("int", "box", 1, "within the tile, 8 bits each: first column, first row, last column, last row"),
     ],
     "Piece": [
         ("double", "key_depth", 1, "the depth it is sorted by, scene units"),
-        ("float", "w", 3, "1/depth of the piece's corners, scaled"),
-        ("float", "w_low", 3, "what float32 leaves of w"),
+        ("real", "w", 3, "1/depth of the piece's corners, scaled"),
+        ("real", "w_low", 3, "what rounding leaves of w"),
         ("int", "x", 3, "snapped corners, 1/256 px"),
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
         ("int", "face", 1, "index in the scene's face order"),
-        ("float", "weights", 9, "row j: the piece's corner j as a mean of the face's corners"),
-        ("float", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
-        ("float", "uv_low", 6, "what float32 leaves of uv"),
+        ("real", "weights", 9, "row j: the piece's corner j as a mean of the face's corners"),
+        ("real", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
+        ("real", "uv_low", 6, "what rounding leaves of uv"),
     ],
     "Light": [
-        ("float", "position", 3, "relative to the eye, world axes, scaled"),
-        ("float", "pad", 1, ""),
-        ("float", "intensity", 3, "linear RGB"),
-        ("float", "pad2", 1, ""),
+        ("real", "position", 3, "relative to the eye, world axes, scaled"),
+        ("real", "pad", 1, ""),
+        ("real", "intensity", 3, "linear RGB"),
+        ("real", "pad2", 1, ""),
     ],
     "Material": [
-        ("float", "ambient", 3, "ka * Ia, linear RGB"),
-        ("float", "n", 1, "specular exponent"),
-        ("float", "kd", 3, "per channel"),
+        ("real", "ambient", 3, "ka * Ia, linear RGB"),
+        ("real", "n", 1, "specular exponent"),
+        ("real", "kd", 3, "per channel"),
         ("int", "texture", 1, "index of the texture, -1 for none"),
-        ("float", "ks", 3, "per channel"),
+        ("real", "ks", 3, "per channel"),
         ("int", "two_sided", 1, "whether a side seen from behind is lit with its normal turned round"),
-        ("float", "alpha_cutoff", 1, "pixels with less alpha are left out; negative for none"),
+        ("real", "alpha_cutoff", 1, "pixels with less alpha are left out; negative for none"),
         ("int", "front_only", 1, "whether only counter-clockwise triangles are drawn"),
         ("int", "pad", 2, ""),
     ],
@@ -115,10 +117,10 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "tiles", 1, "tiles in all"),
         ("int", "lights", 1, "count"),
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
-        ("float", "background", 3, "linear RGB"),
-        ("float", "unscale", 1, "turns a scaled depth into scene units"),
-        ("float", "light_unit", 1, "what light is counted in: a power of two"),
-        ("float", "to_eye", 3, "unit, world axes: against the viewing direction"),
+        ("real", "background", 3, "linear RGB"),
+        ("real", "unscale", 1, "turns a scaled depth into scene units"),
+        ("real", "light_unit", 1, "what light is counted in: a power of two"),
+        ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
     ],
     "Counters": [
         ("int", "visible", 1, "triangles whose keys were written"),
@@ -136,22 +138,47 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     ],
 }
 
-_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "short": "<i2", "ulong": "<u8"}
+_NUMPY = {"double": "<f8", "int": "<i4", "short": "<i2", "ulong": "<u8"}
 
 
-def _dtype(members: list[tuple[str, str, int, str]]) -> np.dtype:
-    return np.dtype([(name, _NUMPY[kind], (count,) if count > 1 else ()) for kind, name, count, _ in members])
+class Structs(NamedTuple):
+    """The structs' NumPy types. real: the scalar type of their members called so."""
+
+    real: type[np.floating]
+    View: np.dtype
+    Vertex: np.dtype
+    Triangle: np.dtype
+    Bounds: np.dtype
+    Entry: np.dtype
+    Piece: np.dtype
+    Light: np.dtype
+    Material: np.dtype
+    Texture: np.dtype
+    Image: np.dtype
+    Counters: np.dtype
 
 
-DTYPES: dict[str, np.dtype] = {name: _dtype(members) for name, members in _STRUCTS.items()}
-VIEW, VERTEX, TRIANGLE, BOUNDS, ENTRY, PIECE, LIGHT, MATERIAL, TEXTURE, IMAGE, COUNTERS = (
-    DTYPES[name] for name in _STRUCTS
-)
+def _structs(real: type[np.floating]) -> Structs:
+    kinds = {**_NUMPY, "real": np.dtype(real).str}
+    types = {
+        struct: np.dtype(
+            [(name, kinds[kind], (count,) if count > 1 else ()) for kind, name, count, _ in members], align=True
+        )
+        for struct, members in _STRUCTS.items()
+    }
+    return Structs(real, **types)
 
 
-def header(with_double: bool = True) -> str:
-    """OpenCL C of all constants and structs. On devices without float64 its bits stand in its place, as ulong."""
-    lines = [f"#define FP64 {int(with_double)}"]
+SINGLE, DOUBLE = _structs(np.float32), _structs(np.float64)
+
+
+def header(*, double_reals: bool = False, with_double: bool = True) -> str:
+    """OpenCL C of all constants and structs.
+
+    double_reals: whether a real is a double. with_double: whether the device has float64; where it has none, the bits of
+    doubles stand in their place, as ulong.
+    """
+    lines = [f"#define FP64 {int(with_double)}", f"typedef {'double' if double_reals else 'float'} real;"]
     lines += [f"#define {name} {value}" for name, value in CONSTANTS.items()]
     for struct, members in _STRUCTS.items():
         lines.append("typedef struct {")

@@ -25,9 +25,9 @@ class Pool:
         while len(self._held) > self._shapes:
             del self._held[next(iter(self._held))]
         for buffer, idle_references in held:
-            if sys.getrefcount(buffer.array) <= idle_references:
+            if sys.getrefcount(buffer.owner) <= idle_references:
                 return buffer
         buffer = Buffer.empty(self._device, shape, dtype)
         if len(held) < self._keep:
-            held.append((buffer, sys.getrefcount(buffer.array)))
+            held.append((buffer, sys.getrefcount(buffer.owner)))
         return buffer

@@ -12,8 +12,11 @@ import numpy as np
 from . import layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, texture_applies
 from .geometry import vertex_normals
+from .layout import Structs
 from .scene import Material, Mesh, Scene, Settings, Texture
 from .validation import Array
+
+Real = type[np.floating]
 
 _WRAPS = {
     "repeat": layout.CONSTANTS["WRAP_REPEAT"],
@@ -27,9 +30,10 @@ _LOOKUPS = {"standard": layout.CONSTANTS["LOOKUP_STANDARD"], "course": layout.CO
 class Packed:
     """What stays on the device between frames. Arrays that the features leave out are None.
 
-    positions: (V, 3) world space, float32 or float64. faces: (F, 3) int32. normals: (K, 4) float32, unit or 0.
-    normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) float32. uvs: (T, 4) float32, u and v and what float32 leaves
-    of them. face_materials: (F,) int32. materials, textures: tables of layout's structs. texels: (X, 4) float32.
+    A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
+    int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
+    reals, u and v and what rounding leaves of them. face_materials: (F,) int32. materials, textures: tables of layout's
+    structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
     in it too.
@@ -98,19 +102,19 @@ def _turned(index: Array, matrix: Array | None) -> Array:
     return np.ascontiguousarray(index[:, [0, 2, 1]]) if mirrors(matrix) else index
 
 
-def _four(vectors: Array) -> Array:
-    wide = np.zeros((len(vectors), 4), np.float32)
+def _four(vectors: Array, real: Real) -> Array:
+    wide = np.zeros((len(vectors), 4), real)
     wide[:, : vectors.shape[1]] = vectors
     return wide
 
 
-def split(values: Array) -> Array:
-    """(K, 2) float64 -> (K, 4) float32: rounded, and what that leaves. Values that are not finite become 0."""
+def split(values: Array, real: Real = np.float32) -> Array:
+    """(K, 2) float64 -> (K, 4) reals: rounded, and what that leaves. Values that are not finite become 0."""
     values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
     # Whole numbers beyond 2^24 have no texel of their own left; keep the arithmetic finite.
     values = np.clip(values, -(2.0**40), 2.0**40)
-    rounded = values.astype(np.float32)
-    return np.concatenate([rounded, (values - rounded).astype(np.float32)], axis=1)
+    rounded = values.astype(real)
+    return np.concatenate([rounded, (values - rounded).astype(real)], axis=1)
 
 
 def _join(parts: list[Array], dtype: type | None = None) -> Array:
@@ -127,12 +131,14 @@ def _shifted(parts: list[tuple[Array, int]]) -> Array:
     return _join(moved, np.int32)
 
 
-def material_table(materials: list[Material], textures: list[Texture], ambient: Array) -> Array:
-    """layout.MATERIAL rows. Coefficients beyond float32 saturate."""
-    table = np.zeros(len(materials), layout.MATERIAL)
+def material_table(
+    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = layout.SINGLE
+) -> Array:
+    """Rows of structs.Material. Coefficients beyond a real saturate."""
+    table = np.zeros(len(materials), structs.Material)
     for row, material in zip(table, materials, strict=True):
         for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
-            row[name] = to_float32(value)
+            row[name] = to_real(value, structs.real)
         row["n"] = material.n
         row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
         row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
@@ -152,11 +158,11 @@ def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array
     return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
 
 
-def to_float32(values: Array) -> Array:
-    """Rounded to float32; beyond its range the largest finite value, below its normal range 0."""
-    info = np.finfo(np.float32)
+def to_real(values: Array, real: Real = np.float32) -> Array:
+    """Rounded to a real; beyond its range the largest finite value, below its normal range 0."""
+    info = np.finfo(real)
     values = np.clip(np.asarray(values, np.float64), float(info.min), float(info.max))
-    return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(np.float32)
+    return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(real)
 
 
 def scale_for(extent: float) -> float:
@@ -174,8 +180,8 @@ def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
 
 
 def texture_tables(textures: list[Texture]) -> tuple[Array, Array]:
-    """layout.TEXTURE rows and the texels of all textures behind each other, (X, 4) float32."""
-    table = np.zeros(len(textures), layout.TEXTURE)
+    """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32."""
+    table = np.zeros(len(textures), layout.SINGLE.Texture)
     offset, parts = 0, []
     for row, texture in zip(table, textures, strict=True):
         height, width, _ = texture.image.shape
@@ -206,8 +212,8 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 class _Gatherer:
     """Collects the arrays of the placed meshes, one after the other."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+    def __init__(self, scene: Scene, structs: Structs) -> None:
+        self.scene, self._structs = scene, structs
         self.parts: dict[str, list] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
@@ -236,7 +242,7 @@ class _Gatherer:
                 own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
             else:
                 own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
-            parts.append(_four(own))
+            parts.append(_four(own, self._structs.real))
             index.append((own_faces, len(own)))
         return _join(parts), _shifted(index) if indexed else None
 
@@ -245,7 +251,7 @@ class _Gatherer:
         for mesh, _, verts, _, kept in self.placed:
             white = mesh.colors is None or replaces_colors(mesh)
             own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
-            parts.append(_four(to_float32(own * mesh.material.color)))
+            parts.append(_four(to_real(own * mesh.material.color, self._structs.real), self._structs.real))
         return _join(parts)
 
     def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
@@ -257,7 +263,7 @@ class _Gatherer:
                 own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)
             else:
                 own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
-            parts.append(split(own))
+            parts.append(split(own, self._structs.real))
             index.append((own_faces, len(own)))
         return _join(parts), _shifted(index) if indexed else None
 
@@ -280,7 +286,9 @@ class _Gatherer:
         return light_unit(self.materials.values(), intensities, self.scene.ambient, brightest)
 
     def material_table(self, ambient_unit: float) -> Array:
-        return material_table(list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit)
+        return material_table(
+            list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit, self._structs
+        )
 
     def face_textures(self) -> Array:
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
@@ -289,7 +297,8 @@ class _Gatherer:
 
 def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packed:
     """The arrays a render of `scene` under `settings` needs, and the features they imply."""
-    gatherer = _Gatherer(scene)
+    structs = layout.DOUBLE if settings.precision == "float64" else layout.SINGLE
+    gatherer = _Gatherer(scene, structs)
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))

@@ -18,9 +18,9 @@ def _snap(pixels: Array) -> Array:
 
 
 def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
-    """Fills `vertices` (V,) layout.VERTEX and `relative` (V, 4) float32 from positions (V, 3), world space.
+    """Fills `vertices` (V,) layout.SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space.
 
-    view: one row of layout.VIEW.
+    view: one row of layout.SINGLE.View.
     """
     d = positions.astype(np.float64) - view["eye"]
     m = view["axes"]

@@ -104,6 +104,7 @@ class Renderer:
         self.device = device
         opened_at = time.perf_counter()
         self.stages = scene_stages(self.device, self.features, lanes)
+        self._structs = self.stages.structs
         built_at = time.perf_counter()
         self._pool = Pool(self.device)
         self._upload(packed)
@@ -147,18 +148,18 @@ class Renderer:
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None)
         sides = self._attributes.face_materials, self._attributes.materials
         self._sides = sides if self.features["SIDES"] else (None, None)
-        self._vertices = VertexBuffers(device, self._vertex_count)
-        self._made = TriangleBuffers(device, self._face_count, 0)
-        self._view = Buffer(device, np.zeros(1, layout.VIEW))
-        self._image = Buffer(device, np.zeros(1, layout.IMAGE))
+        self._vertices = VertexBuffers(device, self._vertex_count, self._structs)
+        self._made = TriangleBuffers(device, self._face_count, 0, self._structs)
+        self._view = Buffer(device, np.zeros(1, self._structs.View))
+        self._image = Buffer(device, np.zeros(1, self._structs.Image))
         lights = [light for light in self.scene.lights if light.intensity.any()]
-        self._lights = Buffer(device, np.zeros(max(len(lights), 1), layout.LIGHT))
+        self._lights = Buffer(device, np.zeros(max(len(lights), 1), self._structs.Light))
         self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
         self._light_count = len(lights)
         intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
         self._light_unit = packed.light_unit
-        self._light_intensities = packing.to_float32(intensities / self._light_unit)
-        self._pieces = Buffer.empty(device, 0, layout.PIECE)
+        self._light_intensities = packing.to_real(intensities / self._light_unit, self._structs.real)
+        self._pieces = Buffer.empty(device, 0, self._structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
@@ -167,7 +168,7 @@ class Renderer:
         """(3F, 4) colors of texture_at vertex: the texel at each corner, times the vertex color."""
         colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
         rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
-        looked_up = Buffer.empty(self.device, (len(rows), 4), np.float32)
+        looked_up = Buffer.empty(self.device, (len(rows), 4), self._structs.real)
         uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
         texture_of = Buffer(self.device, packed.corner_textures[rows])  # type: ignore[index]
         textures, texels = (Buffer(self.device, np.asarray(table)) for table in (packed.textures, packed.texels))
@@ -211,8 +212,8 @@ class Renderer:
             image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
             if self.scene.background is not None:
-                image["background"] = packing.to_float32(self.scene.background)
-            image["unscale"] = packing.to_float32(np.float64(1.0) / self._scale)
+                image["background"] = packing.to_real(self.scene.background, self._structs.real)
+            image["unscale"] = packing.to_real(np.float64(1.0) / self._scale, self._structs.real)
             image["light_unit"] = self._light_unit
             image["to_eye"] = -self._axes[2]
 
@@ -239,7 +240,7 @@ class Renderer:
                 limit = f"at most {1 << layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
-                self._made = TriangleBuffers(self.device, self._face_count, count + count // 2)
+                self._made = TriangleBuffers(self.device, self._face_count, count + count // 2, self._structs)
                 return self._setup(camera, events)
             if count:
                 self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count, self._sides)
@@ -254,7 +255,7 @@ class Renderer:
         d = self._positions.array[corners].astype(np.float64) - camera.eye
         points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self._axes], axis=-1)
         cut = clipping.clip(points, camera, self._near)
-        table = np.zeros(len(cut.source), layout.PIECE)
+        table = np.zeros(len(cut.source), self._structs.Piece)
         z = points[..., 2]
         if self.features["DEPTH_TEST"]:
             table["key_depth"] = cut.points[..., 2].min(axis=1)
@@ -262,7 +263,7 @@ class Renderer:
             table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
         z_scaled = np.minimum(cut.points[..., 2] * self._scale, layout.MOST_DEPTH)
         w = -z_scaled if camera.orthographic else 1.0 / z_scaled
-        table["w"], table["w_low"] = w, w - w.astype(np.float32)
+        table["w"], table["w_low"] = w, w - w.astype(self._structs.real)
         snapped = clipping.snap(clipping.image_positions(cut.points, camera))
         table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
         table["face"] = faces[cut.source]
@@ -270,7 +271,7 @@ class Renderer:
         if self._uvs_host[0] is not None:
             parts = self._uvs_host[0][self._uvs_host[1][faces]].astype(np.float64)
             uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)
-            table["uv"], table["uv_low"] = uv, uv - uv.astype(np.float32)
+            table["uv"], table["uv_low"] = uv, uv - uv.astype(self._structs.real)
         self._pieces = Buffer(self.device, table)
         return len(table)
 
@@ -307,7 +308,7 @@ class Renderer:
             return
         if self.features["LIT"] and visible:
             if self._corner_light is None or len(self._corner_light.array) < 3 * len(triangles.array):
-                self._corner_light = Buffer.empty(self.device, (3 * len(triangles.array), 4), np.float32)
+                self._corner_light = Buffer.empty(self.device, (3 * len(triangles.array), 4), self._structs.real)
             events["gouraud_corners"] = self.stages.gouraud_corners(surface, self._order, self._corner_light, visible)
         events["gouraud"] = self.stages.gouraud(surface, tile, self._corner_light, tiles)
 
@@ -324,7 +325,7 @@ class Renderer:
         if owners is None:
             return found
         for name in self.settings.layers:
-            kind = np.uint32 if name == "id" else np.float32
+            kind = np.uint32 if name == "id" else self._structs.real
             buffer = self._pool.take((rows, columns), kind)
             if name == "id":
                 events["layer_id"] = self.stages.layer_id(owners, self._made.triangles, buffer, rows * columns)
@@ -359,7 +360,7 @@ class Renderer:
         start = time.perf_counter()
         self._host: dict[str, float] = {}
         events: dict[str, Any] = {}
-        rgba = self._pool.take((rows, columns, 4), np.float32)
+        rgba = self._pool.take((rows, columns, 4), self._structs.real)
         owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
         self._set_view(camera)
         visible = self._setup(camera, events)

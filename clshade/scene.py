@@ -22,6 +22,7 @@ LIGHTING_AT = ("centroid", "position")
 INTERPOLATIONS = ("affine", "perspective")
 TEXTURE_AT = ("vertex", "pixel")
 AMBIENTS = ("plain", "tinted")
+PRECISIONS = ("fast", "float32", "float64")
 LAYERS = ("Z", "id")
 WRAPS = ("repeat", "clamp", "mirror")
 LOOKUPS = ("standard", "course")
@@ -269,7 +270,8 @@ class Settings:
     layers: further layers besides the image, any of `Z`, `id`.
     cull: leave out triangles that are seen from behind (clockwise in the image).
     near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
-    precision: arithmetic of the kernels: float32.
+    precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
+        and contracted operations, right to about 1e-5. `float64`: the image is float64 then; not every device has it.
     """
 
     shader: str = "phong"
@@ -291,7 +293,7 @@ class Settings:
         choice(who, "interpolation", self.interpolation, INTERPOLATIONS)
         choice(who, "texture_at", self.texture_at, TEXTURE_AT)
         choice(who, "ambient", self.ambient, AMBIENTS)
-        choice(who, "precision", self.precision, ("float32",))
+        choice(who, "precision", self.precision, PRECISIONS)
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
             raise refuse(who, "layers", f"names of {', '.join(LAYERS)}", self.layers)

@@ -57,11 +57,11 @@ class _Lit:
         )
         scale = packing.scale_for(reach(around))
         self.relative = np.zeros((1, 4), np.float32)
-        self.relative[0, :3] = packing.to_float32((around.point - around.eye) * scale)
-        lights = np.zeros(max(self.count, 1), layout.LIGHT)
+        self.relative[0, :3] = packing.to_real((around.point - around.eye) * scale)
+        lights = np.zeros(max(self.count, 1), layout.SINGLE.Light)
         if self.count:
             lights["position"] = packing.relative_lights(around.positions[shining], around.eye, scale)
-            lights["intensity"] = packing.to_float32(around.intensities[shining] / self.unit)
+            lights["intensity"] = packing.to_real(around.intensities[shining] / self.unit)
         self.lights = Buffer(device, lights)
         self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
 
@@ -77,7 +77,7 @@ def _light_stages(device: Device, features: Features) -> Stages:
 
 def _four(device: Device, vectors: Array) -> Buffer:
     wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = packing.to_float32(vectors)
+    wide[:, :3] = packing.to_real(vectors)
     return Buffer(device, wide)
 
 
@@ -147,15 +147,15 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
 
 
 def _pieces(corners: Array) -> Array:
-    """layout.PIECE rows of a triangle (3, 2) in image coordinates: itself, or what the guard band leaves of it."""
+    """layout.SINGLE.Piece rows of a triangle (3, 2) in image coordinates: itself, or what the guard band leaves of it."""
     if (np.abs(corners) <= layout.GUARD_PIXELS).all():
-        table = np.zeros(1, layout.PIECE)
+        table = np.zeros(1, layout.SINGLE.Piece)
         snapped = np.rint(corners * _SUBPIXELS)
         table["x"], table["y"], table["weights"] = snapped[:, 0], snapped[:, 1], np.eye(3).reshape(-1)
     else:
         polygon = _clipped(corners)
         fan = [[polygon[0], polygon[i], polygon[i + 1]] for i in range(1, len(polygon) - 1)]
-        table = np.zeros(len(fan), layout.PIECE)
+        table = np.zeros(len(fan), layout.SINGLE.Piece)
         for row, piece in zip(table, fan, strict=True):
             row["x"], row["y"] = ([round(corner[axis] * _SUBPIXELS) for corner in piece] for axis in (0, 1))
             row["weights"] = [float(weight) for corner in piece for weight in corner[2:]]
@@ -211,7 +211,7 @@ def _draw(
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
     stages = scene_stages(device, _features(shader, around))
     lit = _Lit(device, around, attributes[1])
-    table = np.zeros(1, layout.IMAGE)
+    table = np.zeros(1, layout.SINGLE.Image)
     table["columns"], table["rows"] = columns, rows = resolution
     table["tiles_x"] = -(-columns // layout.TILE_SIZE)
     table["tiles"] = tiles = -(-columns // layout.TILE_SIZE) * -(-rows // layout.TILE_SIZE)

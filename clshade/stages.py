@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -19,9 +20,10 @@ from .validation import Array
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
-_GEOMETRY_FEATURES = {"DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
+_GEOMETRY_FEATURES = {"DOUBLE", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _FLAGS = cl.mem_flags
+_ALIGNMENT = 64  # bytes: of a vector of 16 float32; kernels read four float64 at once, which NumPy does not align
 
 
 # face_materials and materials, where a material may be drawn from the front only.
@@ -46,6 +48,14 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
     return written and bool((seen == 9).all())
 
 
+def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
+    """An array of arbitrary content, its first byte where the widest vectors may begin."""
+    size = math.prod(shape) * dtype.itemsize
+    raw = np.empty(size + _ALIGNMENT, np.uint8)
+    start = -raw.ctypes.data % _ALIGNMENT
+    return raw[start : start + size].view(dtype).reshape(shape)
+
+
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
@@ -55,7 +65,11 @@ class Buffer:
     def __init__(self, device: Device, array: Array) -> None:
         self._queue = device.queue
         self._shared = device.is_cpu and _coherent(device.context, device.queue)
-        self.array = np.ascontiguousarray(array)
+        array = np.ascontiguousarray(array)
+        if array.dtype == np.float64 and array.shape[-1] == 4 and array.ctypes.data % _ALIGNMENT:
+            array, given = _aligned(array.shape, array.dtype), array
+            array[:] = given
+        self.array = array
         size = self.array.nbytes
         if size > device.max_allocation:
             raise DeviceError(
@@ -73,7 +87,12 @@ class Buffer:
 
     @classmethod
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
-        return cls(device, np.empty(shape, dtype))
+        return cls(device, _aligned(shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)))
+
+    @property
+    def owner(self) -> Array:
+        """The array that owns the memory: views of `array` refer to it."""
+        return self.array if self.array.base is None else self.array.base
 
     @contextlib.contextmanager
     def writing(self, count: int | None = None) -> Iterator[Array]:
@@ -106,7 +125,7 @@ def scene_stages(device: Device, features: Features, lanes: int | None = None) -
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
     """The stages that look textures up at given places."""
-    return Stages(device, build(device, features.only(()), ("bilerp.cl",), lanes=lanes))
+    return Stages(device, build(device, features.only(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
 class Stages:
@@ -118,6 +137,7 @@ class Stages:
 
     def __init__(self, device: Device, *programs: Program) -> None:
         self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
+        self.structs = layout.DOUBLE if self._features["DOUBLE"] else layout.SINGLE
         self._programs = {name: program for program in programs for name in program.kernels}
         self._dummy = Buffer(device, np.zeros(64, np.uint8))
 
@@ -128,7 +148,7 @@ class Stages:
             else self._dummy.memory
             if argument is None
             else argument
-            if isinstance(argument, np.float32)
+            if isinstance(argument, np.floating)
             else np.int32(argument)
             for argument in arguments
         ]
@@ -245,7 +265,7 @@ class Stages:
     ) -> cl.Event:
         items = -(-count // self.lanes)
         inputs = (points, normals, colors, materials, lights)
-        return self._launch("light", (items,), (1,), *inputs, lit, np.float32(unit), light_count, count)
+        return self._launch("light", (items,), (1,), *inputs, lit, self.structs.real(unit), light_count, count)
 
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
@@ -255,21 +275,21 @@ class Stages:
 
 
 class VertexBuffers:
-    """What `project` writes per vertex: projected (V,) layout.VERTEX, relative (V, 4) float32."""
+    """What `project` writes per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
 
-    def __init__(self, device: Device, count: int) -> None:
-        self.projected = Buffer.empty(device, count, layout.VERTEX)
-        self.relative = Buffer.empty(device, (count, 4), np.float32)
+    def __init__(self, device: Device, count: int, structs: layout.Structs = layout.SINGLE) -> None:
+        self.projected = Buffer.empty(device, count, structs.Vertex)
+        self.relative = Buffer.empty(device, (count, 4), structs.real)
 
 
 class TriangleBuffers:
     """What `setup` and `setup_pieces` write: triangles and sort keys, room for `faces` and `pieces` of them."""
 
-    def __init__(self, device: Device, faces: int, pieces: int) -> None:
+    def __init__(self, device: Device, faces: int, pieces: int, structs: layout.Structs = layout.SINGLE) -> None:
         self.piece_capacity = pieces
-        self.triangles = Buffer.empty(device, faces + pieces, layout.TRIANGLE)
-        self.bounds = Buffer.empty(device, faces + pieces, layout.BOUNDS)
-        self.sorted_bounds = Buffer.empty(device, faces + pieces, layout.BOUNDS)
+        self.triangles = Buffer.empty(device, faces + pieces, structs.Triangle)
+        self.bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
+        self.sorted_bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
         self.keys = Buffer.empty(device, faces + pieces, np.uint64)
         self.to_clip = Buffer.empty(device, faces, np.int32)
-        self.counters = Buffer(device, np.zeros(1, layout.COUNTERS))
+        self.counters = Buffer(device, np.zeros(1, structs.Counters))

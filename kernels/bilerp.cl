@@ -2,17 +2,17 @@
 #include "texture.clh"
 
 // A work-item takes LANES lookups.
-kernel void bilerp(global const float4 *uvs,               // K, u, v and what float32 leaves of them
+kernel void bilerp(global const real4 *uvs,               // K, u, v and what rounding leaves of them
                    global const int *texture_of,           // K, texture of each lookup
                    global const Texture *textures,
                    global const float4 *texels,            // of all textures, linear RGB
-                   global float4 *colors,                  // K, linear RGB
+                   global real4 *colors,                  // K, linear RGB
                    int count)                              // K
 {
     int first = get_global_id(0) * LANES;
     int last_taken = -1;
     colors3 color;
-    float r[LANES], g[LANES], b[LANES], u[LANES], v[LANES], u_low[LANES], v_low[LANES];
+    real r[LANES], g[LANES], b[LANES], u[LANES], v[LANES], u_low[LANES], v_low[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         int i = min(first + lane, count - 1);
         u[lane] = uvs[i].x, v[lane] = uvs[i].y;
@@ -28,6 +28,6 @@ kernel void bilerp(global const float4 *uvs,               // K, u, v and what f
             STORE_LANES(color.b, b);
             last_taken = texture;
         }
-        colors[first + lane] = (float4)(r[lane], g[lane], b[lane], 0.0f);
+        colors[first + lane] = (real4)(r[lane], g[lane], b[lane], 0.0f);
     }
 }

@@ -110,7 +110,7 @@ kernel void bin_fill(global const Triangle *triangles,   // F + C
         FOR_TILES_OF(b, tile) {
             int4 corner = (int4)(tile_x, tile_y, tile_x, tile_y) * TILE_SIZE;
             int4 part = clamp(box - corner, 0, TILE_SIZE - 1);
-            Entry e = {b.index, b.nearest, part.x | part.y << 8 | part.z << 16 | part.w << 24};
+            Entry e = {b.nearest, b.index, part.x | part.y << 8 | part.z << 16 | part.w << 24};
             lists[own[tile]++] = e;
         }
     }

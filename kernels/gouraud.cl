@@ -7,7 +7,7 @@
 // The light of the three corners of each visible triangle, without the `plain` ambient term. A work-item takes LANES of them.
 kernel void gouraud_corners(SURFACE_PARAMETERS,
                             global const uint *order,       // T, visible triangles
-                            global float4 *corner_light,    // (F + C) x 3, linear RGB, written for visible triangles
+                            global real4 *corner_light,    // (F + C) x 3, linear RGB, written for visible triangles
                             int count)                      // T
 {
     Inputs inputs = SURFACE_ARGUMENTS;
@@ -24,18 +24,18 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #endif
     }
     for (int k = 0; k < 3; ++k) {
-        float p[3][LANES], n[3][LANES], c[3][LANES];
+        real p[3][LANES], n[3][LANES], c[3][LANES];
         for (int lane = 0; lane < LANES; ++lane) {
 #if CENTROID
-            float4 at = centroid_of(in, face[lane]);
+            real4 at = centroid_of(in, face[lane]);
 #else
-            float4 at = in->relative[in->faces[3 * face[lane] + k]];
+            real4 at = in->relative[in->faces[3 * face[lane] + k]];
 #endif
-            float4 normal = side_of(in, in->triangles + taken[lane]) * in->normals[normal_index(in, face[lane], k)];
+            real4 normal = side_of(in, in->triangles + taken[lane]) * in->normals[normal_index(in, face[lane], k)];
 #if VERTEX_COLORS || CORNER_COLORS
-            float4 color = in->colors[color_index(in, face[lane], k)];
+            real4 color = in->colors[color_index(in, face[lane], k)];
 #else
-            float4 color = (float4)(1.0f);
+            real4 color = (real4)(1.0f);
 #endif
             p[0][lane] = at.x, p[1][lane] = at.y, p[2][lane] = at.z;
             n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
@@ -49,12 +49,12 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         STORE_LANES(color.g, c[1]);
         STORE_LANES(color.b, c[2]);
         for (int lane = 0; lane < LANES && first + lane < count; ++lane)
-            corner_light[3 * taken[lane] + k] = (float4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
+            corner_light[3 * taken[lane] + k] = (real4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
     }
 }
 #endif
 
-colors3 light_block(const Inputs *in, ints owner, int column, int row, global const float4 *corner_light)
+colors3 light_block(const Inputs *in, ints owner, int column, int row, global const real4 *corner_light)
 {
     colors3 color = {1.0f, 1.0f, 1.0f};
     Surface surface = surface_of(in->materials);
@@ -68,7 +68,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
         int face = t->face;
 #if LIT
         Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
-        global const float4 *c = corner_light + 3 * index;
+        global const real4 *c = corner_light + 3 * index;
         put_color(&color, mine, mix_vectors(m, c[0], c[1], c[2]));
 #if MATERIALS
         put_surface(&surface, mine, material_of(in, face));
@@ -88,7 +88,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
     return color;
 }
 
-#define LIGHT_PARAMETERS , global const float4 *corner_light  // (F + C) x 3, from gouraud_corners
+#define LIGHT_PARAMETERS , global const real4 *corner_light  // (F + C) x 3, from gouraud_corners
 #define LIGHT_ARGUMENTS , corner_light
 #include "tile.clh"
 

@@ -12,7 +12,7 @@ kernel void layer_id(global const int *owners,            // M x N, from the pix
         ids[i] = owners[i] < 0 ? 0 : triangles[owners[i]].face + 1;
 }
 
-float depth_of(float w)
+real depth_of(real w)
 {
     return ORTHOGRAPHIC ? -w : 1.0f / w;
 }
@@ -21,7 +21,7 @@ float depth_of(float w)
 kernel void layer_z(global const int *owners,            // M x N, from the pixel stage
                     global const Triangle *triangles,    // F + C, from setup
                     global const Image *image,           // 1
-                    global float *depths,                // M x N
+                    global real *depths,                // M x N
                     int count)                           // M * N
 {
     int i = get_global_id(0);

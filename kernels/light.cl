@@ -2,17 +2,17 @@
 #include "surface.clh"
 
 // A work-item takes LANES points.
-kernel void light(global const float4 *points,        // K, relative to the eye, world axes, scaled
-                  global const float4 *normals,       // K, unit or 0, world axes
-                  global const float4 *colors,        // K, linear RGB
+kernel void light(global const real4 *points,        // K, relative to the eye, world axes, scaled
+                  global const real4 *normals,       // K, unit or 0, world axes
+                  global const real4 *colors,        // K, linear RGB
                   global const Material *materials,   // 1
                   global const Light *lights,
-                  global float4 *lit,                 // K, linear RGB
-                  float unit,                         // of the lights' intensities
+                  global real4 *lit,                 // K, linear RGB
+                  real unit,                         // of the lights' intensities
                   int light_count, int count)         // K
 {
     int first = get_global_id(0) * LANES;
-    float p[3][LANES], n[3][LANES], c[3][LANES];
+    real p[3][LANES], n[3][LANES], c[3][LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         int i = min(first + lane, count - 1);
         p[0][lane] = points[i].x, p[1][lane] = points[i].y, p[2][lane] = points[i].z;
@@ -29,5 +29,5 @@ kernel void light(global const float4 *points,        // K, relative to the eye,
     STORE_LANES(color.g, c[1]);
     STORE_LANES(color.b, c[2]);
     for (int lane = 0; lane < LANES && first + lane < count; ++lane)
-        lit[first + lane] = (float4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
+        lit[first + lane] = (real4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
 }

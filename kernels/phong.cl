@@ -16,14 +16,14 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
         int face = t->face;
         Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
 #if DIFFUSE || SPECULAR
-        float side = side_of(in, t);
+        real side = side_of(in, t);
         put_vector(&normal, mine,
                    mix_vectors(m, side * in->normals[normal_index(in, face, 0)],
                                side * in->normals[normal_index(in, face, 1)],
                                side * in->normals[normal_index(in, face, 2)]));
         global const int *v = in->faces + 3 * face;
 #if CENTROID
-        float4 centroid = centroid_of(in, face);
+        real4 centroid = centroid_of(in, face);
         put_vector(&point, mine, mix_vectors(m, centroid, centroid, centroid));
 #else
         put_vector(&point, mine, mix_vectors(m, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));

@@ -1,6 +1,6 @@
 // Vertices from world space to snapped image positions, in float64. Where the device has none, clshade/projection.py
 // does the same on the host.
-#include "features.clh"
+#include "reals.clh"
 
 #if FP64
 
@@ -19,16 +19,16 @@ int snap(double pixels)
 }
 
 // A scaled coordinate, held to what float32 takes; only vertices far out of sight need it.
-float held(double scaled)
+real held(double scaled)
 {
     scaled = scaled < MOST_LENGTH ? scaled : MOST_LENGTH;
-    return (float)(scaled > -MOST_LENGTH ? scaled : -MOST_LENGTH);
+    return (real)(scaled > -MOST_LENGTH ? scaled : -MOST_LENGTH);
 }
 
 kernel void project(global const position_t *positions,  // V x 3, world space
                     global const View *view,             // 1
                     global Vertex *vertices,             // V
-                    global float4 *relative,             // V, eye-relative, world axes, scaled
+                    global real4 *relative,             // V, eye-relative, world axes, scaled
                     int count)                           // V
 {
     int i = get_global_id(0);
@@ -54,10 +54,10 @@ kernel void project(global const position_t *positions,  // V x 3, world space
         v.y = snap(((view->focal * y) / (z * view->plane_height) + view->principal[1]) * view->rows);
         double w = 1.0 / depth;
 #endif
-        v.w = (float)w;
-        v.w_low = (float)(w - (double)v.w);
+        v.w = (real)w;
+        v.w_low = (real)(w - (double)v.w);
     }
     vertices[i] = v;
-    relative[i] = (float4)(held(dx * view->scale), held(dy * view->scale), held(dz * view->scale), 0.0f);
+    relative[i] = (real4)(held(dx * view->scale), held(dy * view->scale), held(dz * view->scale), 0.0f);
 }
 #endif

@@ -82,7 +82,7 @@ INLINE Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int fr
     if (across.x > across.y || up.x > up.y)
         return OFF_SCREEN;
     t->orientation = area > 0 ? 1 : -1;
-    t->inverse_area = (float)(1 << SUBPIXEL_BITS) / (float)(area > 0 ? area : -area);
+    t->inverse_area = (real)(1 << SUBPIXEL_BITS) / (real)(area > 0 ? area : -area);
     bounds->box[0] = across.x;
     bounds->box[1] = up.x;
     bounds->box[2] = across.y;

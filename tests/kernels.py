@@ -71,8 +71,8 @@ class Probe:
 
 
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
-    """layout.VIEW of a camera; the axes are the oracle's."""
-    view = np.zeros(1, layout.VIEW)
+    """layout.SINGLE.View of a camera; the axes are the oracle's."""
+    view = np.zeros(1, layout.SINGLE.View)
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
     view["plane_height"], view["plane_width"] = camera.plane
@@ -82,8 +82,8 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> 
 
 
 def image_of(device: Device, resolution: tuple[int, int], **fields: Any) -> Buffer:
-    """layout.IMAGE of a resolution (N, M); `fields` set its other members."""
-    image = np.zeros(1, layout.IMAGE)
+    """layout.SINGLE.Image of a resolution (N, M); `fields` set its other members."""
+    image = np.zeros(1, layout.SINGLE.Image)
     image["light_unit"] = 1.0
     columns, rows = resolution
     image["columns"], image["rows"] = columns, rows
@@ -109,7 +109,7 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
 
 def vertices_at(device: Device, xy: Array, z: Array, relative: Array | None = None) -> VertexBuffers:
     """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
-    projected = np.zeros(len(z), layout.VERTEX)
+    projected = np.zeros(len(z), layout.SINGLE.Vertex)
     projected["x"], projected["y"] = np.asarray(xy).T
     projected["depth"] = z
     with np.errstate(divide="ignore", over="ignore"):
@@ -123,7 +123,7 @@ def vertices_at(device: Device, xy: Array, z: Array, relative: Array | None = No
 class Pipeline:
     """The stages from set-up on. Each method runs one and keeps its buffers for the next.
 
-    files: the kernel files to build. resolution: (N, M). image: further members of layout.IMAGE.
+    files: the kernel files to build. resolution: (N, M). image: further members of layout.SINGLE.Image.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Pipeline:
         """Runs `setup`; returns the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
         self.made = TriangleBuffers(self.device, len(faces), 0)
-        table = np.zeros(1, layout.VIEW)
+        table = np.zeros(1, layout.SINGLE.View)
         table["near"] = near
         view = Buffer(self.device, table)
         self.stages.setup(self.faces, vertices, view, self.image, self.made, len(faces))
@@ -174,7 +174,7 @@ class Pipeline:
         chunks = -(-self.visible // chunk)
         if not self.visible:
             self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
-            self.lists = Buffer.empty(self.device, 0, layout.ENTRY)
+            self.lists = Buffer.empty(self.device, 0, layout.SINGLE.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
         counts = self.counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
@@ -189,7 +189,7 @@ class Pipeline:
         assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
         assert self.made.counters.to_host()["entries"] == begin[-1]
-        self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, layout.ENTRY)
+        self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, layout.SINGLE.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
         self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
@@ -236,8 +236,8 @@ class Pipeline:
 
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
-    """layout.MATERIAL rows with the given members; kd and ks are 1 and n is 1 unless told."""
-    rows = np.zeros(count, layout.MATERIAL)
+    """layout.SINGLE.Material rows with the given members; kd and ks are 1 and n is 1 unless told."""
+    rows = np.zeros(count, layout.SINGLE.Material)
     rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
     for name, value in fields.items():
         rows[name] = value
@@ -245,8 +245,8 @@ def material_rows(count: int = 1, **fields: Any) -> Array:
 
 
 def light_rows(positions: Array, intensities: Array) -> Array:
-    """layout.LIGHT rows."""
-    rows = np.zeros(len(positions), layout.LIGHT)
+    """layout.SINGLE.Light rows."""
+    rows = np.zeros(len(positions), layout.SINGLE.Light)
     rows["position"], rows["intensity"] = positions, intensities
     return rows
 

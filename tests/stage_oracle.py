@@ -20,7 +20,7 @@ class Inputs:
     """Triangles that share no vertex, F of them, as the pixel stages get them; lights and materials.
 
     xy: (F, 3, 2) snapped. z: (F, 3). points, normals, colors: (F, 3, 3) float32; points are relative to the eye, the
-    image's axes are theirs. materials: layout.MATERIAL rows. face_materials: (F,). lights: layout.LIGHT rows.
+    image's axes are theirs. materials: layout.SINGLE.Material rows. face_materials: (F,). lights: layout.SINGLE.Light rows.
     """
 
     xy: Array

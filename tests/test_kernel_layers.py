@@ -15,8 +15,8 @@ from kernels import OTHER_LANES, bits, image_of, mask
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """layout.TRIANGLE rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
-    rows = np.zeros(len(xy), layout.TRIANGLE)
+    """layout.SINGLE.Triangle rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
+    rows = np.zeros(len(xy), layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
     rows["inverse_area"], rows["orientation"] = 256.0 / np.abs(area), np.sign(area)

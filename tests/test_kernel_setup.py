@@ -192,7 +192,7 @@ def test_setup_pieces(device):
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     face_count = 7
     made = TriangleBuffers(device, face_count, len(xy))
-    table = np.zeros(len(xy), layout.PIECE)
+    table = np.zeros(len(xy), layout.SINGLE.Piece)
     table["x"], table["y"] = xy[..., 0], xy[..., 1]
     table["w"] = 1.0 / z
     table["key_depth"] = z[:, 1]

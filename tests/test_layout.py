@@ -1,4 +1,5 @@
-"""Every struct of layout.py has the same size and the same offsets on the device, every constant the same value."""
+"""Every struct of layout.py has the same size and the same offsets on the device, of float32 and of float64 reals, every
+constant the same value."""
 
 from __future__ import annotations
 
@@ -18,11 +19,19 @@ def struct_text(name: str, dtype: np.dtype) -> str:
     return f"kernel void {name.lower()}(global const float *unused, global int *out) {{ {name} s; {body} }}\n"
 
 
+STRUCTS = {
+    kind: {n: t for n, t in s._asdict().items() if n != "real"} for kind, s in enumerate((layout.SINGLE, layout.DOUBLE))
+}
+EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
+
+
 @pytest.fixture(scope="module")
-def probe(device):
-    text = "".join(struct_text(name, dtype) for name, dtype in layout.DTYPES.items())
+def probes(device):
+    """One with float32 reals, one with float64 reals."""
+    text = "".join(struct_text(name, dtype) for name, dtype in STRUCTS[0].items())
     values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(layout.CONSTANTS))
-    return Probe(device, text + f"kernel void constants(global const float *unused, global float *out) {{ {values} }}")
+    text += f"kernel void constants(global const float *unused, global float *out) {{ {values} }}"
+    return [Probe(device, text, DOUBLE=kind) for kind in STRUCTS]
 
 
 def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
@@ -30,22 +39,22 @@ def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
     return probe(name, np.zeros(32, np.float32), dtype=dtype)[:count].tolist()
 
 
-@pytest.mark.parametrize("name", layout.DTYPES)
-def test_sizes_and_offsets(probe, name):
-    dtype = layout.DTYPES[name]
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_sizes_and_offsets(probes, kind, name):
+    dtype = STRUCTS[kind][name]
     offsets = [dtype.fields[member][1] for member in dtype.names]
-    assert single(probe, name.lower(), 1 + len(offsets)) == [dtype.itemsize, *offsets]
+    assert single(probes[kind], name.lower(), 1 + len(offsets)) == [dtype.itemsize, *offsets]
 
 
-def test_constants(probe):
+def test_constants(probes):
     """As float32, which holds every one of them exactly."""
-    assert single(probe, "constants", len(layout.CONSTANTS), np.float32) == list(layout.CONSTANTS.values())
+    assert single(probes[0], "constants", len(layout.CONSTANTS), np.float32) == list(layout.CONSTANTS.values())
 
 
-@pytest.mark.parametrize("name", layout.DTYPES)
-def test_rows_keep_their_alignment(name):
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_rows_keep_their_alignment(kind, name):
     """Row k of a table begins at k * itemsize: a multiple of 8 where a member is."""
-    dtype = layout.DTYPES[name]
+    dtype = STRUCTS[kind][name]
     assert dtype.itemsize % (8 if any(dtype[member].base == np.float64 for member in dtype.names) else 4) == 0
 
 

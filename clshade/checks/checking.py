@@ -21,7 +21,6 @@ from ..validation import Array, refuse
 from . import compare
 
 PIXELS = 4096
-BOUNDS = 32.0  # what a color may be off, in bounds (see compare.color_bound)
 STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
 SHARES = (16, 4, 5, 3, 3, 1)  # of the sample, in proportion; what a stratum is too small for goes to the others
 BRIGHTEST = 0.05  # of the covered pixels are taken for highlights
@@ -32,16 +31,18 @@ class Check:
     """What `check` found.
 
     pixels, of: how many were looked at, of how many.
-    bounds: the largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B; float32 is allowed 32.
+    bounds: the largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B, or 1e-12 * kappa * B of float64.
+    allowed: how many of them a color may be off: 32 of float32, 1 of float64, see `compare.allowed`.
     error: the largest |value - oracle| / B, B the light that the point could at most send.
     kappa: how far rounding errors were amplified by the geometry, at the pixel of `bounds`.
     worst: row (from the top) and column of that pixel.
     strata: stratum -> (pixels looked at, their largest error in bounds).
     wrong: pixels whose owner or coverage is not the oracle's, or whose values are not finite.
     ties: pixels with another owner at a depth within 4 float32 ulp, which either may own; not counted as wrong.
-    gates: pixels more than 32 bounds off where a highlight may be decided either way; not counted in `bounds`.
-    depth: the largest relative error of Z, in 2^-24; 8 are allowed. None without the layer Z.
+    gates: pixels more bounds off than allowed where a highlight may be decided either way; not counted in `bounds`.
+    depth: the largest relative error of Z, in 2^-24; 8 are allowed (2^-53 and 16 of float64). None without the layer Z.
     ids: whether owners were compared; without the layer id only coverage is.
+    precision: of the frame.
     seconds: what the check took.
     image: (M, N) float32, the error of each pixel in bounds, infinity where it is wrong, 0 for ties; None unless all
         pixels were looked at.
@@ -50,6 +51,7 @@ class Check:
     pixels: int
     of: int
     bounds: float
+    allowed: float
     error: float
     kappa: float
     worst: tuple[int, int]
@@ -58,20 +60,27 @@ class Check:
     ties: int
     gates: int
     depth: float | None
+    depth_allowed: int
     ids: bool
+    precision: str
     seconds: float
     image: Array | None = field(repr=False)
 
     @property
     def passed(self) -> bool:
         """Whether no pixel looked at is wrong and all errors are within what is allowed."""
-        depth_is_right = self.depth is None or self.depth <= compare.DEPTH_ROUNDINGS
-        return self.wrong == 0 and self.bounds <= BOUNDS and depth_is_right
+        depth_is_right = self.depth is None or self.depth <= self.depth_allowed
+        return self.wrong == 0 and self.bounds <= self.allowed and depth_is_right
 
     @property
     def complete(self) -> bool:
         """Whether every pixel was looked at."""
         return self.pixels == self.of
+
+    @property
+    def unit(self) -> str:
+        """What a bound is, but for kappa and the light."""
+        return "1e-12" if self.precision == "float64" else "sqrt(max(n,1)) * 2^-24"
 
     def lines(self) -> list[str]:
         """What was found, for the terminal."""
@@ -80,12 +89,12 @@ class Check:
         row, column = self.worst
         at = f"row {row}, column {column}" if self.bounds > 0.0 else "no pixel"
         gates = f", {self.gates:,} at a highlight's gate not counted" if self.gates else ""
-        depth = [f"Z: {self.depth:.3g} of {compare.DEPTH_ROUNDINGS} roundings"] if self.depth is not None else []
+        depth = [f"Z: {self.depth:.3g} of {self.depth_allowed} roundings"] if self.depth is not None else []
         strata = ", ".join(f"{name} {worst:.2g} ({count:,})" for name, (count, worst) in self.strata.items() if count)
         return [
             f"{self.pixels:,} of {self.of:,} pixels computed again in float64, {self.seconds * 1e3:.0f} ms: "
             + ("within bounds" if self.passed else "FAILED"),
-            f"largest error {self.bounds:.3g} of {BOUNDS:g} bounds, {self.error:.2g} of the light, "
+            f"largest error {self.bounds:.3g} of {self.allowed:g} bounds, {self.error:.2g} of the light, "
             f"kappa {self.kappa:.3g}, at {at}{gates}",
             f"by stratum {strata}",
             "; ".join([owned, *depth]),
@@ -96,14 +105,14 @@ class Check:
         """The figures, as JSON takes them."""
         figures = {name: value for name, value in vars(self).items() if name != "image"}
         figures["strata"] = {name: {"pixels": n, "bounds": worst} for name, (n, worst) in self.strata.items()}
-        return {**figures, "allowed": BOUNDS, "passed": self.passed, "lower_bound": not self.complete}
+        return {**figures, "passed": self.passed, "lower_bound": not self.complete}
 
     def metadata(self) -> dict[str, Any]:
         """Header attributes of the EXR."""
         of_what = "largest error" if self.complete else "lower bound of the largest error"
         found = {
             "check": f"{of_what}: {self.pixels} of {self.of} pixels computed again in float64; "
-            + f"{BOUNDS:g} bounds allowed, a bound is sqrt(max(n,1)) * 2^-24 * kappa of the light",
+            + f"{self.allowed:g} bounds allowed, a bound is {self.unit} * kappa of the light",
             "checkPixels": self.pixels,
             "checkErrorBounds": self.bounds,
             "checkErrorRelative": self.error,
@@ -148,6 +157,7 @@ def check(frame: Frame, pixels: int | str = PIXELS, *, seed: int = 0) -> Check:
         pixels=len(index),
         of=frame.alpha.size,
         bounds=float(found.counted.max(initial=0.0)),
+        allowed=found.allowed,
         error=float(found.relative.max(initial=0.0)),
         kappa=float(expected.kappa[worst]),
         worst=(int(rows[worst]), int(columns[worst])),
@@ -156,7 +166,9 @@ def check(frame: Frame, pixels: int | str = PIXELS, *, seed: int = 0) -> Check:
         ties=int(found.ties.sum()),
         gates=int(found.gates.sum()),
         depth=found.depth,
+        depth_allowed=compare.depth_roundings(frame.alpha),
         ids="id" in frame.layers,
+        precision=frame.settings.precision,
         seconds=time.perf_counter() - start,
         image=image,
     )
@@ -174,17 +186,19 @@ class _Found:
         scene, settings, where = frame.scene, frame.settings, (rows, columns)
         rgb, alpha = frame.rgb[where], frame.alpha[where]
         self.wrong = (alpha != expected.alpha) | ~np.isfinite(rgb).all(axis=-1)
-        absolute, ratio = compare.color_errors(np.nan_to_num(rgb), expected)
+        precision = settings.precision
+        self.allowed = compare.allowed(scene, precision)
+        absolute, ratio = compare.color_errors(np.nan_to_num(rgb), expected, precision)
         if "id" in frame.layers:
             different, unproven = compare.different_ids(frame["id"][where], expected, scene, settings, where)
             self.wrong |= unproven
             self.ties = different & ~unproven
         else:
-            self.ties = _near_ties(scene, settings, expected, ratio, where)
+            self.ties = _near_ties(scene, settings, expected, ratio > self.allowed, where)
         compared = ~self.wrong & ~self.ties
         self.error = np.where(compared, ratio, 0.0)
-        over = self.error > BOUNDS
-        jumps = (absolute <= expected.budget + BOUNDS * compare.color_bound(expected)).all(axis=-1)
+        over = self.error > self.allowed
+        jumps = (absolute <= expected.budget + self.allowed * compare.color_bound(expected, precision)).all(axis=-1)
         self.gates = over & expected.gate & jumps
         self.counted = np.where(self.gates, 0.0, self.error)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -196,10 +210,10 @@ class _Found:
             self.depth = float(np.where(np.isnan(depth), np.inf, depth)[compared].max(initial=0.0))
 
 
-def _near_ties(scene: Scene, settings: Settings, expected: OracleFrame, ratio: Array, where: tuple) -> Array:
-    """(K,) bool: pixels of another color whose two nearest faces are within 4 ulp, of a frame without ids."""
-    ties = np.zeros(len(ratio), bool)
-    suspects = np.flatnonzero((ratio > BOUNDS) & ~expected.gate & np.isfinite(expected.Z))
+def _near_ties(scene: Scene, settings: Settings, expected: OracleFrame, off: Array, where: tuple) -> Array:
+    """(K,) bool: which of the pixels `off` (K,), of a frame without ids, have two faces nearest within 4 ulp."""
+    ties = np.zeros(len(off), bool)
+    suspects = np.flatnonzero(off & ~expected.gate & np.isfinite(expected.Z))
     if settings.visibility == "depth" and len(suspects):
         behind = oracle.next_depth(scene, settings, *(index[suspects] for index in where))
         ties[suspects] = compare.tied(expected.Z[suspects], behind)

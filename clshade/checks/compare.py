@@ -21,6 +21,12 @@ DEPTH_TIE_ULP = 4  # two faces whose depths are this close may own the pixel eit
 # Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
 # with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
 DEPTH_ROUNDINGS = 8
+DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
+# How many of `color_bound` a color may be off, by precision. fast: its lengths of directions are off by 4.7e-6 each, its
+# power by 7.4e-6 and 6.3e-6; a highlight amplifies the directions' by 2.4*sqrt(n) at most: 2.5e-5*sqrt(n), 420 * 2^-24.
+ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
+# fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
+FAST_PER_TEXEL = 16.0
 
 
 def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
@@ -91,26 +97,38 @@ def assert_same_ids(
     return different
 
 
-def color_bound(oracle: OracleFrame) -> np.ndarray:
-    """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B.
+def allowed(scene: Scene, precision: str) -> float:
+    """How many of `color_bound` a color of this scene may be off."""
+    textures = [mesh.material.texture for mesh in scene.meshes if mesh.uvs is not None]
+    texels = max((max(texture.image.shape[:2]) for texture in textures if texture is not None), default=0)
+    return ALLOWED[precision] + (FAST_PER_TEXEL * texels if precision == "fast" else 0.0)
+
+
+def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
+    """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; 1e-12 * kappa * B of float64.
 
     sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions and normals is
-    amplified. The factor on top of this is the number of roundings that may add up.
+    amplified. The factor on top of this is the number of roundings that may add up. Beyond n = 1e4 the oracle's own
+    power is not right to 1e-12: float64 is allowed n/1e4 times as much.
     """
-    scale = np.sqrt(np.maximum(oracle.exponent, 1.0)) * oracle.kappa * HALF_ULP
+    if precision == "float64":
+        scale = np.maximum(oracle.exponent / 1e4, 1.0) * oracle.kappa * 1e-12
+    else:
+        scale = np.sqrt(np.maximum(oracle.exponent, 1.0)) * oracle.kappa * HALF_ULP
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
 
 
-def color_errors(rgb: np.ndarray, oracle: OracleFrame) -> tuple[np.ndarray, np.ndarray]:
+def color_errors(rgb: np.ndarray, oracle: OracleFrame, precision: str = "float32") -> tuple[np.ndarray, np.ndarray]:
     """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
 
     Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
     """
-    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -FLOAT32_MAX, FLOAT32_MAX))
+    most = np.inf if precision == "float64" else FLOAT32_MAX
+    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -most, most))
     error = np.where(error <= FLOAT32_TINY, 0.0, error)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return error, np.where(error > 0.0, error / color_bound(oracle), 0.0).max(axis=-1)
+        return error, np.where(error > 0.0, error / color_bound(oracle, precision), 0.0).max(axis=-1)
 
 
 def assert_colors_within(
@@ -119,6 +137,7 @@ def assert_colors_within(
     factor: float = 32.0,
     *,
     dtype: Any = np.float32,
+    precision: str = "float32",
     gate_fraction: float = 0.01,
     skip: np.ndarray | None = None,
 ) -> float:
@@ -129,11 +148,11 @@ def assert_colors_within(
     """
     assert_array("rgb", rgb, oracle.rgb.shape, dtype)
     looked_at = np.ones(oracle.id.shape, bool) if skip is None else ~skip
-    error, ratio = color_errors(rgb, oracle)
+    error, ratio = color_errors(rgb, oracle, precision)
     jumps = looked_at & oracle.gate & (ratio > factor)
     if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.id))):
         raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
-    bad = jumps & (error > oracle.budget + factor * color_bound(oracle)).any(axis=-1)
+    bad = jumps & (error > oracle.budget + factor * color_bound(oracle, precision)).any(axis=-1)
     bad |= looked_at & ~oracle.gate & (ratio > factor)
     if bad.any():
         columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
@@ -141,28 +160,35 @@ def assert_colors_within(
     return float(ratio[looked_at & ~oracle.gate].max(initial=0.0))
 
 
+def depth_roundings(Z: np.ndarray) -> int:
+    """How many roundings depths of this type may be off."""
+    return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
+
+
 def depth_errors(Z: np.ndarray, oracle: OracleFrame) -> np.ndarray:
-    """Relative errors of depths (M, N) in units of 2^-24; infinite where one of the two is background."""
+    """Relative errors of depths (M, N) in roundings (2^-24, of float64 2^-53); infinite where one is background."""
     empty = np.isinf(oracle.Z)
     with np.errstate(invalid="ignore"):
-        error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / HALF_ULP
+        error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / (np.finfo(Z.dtype).eps / 2.0)
     return np.where(empty, np.where(np.isposinf(Z), 0.0, np.inf), error)
 
 
 def assert_depths_within(
     Z: np.ndarray,
     oracle: OracleFrame,
-    roundings: float = DEPTH_ROUNDINGS,
+    roundings: float | None = None,
     *,
     dtype: Any = np.float32,
     skip: np.ndarray | None = None,
 ) -> float:
-    """Depths within `roundings` * 2^-24 of the oracle's, relative; +inf exactly where nothing covers.
+    """Depths within `roundings` (None: as many as the type is allowed) of the oracle's; +inf exactly where nothing covers.
 
     Returns the largest error, in roundings. skip: (M, N) pixels not to look at.
     """
     assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
     error = depth_errors(Z, oracle)
+    if roundings is None:
+        roundings = depth_roundings(Z)
     if skip is not None:
         error = np.where(skip, 0.0, error)
     bad = error > roundings
@@ -172,9 +198,20 @@ def assert_depths_within(
 
 
 def assert_frame(
-    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, factor: float = 32.0, *, dtype: Any = np.float32
+    frame: Any,
+    oracle: OracleFrame,
+    scene: Scene,
+    settings: Settings,
+    factor: float | None = None,
+    *,
+    dtype: Any = None,
 ) -> float:
-    """Ids, coverage, depths and colors of a frame. Returns the largest color error, in bounds."""
+    """Ids, coverage, depths and colors of a frame. Returns the largest color error, in bounds.
+
+    factor, dtype: None: what the settings' precision means.
+    """
+    dtype = dtype or (np.float64 if settings.precision == "float64" else np.float32)
+    factor = allowed(scene, settings.precision) if factor is None else factor
     ties = assert_same_ids(frame, oracle, scene, settings, dtype=dtype)
     assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
-    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, dtype=dtype)
+    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, dtype=dtype, precision=settings.precision)

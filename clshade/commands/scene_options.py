@@ -76,7 +76,9 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--layers", type=names(scene.LAYERS), help=f"further layers: {','.join(scene.LAYERS)}")
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument("--near", type=float, help="near plane, scene units (default: 1e-4 of the scene's radius)")
-    group.add_argument("--precision", choices=("float32",))
+    group.add_argument(
+        "--precision", choices=scene.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
+    )
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ... import exr, oracle, packing
 from ...device import Device
 from ...features import CHOICES, OPTIONAL, Features
 from ...frame import Frame
-from ...layout import LIGHT, MATERIAL
+from ...layout import SINGLE
 from ...oracle import OracleFrame, shade
 from ...programs import build
 from ...renderer import Renderer
@@ -106,7 +106,7 @@ class Bench:
         """(K, 3) float32: the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all taken as
         float32. lights: positions (L, 3), intensities (L, 3)."""
         stages = Stages(self.device, build(self.device, _features(_POINT_FEATURES), ("light.cl",)))
-        material, table = np.zeros(1, MATERIAL), np.zeros(len(lights[0]), LIGHT)
+        material, table = np.zeros(1, SINGLE.Material), np.zeros(len(lights[0]), SINGLE.Light)
         material["kd"], material["ks"], material["n"], material["texture"] = kd, ks, n, -1
         table["position"], table["intensity"] = lights
         colors = np.ones_like(points) if colors is None else colors
@@ -137,7 +137,7 @@ def _features(names: set[str]) -> Features:
 
 def _four(vectors: Array) -> Array:
     wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = packing.to_float32(vectors)
+    wide[:, :3] = packing.to_real(vectors)
     return wide
 
 
