@@ -6,7 +6,7 @@
 int misses_tile(global const Triangle *t, int column, int row)
 {
     for (int k = 0; k < 3; ++k) {
-        Edge e = edge_at(t, k, column, row);
+        Edge e = edge_at(t, k, center_of(column, row));
         int most = edge_test(e) + (TILE_SIZE - 1) * (max(e.a, 0) + max(e.b, 0));
         if (most < 0)
             return 1;

@@ -54,7 +54,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 }
 #endif
 
-colors3 light_block(const Inputs *in, ints owner, int column, int row, global const real4 *corner_light)
+colors3 light_block(const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
 {
     colors3 color = {1.0f, 1.0f, 1.0f};
     Surface surface = surface_of(in->materials);
@@ -67,19 +67,19 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row, global co
         todo = todo & !mine;
         int face = t->face;
 #if LIT
-        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+        Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
         global const real4 *c = corner_light + 3 * index;
         put_color(&color, mine, mix_vectors(m, c[0], c[1], c[2]));
 #if MATERIALS
         put_surface(&surface, mine, material_of(in, face));
 #endif
 #elif VERTEX_COLORS || CORNER_COLORS
-        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+        Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
         put_color(&color, mine,
                   mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
                               in->colors[color_index(in, face, 2)]));
 #endif
-        put_texels(&texels, mine, in, t, column, row);
+        put_texels(&texels, mine, in, t, at);
     }
     color = times_texel(color, &texels, in);
 #if LIT

@@ -29,7 +29,8 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
         return;
     int column = i % image->columns, row = image->rows - 1 - i / image->columns;
     global const Triangle *t = triangles + owners[i];
+    int2 at = center_of(column, row);
     depths[i] = owners[i] < 0 ? INFINITY
-                              : depth_of(inverse_depth(t, edge_at(t, 0, column, row), edge_at(t, 1, column, row),
-                                                       edge_at(t, 2, column, row))) * image->unscale;
+                              : depth_of(inverse_depth(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at))) *
+                                    image->unscale;
 }

@@ -2,7 +2,7 @@
 #include "fill.clh"
 
 #if PHONG
-colors3 light_block(const Inputs *in, ints owner, int column, int row)
+colors3 light_block(const Inputs *in, ints owner, int2 at)
 {
     reals3 point = {0.0f, 0.0f, 0.0f}, normal = {0.0f, 0.0f, 0.0f};
     colors3 color = {1.0f, 1.0f, 1.0f};
@@ -14,7 +14,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
         global const Triangle *t = in->triangles + next_owner(owner, todo, &mine);
         todo = todo & !mine;
         int face = t->face;
-        Weights m = weights_at(t, in->pieces, column, row, PERSPECTIVE);
+        Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
 #if DIFFUSE || SPECULAR
         real side = side_of(in, t);
         put_vector(&normal, mine,
@@ -37,7 +37,7 @@ colors3 light_block(const Inputs *in, ints owner, int column, int row)
 #if MATERIALS
         put_surface(&surface, mine, material_of(in, face));
 #endif
-        put_texels(&texels, mine, in, t, column, row);
+        put_texels(&texels, mine, in, t, at);
     }
     color = times_texel(color, &texels, in);
     color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights, in->image->to_eye);
