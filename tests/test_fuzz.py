@@ -56,6 +56,11 @@ def test_items_that_leave_a_loop_early(device):
     assert listed(fuzz.scene_failures(device, range(4400, 4410))) == ""
 
 
+def test_depths_closer_than_float32_tells(opened):
+    """Found by the fuzzer: a piece of a face was drawn that was 4.2 * 2^-24 of its depth behind another's."""
+    assert listed(fuzz.scene_failures(opened, [1977])) == ""
+
+
 def test_a_number_is_a_scene():
     """The same number and seed give the same scene, others another; kinds begin again after KINDS blocks."""
     one, again, other = scene_of(123), scene_of(123), scene_of(123, seed=1)

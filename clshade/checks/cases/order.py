@@ -39,8 +39,8 @@ def equal_depth(bench: Bench) -> Outcome:
 
 
 def close_depths(bench: Bench) -> Outcome:
-    """In each of 64 cells two triangles, one float32 ulp (or 16 float64 ulp) apart in depth: the nearer one is seen,
-    although it comes first. With visibility `depth` 8 float32 ulp apart."""
+    """In each of 64 cells two triangles, one float32 ulp apart in depth, or 16 float64 ulp (with visibility `depth`
+    2^-10 of a float32 ulp): the nearer one is seen, although it comes first."""
     outcomes = []
     rng = np.random.default_rng(19)
     cell = np.stack(np.divmod(np.arange(64), 8), axis=1)[:, None, :] * 8 * flat.SUB
@@ -56,7 +56,8 @@ def close_depths(bench: Bench) -> Outcome:
         for visibility, step in (
             ("painter", ulp),
             ("painter", 16 * np.spacing(far.astype(np.float64))),
-            ("depth", 8 * ulp),
+            ("depth", ulp),
+            ("depth", ulp * 2.0**-10),
         ):
             depth = np.repeat(np.concatenate([far - step, far.astype(np.float64)]), 3)
             scene = flat.scene_of(uv, faces, (64, 64), depth)
