@@ -25,7 +25,15 @@ from .validation import Array, choice
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
-COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "zstd")
+# Compressions that change values -> (the type whose values they change, the channels' last letters, what they do).
+LOSSY = {
+    "pxr24": (np.float32, "", "rounds float32 to 24 bits"),
+    "b44": (np.float16, "", "rounds half, 4x4 pixels together"),
+    "b44a": (np.float16, "", "rounds half, 4x4 pixels together"),
+    "dwaa": (np.floating, "RGB", "leaves out what is hardly seen"),
+    "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
+}
+COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "zstd", *LOSSY)
 SUFFIXES = {"N": "XYZ", "P": "XYZ", "uv": "UV"}  # of a layer's components; every other layer's are R G B A
 FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
 
@@ -268,14 +276,14 @@ def encode(
         Row 0 is the top. Floats are stored as float32, bit for bit, NaNs, infinities and denormals included; float64
         is rounded; whole numbers are stored as uint32. Arrays need not be contiguous and are not changed.
     compression: none, rle, zips, zip, piz, zstd: lossless; zstd needs a reader of OpenEXR 3.5 or newer. pxr24 rounds
-        float32 to 24 bits.
+        float32 to 24 bits; b44 and b44a round half and leave float32 as it is; dwaa and dwab round colors.
     half: store floats as half, except the layers Z and P.
     metadata: further header attributes: text, numbers and (4, 4) matrices; None leaves one out. Unless given, software
         is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_metadata`.
     window: the data window (x0, y0, x1, y1), inclusive: only these pixels are stored, readers take the rest as 0.
         "drawn": the smallest that loses nothing. None: everything. The display window is always the whole image.
 
-    Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by pxr24.
+    Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by a compression.
     Raises InputError for refused channels, metadata, compression or window, OSError when it cannot be written.
     """
     choice("exr", "compression", compression, COMPRESSIONS)
@@ -285,9 +293,10 @@ def encode(
     header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
-    rounded = [name for name, plane in stored.items() if plane.dtype == np.float32]
-    if compression == "pxr24" and rounded:
-        warnings.append(f"{', '.join(rounded)}: pxr24 rounds float32 to 24 bits")
+    if compression in LOSSY:
+        kind, letters, what = LOSSY[compression]
+        rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and (not letters or n[-1] in letters)]
+        warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
     _compress(file, header, stored, compression)
     return warnings
 

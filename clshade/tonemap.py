@@ -187,3 +187,13 @@ def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
     else:
         _map32(values, codes.reshape(-1), _table(operator, stops))
     return codes
+
+
+def radiance(codes: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
+    """What `tonemap` may have been given: codes uint8 of any shape to float64 of that shape.
+
+    The middle of the values that have the code; for 255 the least of them, as everything brighter has it too.
+    """
+    edges = np.concatenate([[0.0], _thresholds64(operator, checked(operator, exposure)), [0.0]])
+    edges[-1] = edges[-2]
+    return ((edges[:-1] + edges[1:]) / 2.0)[codes]

@@ -18,7 +18,7 @@ from clshade.camera import Camera
 from clshade.errors import InputError
 from clshade.geometry import camera_axes
 
-LOSSLESS = [name for name in exr.COMPRESSIONS if name != "pxr24"]
+LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
 # Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.
 SPECIAL = [0, 1 << 31, 1, 0x80000001, 0x7FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001, 0xFFC12345, 0x7FFFFFFF]
 SPECIAL += [int(np.float32(1e6).view(np.uint32)), 0x7F7FFFFF]
@@ -70,6 +70,22 @@ def test_pxr24_rounds_floats_and_says_so(path):
     same(found["id"], given["id"])
     assert found["Z"][0, 0] == 1.0
     assert exr.write(path, {"R": np.ones((9, 9)), "id": given["id"]}, compression="pxr24", half=True) == []
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("compression", [name for name in exr.LOSSY if name != "pxr24"])
+def test_lossy_compressions_change_the_channels_that_they_name(path, compression, half):
+    """b44 knows half only; dwaa works on colors, and leaves depths, normals and ids alone."""
+    values = np.random.default_rng(4).uniform(0.1, 1.0, (40, 50)).astype(np.float32)
+    given = {"R": values, "albedo.B": values, "A": values, "N.X": values, "Z": values, "id": values.view(np.uint32)}
+    warnings = exr.write(path, given, compression=compression, half=half)
+    named = {name for line in warnings for name in line.split(":")[0].split(", ")}
+    expected = {"R", "albedo.B"} if compression.startswith("dwa") else {"R", "albedo.B", "A", "N.X"} if half else set()
+    assert named == expected
+    for name, plane in exr.read(path)[0].items():
+        exact = given[name].astype(plane.dtype)
+        assert (plane == exact).all() == (name not in expected), name
+        assert plane.dtype.kind == "u" or np.abs(plane - exact).max() < 0.2, name
 
 
 def test_arrays_that_are_not_contiguous(path):
@@ -296,7 +312,7 @@ REFUSED = [
     ({"id": np.array([[2**32]])}, {}, "whole numbers from 0 to 2^32-1"),
     ({"R": np.array([["x"]])}, {}, "found type"),
     ({"R": np.array([[1j]])}, {}, "found type"),
-    (np.zeros((2, 2, 3)), {"compression": "dwaa"}, "expected one of none, rle"),
+    (np.zeros((2, 2, 3)), {"compression": "lzma"}, "expected one of none, rle"),
     (np.zeros((2, 2, 3)), {"metadata": {"n": 2**31}}, "a whole number of 32 bits"),
     (np.zeros((2, 2, 3)), {"metadata": {"n": [1, 2]}}, "a whole number of 32 bits"),
     (np.zeros((2, 2, 3)), {"metadata": {"type": "x"}}, "the name of an attribute"),

@@ -12,7 +12,7 @@ from .. import oracle
 from ..oracle import coverage, transform
 from ..scene import Scene, Settings
 from ..validation import Array
-from . import compare
+from . import compare, figures
 from .cases import flat, lit
 from .cases.bench import Bench, expected_light
 from .cases.light import DISTANCES, exact_highlights, in_the_lobe, lobe_error, near_light, unit
@@ -192,27 +192,20 @@ def needles(bench: Bench) -> Curve:
 
 def plot(curves: tuple[Curve, ...], path: Path, device: str) -> None:
     """The figure as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from .. import atomic
-
-    figure = Figure(figsize=(11.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = figures.blank(11.0, 8.0)
     for axes, curve in zip(figure.subplots(2, 2).flat, curves, strict=True):
         # Beyond ten times the right value it makes no difference how far.
         most = 10.0 if not curve.least else math.inf
         shown = [[min(max(v, curve.least), most) for v in values] for values in (curve.naive, curve.ours)]
-        axes.loglog(curve.stiffness, shown[0], "o--", color="#c0504d", label="plain float32")
-        axes.loglog(curve.stiffness, shown[1], "o-", color="#1f5fa8", label="clshade")
+        axes.loglog(curve.stiffness, shown[0], "o--", color=figures.OTHER, label="plain float32")
+        axes.loglog(curve.stiffness, shown[1], "o-", color=figures.OURS, label="clshade")
         if curve.bound:
-            axes.loglog(curve.stiffness, curve.bound, ":", color="gray", label="bound 16 sqrt(n) 2^-24")
+            axes.loglog(curve.stiffness, curve.bound, ":", color=figures.MUTED, label="bound 16 sqrt(n) 2^-24")
         if curve.least == 0.5:
-            axes.axhline(0.5, color="gray", lw=0.5)
-            axes.text(curve.stiffness[0], 0.53, "none", color="gray", fontsize=8)
+            axes.axhline(0.5, color=figures.MUTED, lw=0.5)
+            axes.text(curve.stiffness[0], 0.53, "none", color=figures.MUTED, fontsize=8)
         axes.set(title=curve.title, xlabel=curve.x_label, ylabel=curve.y_label)
         axes.grid(True, alpha=0.3)
         axes.legend()
     figure.suptitle(f"Error against stiffness, {device}")
-    with atomic.replacing(path) as file:
-        figure.savefig(file, format="png", dpi=110)
+    figures.save(figure, path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
@@ -14,10 +13,10 @@ from ..features import OPTIONAL
 from ..frame import Frame, same_bits
 from ..renderer import Renderer
 from ..scene import Scene
+from .timing import Spread, in_turns, spread
 
 FRAMES = 21  # of each kernel, unless they take longer than
-SECONDS = 3.0  # altogether; but never fewer than
-FEWEST = 5
+SECONDS = 3.0  # altogether
 
 WORK = {
     "AMBIENT": "ambient light",
@@ -67,7 +66,7 @@ class Explanation:
     frames: int
     lean: Side
     full: Side
-    ms_saved: tuple[float, float, float]
+    ms_saved: Spread
     identical: bool
     compiled: tuple[int, float]
     loaded: tuple[int, float]
@@ -93,13 +92,14 @@ class Explanation:
         ]
         if not self.frames:
             return [*out, "saved: nothing, everything is needed", *ending]
-        lean, full, (saved, low, high) = self.lean.ms, self.full.ms, self.ms_saved
+        lean, full, saved = self.lean.ms, self.full.ms, self.ms_saved
         stages = ", ".join(
             f"{name} {lean[name]:.2f} ({full[name]:.2f})" for name in lean if name != "frame" and name in full
         )
         return [
             *out,
-            f"saved: {saved:.2f} ms (half of them {low:.2f} to {high:.2f}), {self.bytes_saved / 1e6:.2f} MB against "
+            f"saved: {saved.median:.2f} ms (half of them {saved.low:.2f} to {saved.high:.2f}), "
+            f"{self.bytes_saved / 1e6:.2f} MB against "
             f"everything on, medians of {self.frames} frames each, in turns",
             f"frame {lean['frame']:.2f} ms instead of {full['frame']:.2f} ms, {full['frame'] / lean['frame']:.2f} times "
             f"as fast; {self.lean.bytes / 1e6:.2f} MB instead of {self.full.bytes / 1e6:.2f} MB",
@@ -117,7 +117,7 @@ class Explanation:
             "frames": self.frames,
             "lean": vars(self.lean),
             "everything_on": vars(self.full),
-            "ms_saved": self.ms_saved,
+            "ms_saved": self.ms_saved._asdict(),
             "bytes_saved": self.bytes_saved,
             "identical": self.identical,
             "programs_compiled": self.compiled[0],
@@ -135,17 +135,17 @@ def explain(scene: Scene, *, frames: int = FRAMES, **options: Any) -> Explanatio
         first = lean.render()
         left_out = {name: why for name, why in lean.features.left_out if name in OPTIONAL}
         needed = tuple(name for name in OPTIONAL if lean.features[name])
-        timed: list[tuple[Times, Times]] = []
+        timed: list[tuple[Times, ...]] = []
         identical, sides = True, (_bytes(first), _bytes(first))
         with Renderer(scene, **options, specialize=False) as full:
             if full.features.values != lean.features.values:
                 other = full.render()
                 identical, sides = same_bits(first, other), (_bytes(first), _bytes(other))
                 del other
-                timed = _in_turns(lean, full, frames)
+                sides_in_turn = [lambda _, side=side: side.render().stats["times_ms"] for side in (lean, full)]
+                timed = in_turns(sides_in_turn, frames, SECONDS)
     lean_times, full_times = ([each[side] for each in timed] or [first.stats["times_ms"]] for side in (0, 1))
     saved = [b["frame"] - a["frame"] for a, b in zip(lean_times, full_times, strict=True)]
-    low, middle, high = (float(value) for value in np.percentile(saved, (25, 50, 75)))
     return Explanation(
         needed=needed,
         left_out=left_out,
@@ -153,20 +153,11 @@ def explain(scene: Scene, *, frames: int = FRAMES, **options: Any) -> Explanatio
         frames=len(timed),
         lean=Side(_medians(lean_times), sides[0]),
         full=Side(_medians(full_times), sides[1]),
-        ms_saved=(middle, low, high),
+        ms_saved=spread(saved),
         identical=identical,
         compiled=_programs(stored=False),
         loaded=_programs(stored=True),
     )
-
-
-def _in_turns(lean: Renderer, full: Renderer, frames: int) -> list[tuple[Times, Times]]:
-    """Times of frames of the two, drawn in turns; each has drawn one frame before."""
-    start = time.perf_counter()
-    timed: list[tuple[Times, Times]] = []
-    while len(timed) < frames and (len(timed) < FEWEST or time.perf_counter() - start < SECONDS):
-        timed.append((lean.render().stats["times_ms"], full.render().stats["times_ms"]))
-    return timed
 
 
 def _medians(times: list[Times]) -> Times:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ import numpy as np
 from .. import atomic, png
 from ..tonemap import tonemap
 from ..validation import Array
+from . import tables
 from .cases import Case, Outcome
 
 COLUMNS = (
@@ -87,45 +86,23 @@ HEADER = (
 )
 
 
-def as_csv(results: Sequence[Result]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("device", *COLUMNS, "detail"))
-    for result in results:
-        cells = row(result)
-        writer.writerow((result.device, *(cells[name] for name in COLUMNS), result.problem or result.outcome.detail))
-    return text.getvalue()
-
-
 def as_markdown(results: Sequence[Result], notes: Sequence[str]) -> str:
     """A table for each device."""
+    header = ("no", "case", "stressed", "expected", "wrong", "error", "amplification", "s", "verdict")
     lines = ["# Stiff and extreme cases", ""]
     for device in dict.fromkeys(result.device for result in results):
-        lines += [
-            f"## {device}",
-            "",
-            "| no | case | stressed | expected | wrong | error | amplification | s | verdict |",
-        ]
-        lines.append("| --- " * 9 + "|")
-        for result in results:
-            if result.device == device:
-                cells = {name: text.replace("|", "\\|") for name, text in row(result).items()}
-                shown = (
-                    cells["no"],
-                    cells["case"],
-                    f"{cells['stressed']} ({result.outcome.detail})",
-                    cells["expected"],
-                )
-                rest = (
-                    cells["wrong"],
-                    _error(cells),
-                    cells["amplification"] or "-",
-                    cells["seconds"],
-                    cells["verdict"],
-                )
-                lines.append(f"| {' | '.join((*shown, *rest))} |")
+        lines += [f"## {device}", ""]
+        lines += tables.as_markdown(header, [_shown(result) for result in results if result.device == device])
         lines.append("")
     return "\n".join([*lines, *notes, ""])
+
+
+def _shown(result: Result) -> tables.Row:
+    cells = row(result)
+    stressed = f"{cells['stressed']} ({result.outcome.detail})"
+    error, amplification = _error(cells), cells["amplification"] or "-"
+    first = (cells["no"], cells["case"], stressed, cells["expected"], cells["wrong"])
+    return (*first, error, amplification, cells["seconds"], cells["verdict"])
 
 
 # Pictures
@@ -172,6 +149,8 @@ def write_pictures(result: Result, folder: Path) -> list[Path]:
 def write(results: Sequence[Result], notes: Sequence[str], folder: Path) -> list[Path]:
     """CSV and Markdown of all results."""
     paths = [folder / "stability.csv", folder / "stability.md"]
-    for path, text in zip(paths, (as_csv(results), as_markdown(results, notes)), strict=True):
+    rows = ((each.device, *row(each).values(), each.problem or each.outcome.detail) for each in results)
+    texts = tables.as_csv(("device", *COLUMNS, "detail"), rows), as_markdown(results, notes)
+    for path, text in zip(paths, texts, strict=True):
         atomic.write_bytes(path, text.encode())
     return paths

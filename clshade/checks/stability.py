@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TextIO
 
 from ..device import Device, list_devices, open_device
-from ..errors import DeviceError, InputError, OutputError
-from . import curves, results
+from ..errors import DeviceError, InputError
+from . import curves, results, tables
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result
 
@@ -85,14 +85,11 @@ def run(
     triangles: how many random ones are drawn. Raises InputError, DeviceError and OutputError.
     """
     stream = stream or sys.stdout
-    cases, folder = chosen(names), Path(out)
+    cases = chosen(names)
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     opened = devices(device)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: --out: expected a folder that can be made, found: {error.strerror}") from None
+    folder = tables.made_folder(out)
     notes = [] if importlib.util.find_spec("mpmath") else [NO_MPMATH]
     found: list[Result] = []
     written: list[Path] = []
