@@ -19,6 +19,7 @@ from .errors import ClshadeError
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
     "devices": "what OpenCL devices were found, and which work",
+    "report": "error against run time: which way of drawing a scene is worth its time",
     "stability": "stiff and extreme cases, each with its measured error",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "inspect": "statistics per channel of an EXR, and an exposure ladder",

@@ -34,6 +34,7 @@ class Check:
     bounds: the largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B, or 1e-12 * kappa * B of float64.
     allowed: how many of them a color may be off: 32 of float32, 1 of float64, see `compare.allowed`.
     error: the largest |value - oracle| / B, B the light that the point could at most send.
+    rms: root of the mean square of the same; of the image only where all pixels were looked at.
     kappa: how far rounding errors were amplified by the geometry, at the pixel of `bounds`.
     worst: row (from the top) and column of that pixel.
     strata: stratum -> (pixels looked at, their largest error in bounds).
@@ -53,6 +54,7 @@ class Check:
     bounds: float
     allowed: float
     error: float
+    rms: float
     kappa: float
     worst: tuple[int, int]
     strata: dict[str, tuple[int, float]]
@@ -159,6 +161,7 @@ def check(frame: Frame, pixels: int | str = PIXELS, *, seed: int = 0) -> Check:
         bounds=float(found.counted.max(initial=0.0)),
         allowed=found.allowed,
         error=float(found.relative.max(initial=0.0)),
+        rms=float(np.sqrt(np.square(found.relative).mean())),
         kappa=float(expected.kappa[worst]),
         worst=(int(rows[worst]), int(columns[worst])),
         strata=per_stratum,

@@ -12,6 +12,11 @@ from ..errors import OutputError
 Row = Sequence[str]
 
 
+def figure(value: float | None, digits: int = 3) -> str:
+    """A number with so many digits; a dash for none."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
 def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
     """The rows with columns of equal width; the first `left` are aligned to the left, the others to the right."""
     widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -32,6 +33,39 @@ def names(allowed: Sequence[str]) -> Any:
         return values
 
     return parse
+
+
+def milliseconds(text: str) -> float:
+    """A time such as 5ms, 0.005s, 200us or 5, which are milliseconds too."""
+    found = re.fullmatch(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(s|ms|us|)\s*", text, re.IGNORECASE)
+    scale = {"s": 1e3, "ms": 1.0, "us": 1e-3, "": 1.0}
+    return _above_0(found and found[1], text, "a time above 0 such as 5ms or 0.005s") * scale[found[2].lower()]  # type: ignore[index]
+
+
+def tolerance(text: str) -> float:
+    """An error above 0."""
+    return _above_0(text, text, "an error above 0 such as 1e-3")
+
+
+def _above_0(number: str | None, text: str, form: str) -> float:
+    try:
+        value = float(number or "")
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}")
+    return value
+
+
+def limit_options(group: argparse._ArgumentGroup) -> None:
+    """--budget and --tolerance, of which one may be given."""
+    either = group.add_mutually_exclusive_group()
+    either.add_argument(
+        "--budget", type=milliseconds, metavar="TIME", help="the most exact way within 5ms, 0.005s or 5 (ms) a frame"
+    )
+    either.add_argument(
+        "--tolerance", type=tolerance, metavar="RMSE", help="the fastest way with at most this error, such as 1e-3"
+    )
 
 
 def device_option(parser: argparse.ArgumentParser) -> None:

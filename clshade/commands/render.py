@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from . import DONE, FAILED
-from .arguments import CHECKED, device_option
+from .arguments import CHECKED, device_option, limit_options
 from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     measured.add_argument(
         "--explain", action="store_true", help="what the kernels left out, why, and what that saves: measured"
     )
+    limit_options(measured)
     device_option(parser)
 
 
@@ -56,14 +57,17 @@ def run(arguments: argparse.Namespace) -> int:
     # What comes after the rendering costs as much to import as the rendering takes: it happens beside it.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
-    chosen = chosen_settings(arguments)
     _check_output(arguments)
-    if arguments.check is not None:
-        chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    options = _render_options(arguments)
     scene = load_scene(arguments)
     from .. import renderer
 
-    options = {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
+    found: dict[str, Any] = {}
+    if arguments.budget is not None or arguments.tolerance is not None:
+        from ..checks.selecting import select
+
+        found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
+        options = {**{name: options[name] for name in ("device", "resolution")}, "settings": found["chosen"].settings}
     frame = renderer.render(scene, **options)
     if arguments.check is not None:
         from ..checks.checking import check
@@ -79,13 +83,22 @@ def run(arguments: argparse.Namespace) -> int:
         deterministic=arguments.deterministic,
     ):
         print(f"clshade: warning: {warning}", file=sys.stderr)
-    found: dict[str, Any] = {} if frame.check is None else {"check": frame.check}
+    if frame.check is not None:
+        found["check"] = frame.check
     if arguments.explain:
         from ..checks.explaining import explain
 
         found["explain"] = explain(scene, **options)
     _print_found(frame, found, arguments)
     return DONE if all(each.passed for each in found.values()) else FAILED
+
+
+def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `clshade.render` is given besides the scene."""
+    chosen = chosen_settings(arguments)
+    if arguments.check is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
 
 
 def _print_found(frame: Frame, found: dict[str, Any], arguments: argparse.Namespace) -> None:

@@ -1,0 +1,58 @@
+"""Which variants are worth their time, and which one to use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
+
+from ..errors import InputError
+
+
+class Priced(Protocol):
+    """What has a name, a time in milliseconds and an error."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def error(self) -> float: ...
+
+
+P = TypeVar("P", bound=Priced)
+
+
+def front(priced: Sequence[P]) -> list[P]:
+    """The Pareto front, fastest first: those than which nothing is both as fast and as right. Of equals the first."""
+    found: list[P] = []
+    for each in sorted(priced, key=lambda p: (p.cost, p.error)):
+        if not found or each.error < found[-1].error:
+            found.append(each)
+    return found
+
+
+def within_budget(priced: Sequence[P], budget: float) -> P:
+    """The most exact within `budget` milliseconds. Raises InputError, naming the fastest, where nothing is."""
+    affordable = [each for each in front(priced) if each.cost <= budget]
+    if not affordable:
+        fastest = min(priced, key=lambda p: p.cost)
+        expected = f"a time that some variant keeps: the fastest, {fastest.name}, takes {fastest.cost:.3g} ms"
+        raise InputError(f"--budget: expected {expected}, found {budget:g} ms")
+    return affordable[-1]
+
+
+def within_tolerance(priced: Sequence[P], tolerance: float) -> P:
+    """The fastest whose error is at most `tolerance`. Raises InputError, naming the most exact, where none is."""
+    exact = [each for each in front(priced) if each.error <= tolerance]
+    if not exact:
+        best = min(priced, key=lambda p: p.error)
+        expected = f"an error that some variant reaches: the best, {best.name}, has {best.error:.3g}"
+        raise InputError(f"--tolerance: expected {expected}, found {tolerance:g}")
+    return exact[0]
+
+
+def chosen(priced: Sequence[P], budget: float | None, tolerance: float | None) -> P | None:
+    """By whichever of the two is given; None where neither is. Raises InputError as `within_...` do."""
+    if budget is not None:
+        return within_budget(priced, budget)
+    return None if tolerance is None else within_tolerance(priced, tolerance)

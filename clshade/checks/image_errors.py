@@ -1,0 +1,80 @@
+"""How far an image is from a reference, in the field's usual measures. Images are (M, N, 3), linear, any floats."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..tonemap import srgb_curve
+from ..validation import Array, refuse
+
+# Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
+RELATIVE_FLOOR = 1e-2
+
+
+@dataclass(frozen=True)
+class ImageError:
+    """What `image_error` found.
+
+    rmse: root of the mean squared difference, over pixels and channels, in units of radiance (display white is 1).
+    relmse: mean of squared difference / (squared reference + 1e-4).
+    psnr: decibels, of the images as they are seen: held to [0, 1] and encoded by the sRGB curve. Infinite for equal ones.
+    flip: mean of FLIP over the image, 0 to 1, of the same encoded images; None where `flip-evaluator` is not installed.
+    """
+
+    rmse: float
+    relmse: float
+    psnr: float
+    flip: float | None
+
+    def stats(self) -> dict[str, float | None]:
+        """The figures, as JSON takes them: it has no infinity."""
+        return {**vars(self), "psnr": self.psnr if math.isfinite(self.psnr) else None}
+
+
+def rmse(image: Array, reference: Array) -> float:
+    return math.sqrt(float(np.mean(_squared(image, reference))))
+
+
+def relmse(image: Array, reference: Array) -> float:
+    scale = np.square(np.asarray(reference, np.float64)) + RELATIVE_FLOOR**2
+    return float(np.mean(_squared(image, reference) / scale))
+
+
+def psnr(image: Array, reference: Array) -> float:
+    error = float(np.mean(_squared(_seen(image), _seen(reference))))
+    return -10.0 * math.log10(error) if error else math.inf
+
+
+def flip(image: Array, reference: Array) -> float | None:
+    """Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020, at 67 pixels per degree."""
+    if not has_flip():
+        return None
+    import flip_evaluator
+
+    seen = (np.ascontiguousarray(_seen(each), dtype=np.float32) for each in (reference, image))
+    return float(flip_evaluator.evaluate(*seen, "LDR", applyMagma=False)[1])
+
+
+def has_flip() -> bool:
+    """Whether `flip-evaluator` is installed (clshade's extra `report`)."""
+    return importlib.util.find_spec("flip_evaluator") is not None
+
+
+def image_error(image: Array, reference: Array) -> ImageError:
+    """All measures. Raises InputError for images of different sizes."""
+    if image.shape != reference.shape:
+        raise refuse("image_error", "image", f"the reference's shape {reference.shape}", image)
+    return ImageError(rmse(image, reference), relmse(image, reference), psnr(image, reference), flip(image, reference))
+
+
+def _squared(image: Array, reference: Any) -> Array:
+    return np.square(np.asarray(image, np.float64) - np.asarray(reference, np.float64))
+
+
+def _seen(image: Array) -> Array:
+    return srgb_curve(np.clip(np.nan_to_num(np.asarray(image, np.float64)), 0.0, 1.0))

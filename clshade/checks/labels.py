@@ -1,0 +1,98 @@
+"""Names beside the points of a plot, placed so that none lies over another or over a point."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DIRECTIONS = 16
+REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side, in pixels
+
+
+class Box(NamedTuple):
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def overlap(self, other: Box) -> float:
+        """The area that both hold."""
+        width = min(self.right, other.right) - max(self.left, other.left)
+        height = min(self.top, other.top) - max(self.bottom, other.bottom)
+        return width * height if width > 0.0 and height > 0.0 else 0.0
+
+    @property
+    def area(self) -> float:
+        return (self.right - self.left) * (self.top - self.bottom)
+
+
+def beside(x: float, y: float, width: float, height: float, reach: float, angle: float) -> Box:
+    """A box of that size whose nearest side or corner is `reach` away from the point, in direction `angle`."""
+    dx, dy = math.cos(angle), math.sin(angle)
+    center_x, center_y = x + dx * (reach + width / 2.0), y + dy * (reach + height / 2.0)
+    return Box(center_x - width / 2.0, center_y - height / 2.0, center_x + width / 2.0, center_y + height / 2.0)
+
+
+def placed(
+    points: Sequence[tuple[float, float]],
+    sizes: Sequence[tuple[float, float]],
+    frame: Box,
+    obstacles: Sequence[Box] = (),
+    radius: float = 5.0,
+) -> list[Box]:
+    """A box for each point's label, all in pixels: near it, inside of the frame, over no other label, point or obstacle.
+
+    The points with most others near them choose first. Where nothing is free, what overlaps least is taken.
+    """
+    taken = [*obstacles, *(Box(x - radius, y - radius, x + radius, y + radius) for x, y in points)]
+    crowd = [sum(1.0 / (1.0 + math.dist(a, b)) for b in points) for a in points]
+    boxes: dict[int, Box] = {}
+    for k in sorted(range(len(points)), key=lambda k: -crowd[k]):
+        best, least = None, math.inf
+        for reach in REACHES:
+            for step in range(DIRECTIONS):
+                box = beside(*points[k], *sizes[k], reach, 2.0 * math.pi * step / DIRECTIONS)
+                outside = box.area - box.overlap(frame)
+                cost = outside + sum(box.overlap(other) for other in (*boxes.values(), *taken))
+                if cost < least:
+                    best, least = box, cost
+            if least == 0.0:
+                break
+        boxes[k] = best  # type: ignore[assignment]
+    return [boxes[k] for k in range(len(points))]
+
+
+def label_points(
+    axes: Axes,
+    x: Sequence[float],
+    y: Sequence[float],
+    names: Sequence[str],
+    lines: Sequence[Sequence[tuple[float, float]]] = (),
+    size: float = 8.0,
+) -> None:
+    """Writes the names beside the points of axes whose place in the figure is settled; a thin line leads to those that
+    are not next to their point. lines: the corners of lines of horizontal and vertical pieces, which are kept free."""
+    renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    points = [tuple(map(float, axes.transData.transform(point))) for point in zip(x, y, strict=True)]
+    texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5) for name in names]
+    extents = [text.get_window_extent(renderer) for text in texts]
+    inside = Box(*axes.get_window_extent(renderer).extents)
+    pieces = [
+        Box(*np.minimum(a, b) - 1.0, *np.maximum(a, b) + 1.0)
+        for line in lines
+        for a, b in itertools.pairwise(axes.transData.transform(line))
+    ]
+    boxes = placed(points, [(e.width + 2.0, e.height + 2.0) for e in extents], inside, pieces)  # type: ignore[arg-type]
+    for text, box, point in zip(texts, boxes, points, strict=True):
+        text.set_position((box.left + 1.0, box.bottom + 1.0))
+        near = min(max(point[0], box.left), box.right), min(max(point[1], box.bottom), box.top)
+        if math.dist(near, point) > REACHES[1]:
+            line = axes.plot(*zip(near, point, strict=True), color="gray", lw=0.5, transform=None, zorder=1)
+            line[0].set_clip_on(False)

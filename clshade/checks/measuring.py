@@ -1,0 +1,115 @@
+"""What a way of drawing costs, and the two errors of its image: of its arithmetic, and of what it approximates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from .. import viewpoint
+from ..camera import Camera
+from ..device import Device
+from ..frame import Frame
+from ..renderer import Renderer
+from ..scene import Scene, Settings
+from ..validation import Array
+from .checking import Check, check
+from .image_errors import ImageError, image_error
+from .reference import Reference
+from .timing import Spread, in_turns, spread
+from .variants import Variant
+
+SECONDS = 20.0  # for the frames of all variants
+SAMPLES_CHECKED = 1 << 17  # of an image, computed again in float64: a second or less
+STEP = 0.05  # degrees that the camera goes on from frame to frame
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A variant on one scene and device.
+
+    frame_ms: of frames of the scene that stays on the device. build_ms, upload_ms: before the first of them: programs
+    built or loaded from the cache, and the scene packed and uploaded.
+    arithmetic: against the float64 oracle with the same settings, if it was looked at. approximation: against the reference.
+    rgb: the image, (M, N, 3).
+    """
+
+    variant: Variant
+    frame_ms: Spread
+    build_ms: float
+    upload_ms: float
+    arithmetic: Check | None
+    approximation: ImageError
+    rgb: Array = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        return self.variant.name
+
+    @property
+    def cost(self) -> float:
+        """Milliseconds of a frame."""
+        return self.frame_ms.median
+
+    @property
+    def error(self) -> float:
+        """Of the approximation, RMSE."""
+        return self.approximation.rmse
+
+    def stats(self) -> dict[str, Any]:
+        """The figures, as JSON takes them."""
+        return {
+            "variant": self.name,
+            "about": self.variant.about,
+            "settings": self.variant.changes,
+            "frame_ms": self.frame_ms._asdict(),
+            "build_ms": self.build_ms,
+            "upload_ms": self.upload_ms,
+            "arithmetic": self.arithmetic and self.arithmetic.stats(),
+            "approximation": self.approximation.stats(),
+        }
+
+
+def measure(
+    scene: Scene,
+    variants: Sequence[Variant],
+    base: Settings,
+    device: Device,
+    reference: Reference,
+    *,
+    frames: int,
+    seconds: float = SECONDS,
+    checked: bool = True,
+) -> list[Measured]:
+    """The variants' times, measured in turns while the camera moves, and the errors of their images.
+
+    base: what the variants change. frames: of each; fewer where all of them take more than `seconds`. checked: whether
+    the arithmetic is looked at too.
+    """
+    with ExitStack() as stack:
+        opened = [Renderer(scene, settings=each.settings(base), device=device) for each in variants]
+        renderers = [stack.enter_context(renderer) for renderer in opened]
+        images = [renderer.render() for renderer in renderers]
+        cameras = [viewpoint.moved(scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+        draws = [partial(_frame_ms, renderer, cameras) for renderer in renderers]
+        times = list(zip(*in_turns(draws, frames, seconds), strict=True))
+    found = []
+    for variant, image, ms in zip(variants, images, times, strict=True):
+        once = image.stats["times_ms"]
+        arithmetic = check(image, _pixels_to_check(image)) if checked else None
+        approximation = image_error(image.rgb, reference.rgb)
+        uploaded = once["pack"] + once["upload"]
+        found.append(Measured(variant, spread(ms), once["build"], uploaded, arithmetic, approximation, image.rgb))
+    return found
+
+
+def _frame_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> float:
+    return renderer.render(camera=cameras[number]).stats["times_ms"]["frame"]
+
+
+def _pixels_to_check(image: Frame) -> int | str:
+    """All pixels, or as many as there is time for."""
+    affordable = SAMPLES_CHECKED // getattr(image.settings, "samples", 1)
+    return "all" if image.alpha.size <= affordable else affordable

@@ -1,0 +1,64 @@
+"""`report`: error against run time, measured of one scene."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TextIO
+
+from ..device import open_device
+from ..errors import InputError
+from ..scene import Scene
+from . import report_figure, report_tables, tables
+from .choosing import chosen
+from .study import study
+from .variants import VARIANTS, named, variants_for
+
+FRAMES = 15  # of each variant
+
+
+def listing() -> str:
+    """All variants, and what they are."""
+    return "\n".join(f"{each.name:<16} {each.about}" for each in VARIANTS)
+
+
+def run(
+    scene: Scene,
+    device: str | None = None,
+    *,
+    out: str | Path = "report",
+    names: Sequence[str] = (),
+    frames: int = FRAMES,
+    budget: float | None = None,
+    tolerance: float | None = None,
+    stream: TextIO | None = None,
+) -> bool:
+    """Measures, prints the tables, writes the files, names the variant to use. True if no pixel has a wrong coverage.
+
+    names: of variants; default all that change something of this scene. frames: of each. budget: milliseconds.
+    tolerance: RMSE. Raises InputError, also for a budget or tolerance that no variant keeps, when all is written;
+    DeviceError and OutputError.
+    """
+    stream = stream or sys.stdout
+    if frames < 1:
+        raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
+    opened = open_device(device)
+    variants = named(variants_for(scene, opened), names)
+    folder = tables.made_folder(out)
+    found = study(scene, opened, variants, frames)
+    used, unkept = None, None
+    try:
+        used = chosen(found.measured, budget, tolerance)
+    except InputError as error:
+        unkept = error
+    print("\n".join(report_tables.lines(found)), file=stream)
+    written = report_tables.write(found, used, folder)
+    written.append(folder / "report.png")
+    report_figure.plot(found, written[-1])
+    print("\n".join(["", *(f"wrote {path}" for path in written)]), file=stream)
+    if unkept is not None:
+        raise unkept
+    if used is not None:
+        print(report_tables.used_line(used), file=stream)
+    return all(report_tables.checked(each).wrong == 0 for each in found.measured)

@@ -1,0 +1,210 @@
+"""What `report` measured, as tables for the terminal, CSV, JSON and Markdown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from .. import atomic
+from . import tables
+from .checking import Check
+from .image_errors import has_flip
+from .measuring import Measured
+from .study import Study
+from .tables import figure
+
+VARIANTS = (
+    *("variant", "ms", "half of them", "RMSE", "relMSE", "PSNR", "FLIP"),
+    *("arithmetic", "its RMS", "bounds", "wrong", "build ms", "upload ms"),
+)
+NO_FLIP = (
+    "FLIP: not measured, flip-evaluator is not installed (pip install flip-evaluator, or clshade's extra `report`)"
+)
+
+
+def checked(each: Measured) -> Check:
+    """A study looks at the arithmetic of every variant."""
+    assert each.arithmetic is not None
+    return each.arithmetic
+
+
+def _variant(each: Measured, on_front: bool) -> tables.Row:
+    low, median, high = each.frame_ms
+    close, exact = each.approximation, checked(each)
+    of = "" if exact.complete else f" of {exact.pixels:,}"
+    return (
+        f"{each.name}{' *' if on_front else ''}",
+        f"{median:.2f}",
+        f"{low:.2f} to {high:.2f}",
+        figure(close.rmse),
+        figure(close.relmse),
+        f"{close.psnr:.1f}",
+        figure(close.flip),
+        figure(exact.error, 2),
+        figure(exact.rms, 2),
+        figure(exact.bounds, 2),
+        f"{exact.wrong}{of}",
+        f"{each.build_ms:.0f}",
+        f"{each.upload_ms:.0f}",
+    )
+
+
+FORMATS = ("format", "write ms", "half of them", "kB", "RMSE", "largest")
+
+
+def _formats(study: Study) -> list[tables.Row]:
+    return [
+        (
+            each.name,
+            f"{each.write_ms.median:.1f}",
+            f"{each.write_ms.low:.1f} to {each.write_ms.high:.1f}",
+            f"{each.bytes / 1e3:.0f}",
+            figure(each.rmse),
+            figure(each.largest),
+        )
+        for each in study.kept
+    ]
+
+
+def _tessellation(study: Study) -> tuple[tables.Row, list[tables.Row]]:
+    found = study.tessellation
+    errors = zip(*found.errors.values(), strict=True)
+    rows: list[tables.Row] = [
+        (f"{count:,}", *map(figure, each)) for count, each in zip(found.triangles, errors, strict=True)
+    ]
+    rows.append(("slope", *(f"{found.slope(shader):.2f}" for shader in found.errors)))
+    return ("triangles", *found.errors), rows
+
+
+def _variants(study: Study) -> list[tables.Row]:
+    best = study.front
+    return [_variant(each, each in best) for each in study.measured]
+
+
+def _facts(study: Study) -> list[str]:
+    return [
+        f"scene      {study.title}",
+        f"device     {study.device}",
+        f"machine    {study.machine}",
+        f"reference  {study.reference.about()}",
+    ]
+
+
+NOTES = (
+    "* nothing else is both as fast and as right (Pareto front). RMSE to FLIP: against the reference. arithmetic: the "
+    "largest |value - oracle| / light of pixels computed again in float64 with the same settings, its RMS, the largest in "
+    "bounds, and pixels of wrong coverage."
+)
+SPHERE = (
+    "RMSE of a sphere against one of {:,} triangles, where both cover a pixel; slope: power of the number of triangles"
+)
+
+
+def lines(study: Study) -> list[str]:
+    """For the terminal."""
+    header, rows = _tessellation(study)
+    return [
+        *_facts(study),
+        "",
+        *tables.as_lines(VARIANTS, _variants(study)),
+        NOTES,
+        *([] if has_flip() else [NO_FLIP]),
+        "",
+        SPHERE.format(study.tessellation.finest),
+        *tables.as_lines(header, rows),
+        "",
+        *tables.as_lines(FORMATS, _formats(study)),
+    ]
+
+
+def markdown(study: Study, used: str) -> str:
+    header, rows = _tessellation(study)
+    return "\n".join(
+        [
+            "# Error against run time",
+            "",
+            *(f"- {line[:9].strip()}: {line[11:]}" for line in _facts(study)),
+            *([f"- {used}"] if used else []),
+            "",
+            *tables.as_markdown(VARIANTS, _variants(study)),
+            "",
+            NOTES if has_flip() else f"{NOTES} {NO_FLIP}",
+            "",
+            "## Tessellation",
+            "",
+            SPHERE.format(study.tessellation.finest) + ".",
+            "",
+            *tables.as_markdown(header, rows),
+            "",
+            "## Output formats",
+            "",
+            *tables.as_markdown(FORMATS, _formats(study)),
+            "",
+        ]
+    )
+
+
+CSV = (
+    *(
+        "study",
+        "name",
+        "settings",
+        "ms",
+        "ms_low",
+        "ms_high",
+        "build_ms",
+        "upload_ms",
+        "rmse",
+        "relmse",
+        "psnr",
+        "flip",
+    ),
+    *("arithmetic", "arithmetic_rms", "bounds", "wrong", "pixels_checked", "bytes", "largest", "triangles"),
+)
+
+
+def csv_rows(study: Study) -> list[tables.Row]:
+    """Full precision, one row for each variant, format, and sphere of each shader; what does not apply is empty."""
+    rows: list[dict[str, object]] = []
+    for each in study.measured:
+        low, median, high = each.frame_ms
+        exact = checked(each)
+        rows.append(
+            {
+                "study": "variant",
+                "name": each.name,
+                "settings": " ".join(f"{name}={value}" for name, value in each.variant.changes.items()),
+                **{"ms": median, "ms_low": low, "ms_high": high},
+                **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
+                **{"arithmetic": exact.error, "arithmetic_rms": exact.rms, "bounds": exact.bounds},
+                **{"wrong": exact.wrong, "pixels_checked": exact.pixels},
+            }
+        )
+    for kept in study.kept:
+        low, median, high = kept.write_ms
+        times = {"ms": median, "ms_low": low, "ms_high": high}
+        rows.append({"study": "format", **vars(kept), **times})
+    found = study.tessellation
+    for shader, errors in found.errors.items():
+        rows += [
+            {"study": "tessellation", "name": shader, "triangles": count, "rmse": error}
+            for count, error in zip(found.triangles, errors, strict=True)
+        ]
+    return [tuple("" if row.get(name) is None else str(row[name]) for name in CSV) for row in rows]
+
+
+def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
+    """report.csv, .json and .md. used: the variant that budget or tolerance asked for."""
+    texts = {
+        "report.csv": tables.as_csv(CSV, csv_rows(study)),
+        "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
+        "report.md": markdown(study, used_line(used) if used else ""),
+    }
+    for name, text in texts.items():
+        atomic.write_bytes(folder / name, text.encode())
+    return [folder / name for name in texts]
+
+
+def used_line(used: Measured) -> str:
+    changes = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in used.variant.changes.items())
+    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} (render {changes or 'as it is'})"

@@ -1,0 +1,79 @@
+"""All that `report` measures of one scene."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..device import Device
+from ..renderer import render
+from ..scene import Scene
+from .choosing import front
+from .formats import Kept, formats
+from .measuring import Measured, measure
+from .reference import Reference, reference
+from .tessellation import Tessellation, tessellation
+from .variants import Variant, base_settings
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What was measured. device, machine: in words."""
+
+    scene: Scene
+    device: str
+    machine: str
+    reference: Reference
+    measured: tuple[Measured, ...]
+    tessellation: Tessellation
+    kept: tuple[Kept, ...]
+
+    @property
+    def front(self) -> list[Measured]:
+        """The variants than which no other is both as fast and as right; fastest first."""
+        return front(self.measured)
+
+    @property
+    def title(self) -> str:
+        columns, rows = self.scene.camera.resolution
+        return f"{self.scene.name or 'unnamed'}, {self.scene.face_count:,} triangles, {columns}x{rows}"
+
+    def stats(self) -> dict[str, Any]:
+        """The figures, as JSON takes them."""
+        return {
+            "scene": self.scene.name,
+            "triangles": self.scene.face_count,
+            "resolution": self.scene.camera.resolution,
+            "device": self.device,
+            "machine": self.machine,
+            "reference": {"samples": self.reference.samples, "error_below": self.reference.error},
+            "variants": [each.stats() for each in self.measured],
+            "pareto_front": [each.name for each in self.front],
+            "tessellation": self.tessellation.stats(),
+            "formats": [each.stats() for each in self.kept],
+        }
+
+
+def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int) -> Study:
+    """Measures the variants (see `measure`), the formats of an image, and the sphere."""
+    base = base_settings(scene)
+    converged = reference(scene, base, device)
+    measured = measure(scene, variants, base, device, converged, frames=frames)
+    kept = formats(render(scene, settings=base, device=device))
+    named = f"{device.platform}: {device.name}"
+    return Study(scene, named, machine(), converged, tuple(measured), tessellation(device), tuple(kept))
+
+
+def machine() -> str:
+    """Processor, how many of them this process may use, system."""
+    model = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo") as file:
+            model = next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), model)
+    except OSError:
+        pass  # another system
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{model}, {count} processors, {platform.system()} {platform.machine()}, Python {platform.python_version()}"

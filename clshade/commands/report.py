@@ -1,0 +1,37 @@
+"""`report`: error against run time."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from . import DONE, FAILED
+from .arguments import device_option, limit_options
+from .scene_options import camera_options, load_scene, scene_options
+
+RESOLUTION = (320, 240)  # unless --resolution says otherwise: all of it takes less than a minute
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    scene_options(parser)
+    camera_options(parser)
+    study = parser.add_argument_group("study")
+    study.add_argument("--out", default="report", metavar="DIR", help="folder for tables and figure (default: report)")
+    study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
+    study.add_argument("--list", action="store_true", help="name all variants")
+    study.add_argument("--frames", type=int, metavar="N", help="of each variant (default: 15)")
+    limit_options(study)
+    device_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from ..checks import report
+
+    if arguments.list:
+        print(report.listing())
+        return DONE
+    scene = load_scene(arguments)
+    scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
+    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance")}
+    options = {name: value for name, value in given.items() if value is not None}
+    return DONE if report.run(scene, arguments.device, names=arguments.only, **options) else FAILED

@@ -1,0 +1,405 @@
+"""`report`: errors and times of variants, what the reference is worth, tables, figure, limits of `render`."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import assert_refused, run
+
+from clshade import exr, png
+from clshade.camera import Camera
+from clshade.checks import labels, report, report_figure, selecting, study, tables, timing, variants
+from clshade.checks.formats import formats
+from clshade.checks.image_errors import rmse
+from clshade.checks.labels import Box, placed
+from clshade.checks.measuring import measure
+from clshade.checks.reference import averaged, reference
+from clshade.checks.selecting import select
+from clshade.checks.tessellation import loglog_slope, tessellation
+from clshade.checks.variants import BASE, base_settings, named, supported, variants_for
+from clshade.errors import InputError
+from clshade.renderer import render
+from clshade.scene import Material, Mesh, Scene, Settings
+from clshade.scenes import builtin
+
+SMALL = (64, 48)
+
+
+def sphere(level: int = 2) -> Scene:
+    return builtin("icosphere", level=level, resolution=SMALL)
+
+
+def triangle() -> Scene:
+    """White, unlit, over black; covers 0.4 * 0.7 / 2 of the image, no edge along the pixels."""
+    verts = np.array([[-0.2, -0.35, -1.0], [0.2, -0.31, -1.0], [-0.17, 0.35, -1.0]])
+    camera = Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (40, 40))
+    material = Material(ka=1.0, kd=0.0, ks=0.0, n=1.0)
+    mesh = Mesh(verts, np.array([[0, 1, 2]]), material=material)
+    return Scene((mesh,), camera, (), np.ones(3), np.zeros(3), name="triangle")
+
+
+def area(scene: Scene) -> float:
+    """Of the triangle, as a share of the image: its plane is one unit away and one unit wide."""
+    (ax, ay, _), (bx, by, _), (cx, cy, _) = scene.meshes[0].verts
+    return abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)) / 2.0
+
+
+# The reference
+
+
+def test_the_reference_approaches_the_covered_area(device):
+    scene = triangle()
+    found = reference(scene, base_settings(scene), device)
+    assert found.rgb.shape == (40, 40, 3)
+    assert found.samples == 256
+    # About 60 pixels hold an edge; 1/256 px is what vertices are snapped to, and 1/256 a pixel's coverage.
+    assert found.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
+    assert 0.0 < found.error < 0.02
+
+
+def test_more_samples_are_nearer_to_the_reference(device):
+    """Each of the edge's pixels is off by up to about 1/sqrt(samples): the RMSE falls at least that fast."""
+    scene = triangle()
+    base = base_settings(scene)
+    truth = reference(scene, base, device).rgb
+    counts = (1, 4, 16, 64)
+    errors = [rmse(averaged(scene, device, base, scale, 1), truth) for scale in (1, 2, 4, 8)]
+    assert all(later < earlier for earlier, later in itertools.pairwise(errors))
+    assert loglog_slope(counts, errors) < -0.5
+    assert errors[0] > 12 * errors[-1]
+
+
+def test_the_reference_keeps_what_belongs_to_the_scene(device):
+    base = Settings.from_preset("course", shader="nolight", cull=True, near=0.5)
+    found = reference(triangle(), base, device).settings
+    assert (found.ambient, found.shader, found.cull, found.near) == ("plain", "nolight", True, 0.5)
+    assert (found.visibility, found.interpolation, found.texture_at) == ("depth", "perspective", "pixel")
+
+
+# Variants
+
+
+def test_every_variant_is_another_way_and_names_are_unique():
+    names = [each.name for each in variants.VARIANTS]
+    assert len(set(names)) == len(names)
+    changes = [tuple(sorted(each.changes.items())) for each in variants.VARIANTS]
+    assert len(set(changes)) == len(changes)
+    assert set(variants.SHORT) <= set(names)
+
+
+def test_variants_are_those_that_change_something(device):
+    plain, textured = (
+        {each.name for each in variants_for(builtin(name, resolution=SMALL), device)} for name in ("quads", "course")
+    )
+    assert {BASE, "gouraud", "painter", "affine", "course"} <= plain
+    assert "vertex-texture" in textured - plain
+    assert not any(
+        variant.changes.keys() & set(variants.TEXTURES) - {"texture_at"}
+        for variant in variants_for(builtin("quads"), device)
+    )
+
+
+def test_fields_and_values_that_settings_do_not_have(device):
+    assert supported({"shader": "gouraud"}, device)
+    assert not supported({"no_such_field": 1}, device)
+    assert not supported({"shader": "flat"}, device)
+    assert not supported({"precision": "float64"}, replace(device, has_fp64=False))
+
+
+def test_the_base_keeps_the_ambient_term():
+    assert base_settings(builtin("course")).ambient == "plain"
+    assert base_settings(builtin("quads")) == Settings()
+
+
+def test_unknown_variants(device):
+    known = variants_for(sphere(), device)
+    assert named(known, []) == known
+    assert [each.name for each in named(known, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
+    with pytest.raises(InputError, match=r"--only: expected names of standard, .*gouraud.* found 'guro'"):
+        named(known, ["guro"])
+
+
+# Measuring
+
+
+def test_measured_errors_are_those_of_the_images(device):
+    """A planted error in the reference is found, the image's own arithmetic is not blamed for it."""
+    scene = sphere()
+    base = base_settings(scene)
+    own = render(scene, settings=base, device=device).rgb.astype(np.float64)
+    planted = replace(reference(scene, base, device), rgb=own + 0.125)
+    chosen = named(variants_for(scene, device), [BASE, "gouraud"])
+    standard, gouraud = measure(scene, chosen, base, device, planted, frames=3)
+    assert standard.error == pytest.approx(0.125, rel=1e-6)
+    assert gouraud.error != standard.error
+    for each in (standard, gouraud):
+        assert each.arithmetic.wrong == 0
+        assert 0.0 < each.arithmetic.rms < each.arithmetic.error < 1e-5
+        assert 0.0 < each.frame_ms.low <= each.cost <= each.frame_ms.high
+        assert each.upload_ms > 0.0
+    assert (standard.rgb == own).all()
+
+
+def test_the_root_mean_square_of_the_arithmetic():
+    """Not above the largest, and it counts the pixels without error."""
+    from clshade import check
+
+    frame = render(sphere())
+    found = check(frame, "all")
+    assert 0.0 < found.rms < found.error / 2
+
+
+def test_turns_alternate_and_end():
+    seen: list[tuple[str, int]] = []
+    draws = [lambda k, name=name: seen.append((name, k)) or k for name in "ab"]
+    assert timing.in_turns(draws, 3, seconds=60.0) == [(0, 0), (1, 1), (2, 2)]
+    assert seen == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
+    assert len(timing.in_turns(draws, 100, seconds=0.0)) == timing.FEWEST
+    assert timing.spread([4.0, 1.0, 2.0, 3.0, 5.0]) == (2.0, 3.0, 4.0)
+
+
+def test_power_laws():
+    x = np.array([1.0, 10.0, 40.0, 1000.0])
+    assert loglog_slope(x, 7.0 * x**-1.5) == pytest.approx(-1.5)
+
+
+def test_tessellation(device):
+    """Both shadings are of second order in the edge's length, so of first order in the number of triangles, once the
+    sphere's highlight, about 20 degrees wide, holds some of them."""
+    found = tessellation(device, SMALL)
+    gouraud, phong = found.errors["gouraud"], found.errors["phong"]
+    assert found.triangles == tuple(20 * 4**level for level in range(7))
+    assert found.finest == 20 * 4**7
+    assert all(p < g for p, g in zip(phong, gouraud, strict=True))
+    assert all(b < a for each in (gouraud, phong) for a, b in itertools.pairwise(each))
+    assert loglog_slope(found.triangles[3:], phong[3:]) == pytest.approx(-1.0, abs=0.25)
+    assert found.slope("gouraud") == pytest.approx(-0.9, abs=0.25)
+
+
+def test_formats(device):
+    frame = render(sphere(), device=device)
+    found = {each.name: each for each in formats(frame)}
+    brightest = float(frame.rgb.max())
+    assert (found["EXR float"].rmse, found["EXR float"].largest) == (0.0, 0.0)
+    assert 0.0 < found["EXR half"].largest <= brightest * 2.0**-11  # half a unit in the last of 11 bits
+    assert 0.0 < found["EXR pxr24"].largest <= brightest * 2.0**-16  # 15 bits are kept after the first
+    for name in ("EXR half b44", "EXR half dwaa"):
+        assert found["EXR half"].rmse < found[name].rmse < 0.1
+    # A step of the sRGB curve is at most 2.4/1.055 / 255 wide at white; above it all is lost.
+    assert found["PNG 8 bit srgb"].largest <= max(brightest - 1.0 + 0.005, 0.005)
+    assert all(each.bytes > 100 and each.write_ms.median > 0.0 for each in found.values())
+
+
+# Tables and the figure
+
+
+def test_tables():
+    header, rows = ("name", "n"), [("a", "10"), ("long|er", "5")]
+    assert tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
+    assert tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
+    assert list(csv.reader(io.StringIO(tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
+    assert (tables.figure(0.00123456), tables.figure(None)) == ("0.00123", "-")
+
+
+def test_labels_lie_apart():
+    """Eighteen names, six of them of points that nearly coincide, with a line through the middle."""
+    rng = np.random.default_rng(2)
+    points = [*rng.uniform([40, 40], [560, 410], (12, 2)), *(np.array([300.0, 200.0]) + rng.uniform(-6, 6, (6, 2)))]
+    sizes = [(w, 11.0) for w in rng.uniform(30, 90, 18)]
+    frame, line = Box(0, 0, 600, 450), Box(0, 224, 600, 226)
+    boxes = placed([tuple(p) for p in points], sizes, frame, [line])
+    dots = [Box(x, y, x + 1e-9, y + 1e-9) for x, y in points]
+    for box, size in zip(boxes, sizes, strict=True):
+        assert (box.right - box.left, box.top - box.bottom) == pytest.approx(size)
+        assert box.overlap(frame) == pytest.approx(box.area)
+        assert not box.overlap(line)
+        assert not any(box.overlap(dot) for dot in dots)
+    assert not any(a.overlap(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_labels_where_there_is_no_room():
+    boxes = placed([(5.0, 5.0)] * 3, [(50.0, 50.0)] * 3, Box(0, 0, 10, 10))
+    assert len(boxes) == 3
+
+
+def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study:
+    """The study with so many variants of these times and errors."""
+    one = found.measured[0]
+    error = one.approximation
+    measured = [
+        replace(
+            one,
+            variant=replace(one.variant, name=f"variant-{k}"),
+            frame_ms=timing.Spread(0.9 * cost, cost, 1.2 * cost),
+            approximation=replace(error, rmse=rmse_of),
+            rgb=found.reference.rgb + rmse_of,
+        )
+        for k, (cost, rmse_of) in enumerate(costs)
+    ]
+    return replace(found, measured=tuple(measured))
+
+
+@pytest.fixture(scope="session")
+def found(device) -> study.Study:
+    """A small study."""
+    scene = sphere()
+    return study.study(scene, device, named(variants_for(scene, device), [BASE, "gouraud"]), 3)
+
+
+def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
+    several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
+    assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
+    assert [each.name for each in report_figure.shown_differences(several)] == [
+        "variant-1",
+        "variant-3",
+        "variant-0",
+        "variant-2",
+    ]
+    assert report_figure.difference(several.measured[3], several) == pytest.approx(np.full(SMALL[::-1], 0.9))
+
+
+def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
+    several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
+    written: list[str] = []
+    original = labels.label_points
+    monkeypatch.setattr(
+        report_figure,
+        "label_points",
+        lambda axes, x, y, names, lines: written.extend(names) or original(axes, x, y, names, lines),
+    )
+    report_figure.plot(several, tmp_path / "a.png")
+    assert written == [f"variant-{k}" for k in range(10)]
+    assert png.read(tmp_path / "a.png").std() > 20.0
+
+
+# The command
+
+
+def no_constants(text: str) -> float:
+    raise AssertionError(f"{text} is no JSON")
+
+
+def test_run_writes_all(found, device, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    text = io.StringIO()
+    options = {"out": tmp_path / "new" / "folder", "stream": text, "budget": 1e6}
+    assert report.run(sphere(), device.index, **options)
+    folder = tmp_path / "new" / "folder"
+    assert {path.name for path in folder.iterdir()} == {"report.csv", "report.json", "report.md", "report.png"}
+    figures = json.loads((folder / "report.json").read_text(), parse_constant=no_constants)
+    assert [each["variant"] for each in figures["variants"]] == [BASE, "gouraud"]
+    assert figures["variants"][0]["approximation"]["rmse"] == found.measured[0].error
+    assert figures["use"] == min(found.measured, key=lambda each: each.error).name
+    assert figures["machine"] == study.machine()
+    rows = list(csv.DictReader((folder / "report.csv").open()))
+    assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
+    assert float(rows[0]["rmse"]) == found.measured[0].error
+    assert {row["study"] for row in rows} == {"variant", "format", "tessellation"}
+    shown = text.getvalue()
+    for part in (found.device, found.machine, f"use {figures['use']}: ", "PNG 8 bit srgb", "81,920"):
+        assert part in shown
+        assert part in (folder / "report.md").read_text()
+
+
+def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
+    """What was measured is there all the same."""
+    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    with pytest.raises(InputError, match=r"--tolerance: .*the best, .* has .*, found 1e-12"):
+        report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())
+    assert (tmp_path / "report.png").exists()
+    assert json.loads((tmp_path / "report.json").read_text())["use"] is None
+
+
+def test_wrong_coverage_fails(found, device, tmp_path, monkeypatch):
+    one = found.measured[0]
+    spoiled = replace(one, arithmetic=replace(one.arithmetic, wrong=1))
+    monkeypatch.setattr(report, "study", lambda *arguments: replace(found, measured=(spoiled,)))
+    assert not report.run(sphere(), device.index, out=tmp_path, stream=io.StringIO())
+
+
+def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(report, "study", lambda *arguments: given.append(arguments) or found)
+    command = ("report", "icosphere", "--device", device.index, "--out", tmp_path, "--only", BASE, "--frames", "2")
+    code, out, err = run(capsys, *command, "--budget", "1000s")
+    assert (code, err) == (0, [])
+    assert "use " in out
+    scene, _, chosen, frames = given[0]
+    assert (scene.camera.resolution, [each.name for each in chosen], frames) == ((320, 240), [BASE], 2)
+    code, out, err = run(capsys, "report", "--list")
+    assert (code, err, out.count("\n")) == (0, [], len(variants.VARIANTS))
+
+
+REFUSED = [
+    (("--only", "guro"), ("--only", "standard", "'guro'")),
+    (("--frames", "0"), ("--frames", "0")),
+    (("--budget", "0ms"), ("--budget", "'0ms'")),
+    (("--budget", "-3"), ("--budget", "'-3'")),
+    (("--tolerance", "0"), ("--tolerance", "'0'")),
+    (("--budget", "5ms", "--tolerance", "1e-3"), ("--tolerance", "not allowed with", "--budget")),
+    (("--resolution", "0,5"), ("resolution", "0")),
+    (("--out", "file/x"), ("file/x", "--out")),
+]
+
+
+@pytest.mark.parametrize(("options", "parts"), REFUSED, ids=[" ".join(options) for options, _ in REFUSED])
+def test_refused(device, capsys, tmp_path, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    monkeypatch.setattr(report, "study", lambda *arguments: pytest.fail("something was measured"))
+    assert_refused(run(capsys, "report", "icosphere", "--device", device.index, *options), *parts)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+# Limits of `render`
+
+
+def test_render_obeys(device, capsys, tmp_path):
+    """The settings that a limit chooses are those of the image that is written."""
+    command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
+    code, out, err = run(capsys, *command, "--tolerance", "1000", "--stats", "--deterministic")
+    assert (code, err) == (0, [])
+    chosen = json.loads(out)["chosen"]
+    settings = exr.read(tmp_path / "a.exr")[1]["settings"]
+    for name, value in chosen["settings"].items():
+        assert f"{name}={value}" in settings
+    code, out, err = run(capsys, *command, "--budget", "100s")
+    assert (code, err) == (0, [])
+    assert "\nchosen  " in out
+    assert "RMSE" in out
+
+
+def test_the_chosen_keep_their_limits(device):
+    options = {"device": device, "resolution": (48, 36)}
+    best = select(builtin("icosphere", level=2), budget=1e6, **options)
+    assert best.used.error <= 1.001 * min(
+        select(builtin("icosphere", level=2), tolerance=1e6, **options).used.error, best.used.error
+    )
+    budget = 3.0 * best.used.cost
+    assert select(builtin("icosphere", level=2), budget=budget, **options).used.cost <= budget
+    tolerance = 2.0 * best.used.error
+    assert select(builtin("icosphere", level=2), tolerance=tolerance, **options).used.error <= tolerance
+
+
+def test_settings_that_are_given_stay(device):
+    found = select(builtin("icosphere", level=2), budget=1e6, device=device, resolution=(48, 36), shader="gouraud")
+    assert found.settings.shader == "gouraud"
+    assert not any(name.startswith("gouraud") for name in found.tried)
+    found = select(builtin("icosphere", level=2), budget=1e6, device=device, resolution=(48, 36), preset="course")
+    assert found.settings.visibility == "painter"
+    assert selecting.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
+    assert "course" not in found.tried
+
+
+def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):
+    command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
+    assert_refused(run(capsys, *command, "--tolerance", "1e-30"), "--tolerance", "the best, ", "found 1e-30")
+    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget", "the fastest, ", "found 0.001 ms")
+    assert not list(tmp_path.iterdir())
