@@ -39,9 +39,8 @@ class Reference:
     error: float
 
     def about(self) -> str:
-        arithmetic = getattr(self.settings, "precision", "float32")
         return (
-            f"{self.samples} samples a pixel, each shaded, {arithmetic}; an image of a quarter of them is "
+            f"{self.samples} samples a pixel, each shaded, {self.settings.precision}; an image of a quarter of them is "
             f"{self.error:.2g} away (RMSE), so its own error is less"
         )
 

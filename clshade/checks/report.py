@@ -34,7 +34,8 @@ def run(
     tolerance: float | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Measures, prints the tables, writes the files, names the variant to use. True if no pixel has a wrong coverage.
+    """Measures, prints the tables, writes the files, names the variant to use. True if every variant's arithmetic is
+    within its bounds.
 
     names: of variants; default all that change something of this scene. frames: of each. budget: milliseconds.
     tolerance: RMSE. Raises InputError, also for a budget or tolerance that no variant keeps, when all is written;
@@ -61,4 +62,4 @@ def run(
         raise unkept
     if used is not None:
         print(report_tables.used_line(used), file=stream)
-    return all(report_tables.checked(each).wrong == 0 for each in found.measured)
+    return all(report_tables.checked(each).passed for each in found.measured)
