@@ -13,6 +13,9 @@ from .scene import Material, Mesh, Scene, Settings
 CHOICES = (
     "FAST",
     "DOUBLE",
+    "SAMPLES",
+    "SAMPLE_SHADING",
+    "WEIGHTED",
     "PHONG",
     "LIT",
     "DEPTH_TEST",
@@ -168,6 +171,9 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
     choices = {
         "FAST": settings.precision == "fast",
         "DOUBLE": settings.precision == "float64",
+        "SAMPLES": settings.samples > 1,
+        "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
+        "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
         "PHONG": settings.shader == "phong",
         "LIT": lit,
         "DEPTH_TEST": settings.visibility == "depth",

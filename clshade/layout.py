@@ -14,6 +14,7 @@ SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # |u|, |v| of a vertex that need no clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # stands for "beyond the guard band" in snapped positions
 TILE_SIZE = 16  # pixels a side
+MOST_SAMPLES = 64  # a pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are held to it: their squares then stay within float32
 MOST_DEPTH = 2.0**100  # scaled depths are held to it: their reciprocals then stay within float32
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
@@ -23,6 +24,7 @@ CONSTANTS = {
     "GUARD_PIXELS": GUARD_PIXELS,
     "SNAP_LIMIT": SNAP_LIMIT,
     "TILE_SIZE": TILE_SIZE,
+    "MOST_SAMPLES": MOST_SAMPLES,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
@@ -116,6 +118,11 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "tiles_x", 1, "tiles a row"),
         ("int", "tiles", 1, "tiles in all"),
         ("int", "lights", 1, "count"),
+        ("int", "samples", 1, "a pixel; with SAMPLES"),
+        ("int", "sample_x", MOST_SAMPLES, "nearest to the center first, 1/256 px from the pixel's left"),
+        ("int", "sample_y", MOST_SAMPLES, "1/256 px from the pixel's lower end"),
+        ("int", "least", 2, "least of sample_x, of sample_y"),
+        ("int", "most", 2, "most of sample_x, of sample_y"),
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
         ("real", "background", 3, "linear RGB"),
         ("real", "unscale", 1, "turns a scaled depth into scene units"),

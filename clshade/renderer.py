@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import clipping, layout, packing
+from . import clipping, layout, packing, sampling
 from .binning import TileLists
 from .camera import Camera
 from .device import Device, shared_device
@@ -210,6 +210,10 @@ class Renderer:
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"] = -(-columns // layout.TILE_SIZE)
             image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
+            places = sampling.positions(self.settings.samples)
+            image["samples"] = len(places)
+            image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
+            image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
             if self.scene.background is not None:
                 image["background"] = packing.to_real(self.scene.background, self._structs.real)

@@ -12,8 +12,22 @@ from typing import Any
 import numpy as np
 
 from .camera import Camera
-from .validation import Array, choice, coefficient, floats, indices, number, refuse, rows, sequence, set_fields, vector
+from .validation import (
+    Array,
+    choice,
+    coefficient,
+    floats,
+    indices,
+    integer,
+    number,
+    refuse,
+    rows,
+    sequence,
+    set_fields,
+    vector,
+)
 
+MAX_SAMPLES = 64  # a pixel
 MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key
 
 SHADERS = ("gouraud", "phong", "nolight")
@@ -22,6 +36,7 @@ LIGHTING_AT = ("centroid", "position")
 INTERPOLATIONS = ("affine", "perspective")
 TEXTURE_AT = ("vertex", "pixel")
 AMBIENTS = ("plain", "tinted")
+RESOLVES = ("mean", "weighted")
 PRECISIONS = ("fast", "float32", "float64")
 LAYERS = ("Z", "id")
 WRAPS = ("repeat", "clamp", "mirror")
@@ -272,6 +287,11 @@ class Settings:
     near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
     precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
         and contracted operations, right to about 1e-5. `float64`: the image is float64 then; not every device has it.
+    samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
+        pixel, at the place nearest the center of those it covers. Z and id are those of the place nearest the center.
+    sample_shading: light every sample.
+    resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
+        bright samples from standing out but makes edges of bright surfaces darker than they are.
     """
 
     shader: str = "phong"
@@ -284,6 +304,9 @@ class Settings:
     cull: bool = False
     near: float | None = None
     precision: str = "float32"
+    samples: int = 1
+    sample_shading: bool = False
+    resolve: str = "mean"
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -294,6 +317,9 @@ class Settings:
         choice(who, "texture_at", self.texture_at, TEXTURE_AT)
         choice(who, "ambient", self.ambient, AMBIENTS)
         choice(who, "precision", self.precision, PRECISIONS)
+        set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))
+        set_fields(self, sample_shading=bool(self.sample_shading))
+        choice(who, "resolve", self.resolve, RESOLVES)
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
             raise refuse(who, "layers", f"names of {', '.join(LAYERS)}", self.layers)

@@ -20,7 +20,7 @@ from .validation import Array
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
-_GEOMETRY_FEATURES = {"DOUBLE", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
+_GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _FLAGS = cl.mem_flags
 _ALIGNMENT = 64  # bytes: of a vector of 16 float32; kernels read four float64 at once, which NumPy does not align

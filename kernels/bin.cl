@@ -1,12 +1,14 @@
 // Lists of triangles per tile, in the order given, without fixed-capacity bins: the sorted list is cut into chunks;
 // each chunk counts its entries per tile, the counts are summed up, then each chunk writes behind those before it.
-#include "edge.clh"
+#include "samples.clh"
 
-// Whether the edge function is negative all over the tile, so that the triangle misses it.
-int misses_tile(global const Triangle *t, int column, int row)
+// Whether an edge function is negative all over the tile, so that the triangle misses it.
+int misses_tile(global const Triangle *t, global const Image *image, int column, int row)
 {
+    int2 least = ((int2)(column, row) << SUBPIXEL_BITS) + (int2)(LEAST_X(image), LEAST_Y(image));
     for (int k = 0; k < 3; ++k) {
-        Edge e = edge_at(t, k, center_of(column, row));
+        Edge e = edge_at(t, k, least);
+        e.value += (long)(MOST_X(image) - LEAST_X(image)) * max(e.a, 0) + (long)(MOST_Y(image) - LEAST_Y(image)) * max(e.b, 0);
         int most = edge_test(e) + (TILE_SIZE - 1) * (max(e.a, 0) + max(e.b, 0));
         if (most < 0)
             return 1;
@@ -20,7 +22,7 @@ int misses_tile(global const Triangle *t, int column, int row)
     int whole = span.z - span.x < 2 && span.w - span.y < 2;                                           \
     for (int tile_y = span.y; tile_y <= span.w; ++tile_y)                                             \
         for (int tile_x = span.x, tile = tile_y * image->tiles_x + tile_x; tile_x <= span.z; ++tile_x, ++tile) \
-            if (whole || !misses_tile(triangles + (b).index, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
+            if (whole || !misses_tile(triangles + (b).index, image, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
 
 kernel void bin_count(global const uint *order,           // T, triangles, nearest first
                       global const Triangle *triangles,   // F + C, from setup

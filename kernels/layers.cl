@@ -1,5 +1,6 @@
-// Further layers, from the triangle that owns each pixel.
+// Further layers, from the triangle that owns each pixel's sample nearest the center.
 #include "attributes.clh"
+#include "samples.clh"
 
 // Face of each pixel, counted from 1; 0 for the background.
 kernel void layer_id(global const int *owners,            // M x N, from the pixel stage
@@ -29,7 +30,7 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
         return;
     int column = i % image->columns, row = image->rows - 1 - i / image->columns;
     global const Triangle *t = triangles + owners[i];
-    int2 at = center_of(column, row);
+    int2 at = sample_at(image, 0, column, row);
     depths[i] = owners[i] < 0 ? INFINITY
                               : depth_of(inverse_depth(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at))) *
                                     image->unscale;

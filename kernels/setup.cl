@@ -1,10 +1,10 @@
 // Triangles from snapped corners: area, box, culls, sort keys. Visible ones are listed, crossing ones left to the host.
-#include "edge.clh"
+#include "samples.clh"
 
-// First and last pixel whose centers lie within snapped [low, high].
-int2 centers_within(int low, int high)
+// First and last pixel with a sample within snapped [low, high], of samples from `least` to `most`.
+int2 samples_within(int low, int high, int least, int most)
 {
-    return (int2)((low + HALF_PIXEL - 1) >> SUBPIXEL_BITS, (high - HALF_PIXEL) >> SUBPIXEL_BITS);
+    return (int2)((low - most + SUBPIXELS - 1) >> SUBPIXEL_BITS, (high - least) >> SUBPIXEL_BITS);
 }
 
 // A depth's order as unsigned bits; on a device without float64 the depths are bits already.
@@ -31,15 +31,14 @@ ulong sort_key(ulong order, int index)
 typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
 
 // Whether a triangle that reaches over less than FEW_PIXELS + 1 pixels each way, so that its edge functions fit an int,
-// covers the center of a pixel. Only looked into where its box holds few pixels.
-INLINE int may_cover(const Triangle *t, const Bounds *bounds)
+// covers a sample of a pixel: the one that lies `at` in the first pixel. Only looked into where its box holds few pixels.
+INLINE int may_cover(const Triangle *t, const Bounds *bounds, int2 at)
 {
     int columns = bounds->box[2] - bounds->box[0] + 1, rows = bounds->box[3] - bounds->box[1] + 1;
     if (columns * rows > FEW_PIXELS)
         return 1;
-    int x = (bounds->box[0] << SUBPIXEL_BITS) + HALF_PIXEL, y = (bounds->box[1] << SUBPIXEL_BITS) + HALF_PIXEL;
-    int x0 = t->x[0] - x, x1 = t->x[1] - x, x2 = t->x[2] - x;
-    int y0 = t->y[0] - y, y1 = t->y[1] - y, y2 = t->y[2] - y;
+    int x0 = t->x[0] - at.x, x1 = t->x[1] - at.x, x2 = t->x[2] - at.x;
+    int y0 = t->y[0] - at.y, y1 = t->y[1] - at.y, y2 = t->y[2] - at.y;
     int a0 = (y1 - y2) * t->orientation, a1 = (y2 - y0) * t->orientation, a2 = (y0 - y1) * t->orientation;
     int b0 = (x2 - x1) * t->orientation, b1 = (x0 - x2) * t->orientation, b2 = (x1 - x0) * t->orientation;
     int e0 = (x1 * y2 - x2 * y1) * t->orientation - edge_bias(a0, b0);
@@ -72,8 +71,10 @@ INLINE Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int fr
         return ZERO_AREA;
     if (area < 0 && front_only)
         return BACK_FACING;
-    int2 across = centers_within(min(min(t->x[0], t->x[1]), t->x[2]), max(max(t->x[0], t->x[1]), t->x[2]));
-    int2 up = centers_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]));
+    int2 across = samples_within(min(min(t->x[0], t->x[1]), t->x[2]), max(max(t->x[0], t->x[1]), t->x[2]),
+                                 LEAST_X(image), MOST_X(image));
+    int2 up = samples_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]),
+                             LEAST_Y(image), MOST_Y(image));
     if (across.x > across.y || up.x > up.y)
         return BETWEEN_SAMPLES;
     int small = across.y - across.x < FEW_PIXELS && up.y - up.x < FEW_PIXELS;  // itself, not its part in the image
@@ -87,8 +88,11 @@ INLINE Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int fr
     bounds->box[1] = up.x;
     bounds->box[2] = across.y;
     bounds->box[3] = up.y;
-    if (small && !may_cover(t, bounds))
-        return BETWEEN_SAMPLES;
+    for (int s = 0, seen = !small; !seen; ++s) {
+        if (s == SAMPLE_COUNT(image))
+            return BETWEEN_SAMPLES;
+        seen = may_cover(t, bounds, sample_at(image, s, bounds->box[0], bounds->box[1]));
+    }
     bounds->nearest = fmax(fmax(t->w[0], t->w[1]), t->w[2]);
     t->face = face;
     t->piece = piece;

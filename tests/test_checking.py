@@ -95,13 +95,13 @@ def two_cards(apart: float) -> Scene:
     return Scene(meshes, Camera((0, 0, -4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (16, 12)), ambient=1.0)
 
 
-def test_the_next_depth_is_that_of_the_card_behind():
+def test_the_second_depth_is_that_of_the_card_behind():
     rows, columns = np.array([0, 5, 11]), np.array([0, 7, 15])
-    found = oracle.next_depth(two_cards(0.25), Settings(), rows, columns)
+    found = oracle.nearest_depths(two_cards(0.25), Settings(), rows, columns)[0, 1]
     assert np.allclose(found, 4.25, rtol=1e-12)
     scene = two_cards(0.25)
     alone = replace(scene, meshes=scene.meshes[:1])
-    assert np.isposinf(oracle.next_depth(alone, Settings(), rows, columns)).all()
+    assert np.isposinf(oracle.nearest_depths(alone, Settings(), rows, columns)[0, 1]).all()
 
 
 # What is found

@@ -28,6 +28,11 @@ GOLDEN = {
     ("course", "course", "phong"): "11a7f9f28278f14e",
     ("course", "standard", "nolight"): "7f8f191b9fa851bc",
 }
+# (scene, a field of the settings, its value), of the preset `standard` otherwise.
+VARIANTS = {
+    ("torus_knot", "samples", 5): "",
+    ("box_room", "precision", "float64"): "",
+}
 LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
 
 
@@ -51,6 +56,14 @@ def test_golden_images(device, key):
     frame = draw(device, *key)
     assert frame.alpha.any()
     assert digest(frame) == GOLDEN[key]
+
+
+@pytest.mark.parametrize("key", VARIANTS, ids=str)
+def test_golden_variants(device, key):
+    name, field, value = key
+    frame = draw(device, name, "standard", "phong", **{field: value})
+    assert frame.alpha.any()
+    assert digest(frame) == VARIANTS[key]
 
 
 @pytest.mark.long

@@ -16,7 +16,6 @@ import numpy as np
 from .. import oracle
 from ..frame import Frame
 from ..oracle import OracleFrame
-from ..scene import Scene, Settings
 from ..validation import Array, refuse
 from . import compare
 
@@ -188,16 +187,18 @@ class _Found:
     def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
         scene, settings, where = frame.scene, frame.settings, (rows, columns)
         rgb, alpha = frame.rgb[where], frame.alpha[where]
-        self.wrong = (alpha != expected.alpha) | ~np.isfinite(rgb).all(axis=-1)
+        self.wrong = (alpha != expected.alpha.astype(alpha.dtype)) | ~np.isfinite(rgb).all(axis=-1)
         precision = settings.precision
-        self.allowed = compare.allowed(scene, precision)
+        self.allowed = compare.allowed(scene, settings)
         absolute, ratio = compare.color_errors(np.nan_to_num(rgb), expected, precision)
+        self.ties = np.zeros(len(rows), bool)
         if "id" in frame.layers:
             different, unproven = compare.different_ids(frame["id"][where], expected, scene, settings, where)
             self.wrong |= unproven
             self.ties = different & ~unproven
-        else:
-            self.ties = _near_ties(scene, settings, expected, ratio > self.allowed, where)
+        if "id" not in frame.layers or settings.samples > 1:
+            suspects = (ratio > self.allowed) & ~expected.gate & (expected.alpha > 0.0)
+            self.ties |= compare.depth_ties(scene, settings, suspects, where)
         compared = ~self.wrong & ~self.ties
         self.error = np.where(compared, ratio, 0.0)
         over = self.error > self.allowed
@@ -211,16 +212,6 @@ class _Found:
         if "Z" in frame.layers:
             depth = compare.depth_errors(frame["Z"][where], expected)
             self.depth = float(np.where(np.isnan(depth), np.inf, depth)[compared].max(initial=0.0))
-
-
-def _near_ties(scene: Scene, settings: Settings, expected: OracleFrame, off: Array, where: tuple) -> Array:
-    """(K,) bool: which of the pixels `off` (K,), of a frame without ids, have two faces nearest within 4 ulp."""
-    ties = np.zeros(len(off), bool)
-    suspects = np.flatnonzero(off & ~expected.gate & np.isfinite(expected.Z))
-    if settings.visibility == "depth" and len(suspects):
-        behind = oracle.next_depth(scene, settings, *(index[suspects] for index in where))
-        ties[suspects] = compare.tied(expected.Z[suspects], behind)
-    return ties
 
 
 # The sample

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..oracle import OracleFrame, depth_at
+from ..oracle import OracleFrame, depth_at, nearest_depths
 from ..scene import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -78,6 +78,22 @@ def different_ids(
     return different, unproven
 
 
+def depth_ties(
+    scene: Scene, settings: Settings, suspects: np.ndarray, where: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
+    """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within 4 float32 ulp; same shape.
+
+    where: rows and columns of the pixels, if these are not the whole image.
+    """
+    ties = np.zeros_like(suspects)
+    at = np.nonzero(suspects)
+    if settings.visibility == "depth" and len(at[0]):
+        pixels = at if where is None else tuple(index[at] for index in where)
+        depths = nearest_depths(scene, settings, *pixels)
+        ties[at] = tied(depths[:, 0], depths[:, 1]).any(axis=0)
+    return ties
+
+
 def assert_same_ids(
     frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, dtype: Any = np.float32
 ) -> np.ndarray:
@@ -91,17 +107,20 @@ def assert_same_ids(
     different, unproven = different_ids(ids, oracle, scene, settings)
     if unproven.any():
         raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
-    bad = frame.alpha != oracle.alpha
+    bad = frame.alpha != oracle.alpha.astype(dtype)
     if bad.any():
         raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
     return different
 
 
-def allowed(scene: Scene, precision: str) -> float:
-    """How many of `color_bound` a color of this scene may be off."""
+def allowed(scene: Scene, settings: Settings) -> float:
+    """How many of `color_bound` a color of this scene may be off. A sum over samples rounds once per sample, to 2^-24 of
+    what is summed so far, half of the whole on average."""
+    precision = settings.precision
     textures = [mesh.material.texture for mesh in scene.meshes if mesh.uvs is not None]
     texels = max((max(texture.image.shape[:2]) for texture in textures if texture is not None), default=0)
-    return ALLOWED[precision] + (FAST_PER_TEXEL * texels if precision == "fast" else 0.0)
+    roundings = settings.samples / 2 if settings.samples > 1 and precision != "float64" else 0.0
+    return ALLOWED[precision] + roundings + (FAST_PER_TEXEL * texels if precision == "fast" else 0.0)
 
 
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
@@ -211,7 +230,9 @@ def assert_frame(
     factor, dtype: None: what the settings' precision means.
     """
     dtype = dtype or (np.float64 if settings.precision == "float64" else np.float32)
-    factor = allowed(scene, settings.precision) if factor is None else factor
+    factor = allowed(scene, settings) if factor is None else factor
     ties = assert_same_ids(frame, oracle, scene, settings, dtype=dtype)
     assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    if settings.samples > 1:
+        ties = ties | depth_ties(scene, settings, color_errors(frame.rgb, oracle, settings.precision)[1] > factor)
     return assert_colors_within(frame.rgb, oracle, factor, skip=ties, dtype=dtype, precision=settings.precision)

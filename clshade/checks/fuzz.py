@@ -53,22 +53,22 @@ def draw(device: Device, drawn: Drawn) -> Frame:
 
 
 def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
-    """(M, N) bool: pixels whose owner depends on alphas within ALPHA_MARGIN of their cutoff.
+    """(M, N) bool: pixels of which some sample's owner depends on alphas within ALPHA_MARGIN of their cutoff.
 
     Alpha is a mean of at most four texels with weights that float32 pairs give to 2^-22, and is rounded in float32:
     some 2^-21 of the largest alpha, 1, in all. The margin is ten times that.
     """
 
-    def moved(margin: float) -> Array:
+    def moved(margin: float) -> OracleFrame:
         meshes = []
         for mesh in scene.meshes:
             cutoff = mesh.material.alpha_cutoff
             changed = mesh.material if cutoff is None else replace(mesh.material, alpha_cutoff=cutoff + margin)
             meshes.append(replace(mesh, material=changed))
-        return oracle.render(replace(scene, meshes=tuple(meshes)), settings).id
+        return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
-    different: Array = moved(-ALPHA_MARGIN) != moved(ALPHA_MARGIN)
-    return different
+    less, more = moved(-ALPHA_MARGIN), moved(ALPHA_MARGIN)
+    return (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
 
 
 def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
@@ -80,20 +80,33 @@ def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
             expected = oracle.render(scene, settings)
         try:
             compare.assert_array("id", frame["id"], expected.id.shape, np.uint32)
-            compare.assert_array("alpha", frame.alpha, expected.id.shape, np.float32)
-            compare.assert_array("rgb", frame.rgb, expected.rgb.shape, np.float32)
+            real = np.float64 if settings.precision == "float64" else np.float32
+            compare.assert_array("alpha", frame.alpha, expected.id.shape, real)
+            compare.assert_array("rgb", frame.rgb, expected.rgb.shape, real)
             other, unproven = compare.different_ids(frame["id"], expected, scene, settings)
-            if unproven.any() and any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes):
+            uncovered = frame.alpha != expected.alpha.astype(real)
+            if (unproven | uncovered).any() and any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes):
                 either = decided_by_alpha(scene, settings)
-                other, unproven = other | either, unproven & ~either
+                other, unproven, uncovered = other | either, unproven & ~either, uncovered & ~either
             if unproven.any():
                 raise compare.fail("ids differ", unproven, ("id", frame["id"]), ("expected", expected.id))
-            uncovered = frame.alpha != (frame["id"] > 0)
             if uncovered.any():
-                raise compare.fail("alpha differs", uncovered, ("alpha", frame.alpha), ("id", frame["id"]))
-            compare.assert_depths_within(frame["Z"], expected, skip=other)
+                raise compare.fail("alpha differs", uncovered, ("alpha", frame.alpha), ("expected", expected.alpha))
+            compare.assert_depths_within(frame["Z"], expected, skip=other, dtype=real)
+            factor = compare.allowed(scene, settings)
+            if settings.samples > 1:
+                off = compare.color_errors(frame.rgb, expected, settings.precision)[1] > factor
+                other = other | compare.depth_ties(scene, settings, off & ~other)
             # Images of a few pixels may lie at a gate wholly.
-            compare.assert_colors_within(frame.rgb, expected, gate_fraction=1.0, skip=other)
+            compare.assert_colors_within(
+                frame.rgb,
+                expected,
+                factor,
+                skip=other,
+                dtype=real,
+                precision=settings.precision,
+                gate_fraction=1.0,
+            )
         except AssertionError as error:
             return " ".join(str(error).split())
     return ""

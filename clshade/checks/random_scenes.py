@@ -28,7 +28,7 @@ class Kind:
 
     specialize: whether the program leaves out what is not needed; then the flags after it hold too. Without, all that is
     optional is compiled in and scenes have it or not.
-    lanes: pixels handled together on a CPU; None: what suits the device.
+    lanes: pixels handled together on a CPU; None: what suits the device. sampled: whether pixels have several samples.
     """
 
     settings: Settings
@@ -50,6 +50,7 @@ class Kind:
     colored: bool
     several: bool
     lanes: int | None
+    sampled: bool
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def kind_of(seed: int, block: int) -> Kind:
     preset = "course" if often(0.3) else "standard"
     lit, textured, specialize = settings.shader != "nolight", often(0.6), often(0.3)
     several = not specialize or often(0.6)
-    return Kind(
+    kind = Kind(
         settings=settings,
         preset=preset,
         front=several and not settings.cull and often(0.25),
@@ -105,7 +106,12 @@ def kind_of(seed: int, block: int) -> Kind:
         colored=often(0.7),
         several=several,
         lanes=int(rng.choice((1, 4, 8))) if often(0.25) else None,
+        sampled=often(0.3),
     )
+    finer: dict[str, Any] = {"precision": "float64" if often(0.15) else "float32"}
+    if kind.sampled:
+        finer |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
+    return replace(kind, settings=replace(settings, **finer))
 
 
 def scene_of(number: int, seed: int = 0) -> Drawn:
@@ -146,7 +152,8 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
         f"fuzz {seed}/{number}",
     )
     near = None if rng.random() < 0.75 else scale * 10.0 ** rng.uniform(-6, 0.5)
-    return Drawn(number, kind, scene, replace(kind.settings, near=near))
+    samples = int(rng.integers(2, 17)) if kind.sampled else 1
+    return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples))
 
 
 def _nothing(rng: Random) -> Any:

@@ -77,6 +77,13 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument("--near", type=float, help="near plane, scene units (default: 1e-4 of the scene's radius)")
     group.add_argument(
+        "--samples", type=int, metavar="1..64", help="places of each pixel that are looked at (default: 1, its center)"
+    )
+    group.add_argument("--sample-shading", action="store_true", default=None, help="light every sample")
+    group.add_argument(
+        "--resolve", choices=scene.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
+    )
+    group.add_argument(
         "--precision", choices=scene.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
     )
 

@@ -4,6 +4,6 @@ It shares nothing with the renderer but the scene model. `render(scene, settings
 modules' public functions each take one stage's inputs.
 """
 
-from .frame import OracleFrame, depth_at, next_depth, render, sample
+from .frame import OracleFrame, depth_at, nearest_depths, render, sample
 
-__all__ = ["OracleFrame", "depth_at", "next_depth", "render", "sample"]
+__all__ = ["OracleFrame", "depth_at", "nearest_depths", "render", "sample"]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
 
 from ..scene import Scene, Settings
-from . import coverage, shade, transform
+from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, alpha_passes, gather
 from .pixels import Shaded, shade_pixels
@@ -34,7 +34,8 @@ class OracleFrame:
     kappa: (M, N) amplification of rounding errors by the light's geometry.
     gate: (M, N) bool, True where a highlight may be decided either way.
     exponent: (M, N) the material's n; 1 without light.
-    For gouraud and nolight the measures are those of the worst corner of the triangle.
+    For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
+    those of the sample nearest the center, kappa, gate and exponent the worst of all, budget the mean.
     """
 
     rgb: Array
@@ -60,16 +61,29 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Everything up to the pixels: placing, camera, clipping, projection, snapping, set-up."""
     camera = scene.camera
-    columns, rows = camera.resolution
     corners = gather(scene)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
     cut = pieces(points, near, transform.lens_of(camera))
-    setup = coverage.setup(cut.xy, columns, rows, settings.cull)
+    return Prepared(corners, points[:, :, 2], cut, _set_up(scene, settings, corners, cut))
+
+
+def _set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> coverage.Setup:
+    setup = coverage.setup(cut.xy, *scene.camera.resolution, settings.cull)
     front_only = np.array([m.material.sides == "front" for m in scene.meshes], bool)[corners.mesh[cut.face]]
-    setup = setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
-    return Prepared(corners, points[:, :, 2], cut, setup)
+    return setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
+
+
+def samples_of(scene: Scene, settings: Settings) -> list[Prepared]:
+    """The scene as each sample of the pixels sees it, nearest to the center first: what a sample beside the center sees is
+    what the center sees of the scene moved the other way."""
+    prepared = prepare(scene, settings)
+    views = []
+    for place in sampling.places(settings.samples):
+        cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
+        views.append(replace(prepared, pieces=cut, setup=_set_up(scene, settings, prepared.corners, cut)))
+    return views
 
 
 def owners(
@@ -152,12 +166,15 @@ def render(scene: Scene, settings: Settings) -> OracleFrame:
     """The frame of a scene's own camera, all layers."""
     camera = scene.camera
     columns, rows = camera.resolution
-    prepared = prepare(scene, settings)
-    opaque = _opaque(scene, settings, prepared)
-    owner = owners(prepared, settings.visibility, camera.resolution, opaque, camera.orthographic)
+    views = samples_of(scene, settings)
     grid_rows, grid_columns = np.divmod(np.arange(rows * columns), columns)
     upward = rows - 1 - grid_rows
-    flat = _shaded(scene, settings, prepared, owner[upward, grid_columns], grid_columns, upward)
+    found = []
+    for view in views:
+        opaque = _opaque(scene, settings, view)
+        owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
+        found.append(owner[upward, grid_columns])
+    flat = _resolved(scene, settings, views, np.array(found), grid_columns, upward)
     return OracleFrame(*(_grid(getattr(flat, f.name), rows, columns) for f in fields(OracleFrame)))
 
 
@@ -173,10 +190,46 @@ def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Ora
     camera = scene.camera
     columns = np.asarray(columns, np.int64)
     upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
-    prepared = prepare(scene, settings)
-    opaque = _opaque(scene, settings, prepared)
-    owner = owners_at(prepared, settings.visibility, columns, upward, opaque, camera.orthographic)
-    return _shaded(scene, settings, prepared, owner, columns, upward)
+    views = samples_of(scene, settings)
+    found = []
+    for view in views:
+        opaque = _opaque(scene, settings, view)
+        found.append(owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic))
+    return _resolved(scene, settings, views, np.array(found), columns, upward)
+
+
+def _resolved(
+    scene: Scene, settings: Settings, views: list[Prepared], owner: Array, columns: Array, upward: Array
+) -> OracleFrame:
+    """Pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none."""
+    if len(views) == 1:
+        return _shaded(scene, settings, views[0], owner[0], columns, upward)
+    total = _background(scene, owner.shape[1])
+    where = sampling.lit_at(owner, settings.sample_shading)
+    parts = [(np.arange(owner.shape[1]), (owner < 0).sum(axis=0), total)]
+    for s, view in enumerate(views):
+        share = ((where == s) & (owner >= 0)).sum(axis=0)
+        lit = np.flatnonzero(share)
+        parts.append((lit, share[lit], _shaded(scene, settings, view, owner[s, lit], columns[lit], upward[lit])))
+    weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
+    whole, rgb, budget = np.zeros(len(total.Z)), np.zeros_like(total.rgb), np.zeros_like(total.rgb)
+    for (lit, _, part), weight in zip(parts, weights, strict=True):
+        whole[lit] += weight
+        rgb[lit] += weight[:, None] * part.rgb
+    rgb /= whole[:, None]
+    for (lit, _, part), weight in zip(parts, weights, strict=True):
+        most = part.budget
+        if settings.resolve == "weighted":  # an error of a color's is one of its weight too
+            apart = (np.abs(part.rgb) + np.abs(rgb[lit])) * sampling.weight(part.rgb, settings.resolve)[:, None]
+            most = most + apart * most.max(axis=-1, keepdims=True)
+        budget[lit] += (weight / whole[lit])[:, None] * most
+    measures = {name: getattr(total, name).copy() for name in ("kappa", "gate", "exponent")}
+    for lit, _, part in parts:
+        for name, worst in measures.items():
+            worst[lit] = np.maximum(worst[lit], getattr(part, name))
+    nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
+    alpha = (owner >= 0).sum(axis=0) / len(views)
+    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, **measures)
 
 
 def _opaque(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
@@ -229,13 +282,13 @@ def _shade_batch(
 
 
 def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: Array) -> Array:
-    """Depth of faces at pixels, (K,): +inf where the face does not cover the pixel (or face is -1).
+    """Depth of faces at pixels' sample nearest the center, (K,): +inf where the face does not cover it (or is -1).
 
     face: indices in the scene's face order. row: from the TOP. All broadcast to (K,).
     """
     face, row, column = (np.atleast_1d(np.asarray(a, dtype=np.int64)) for a in (face, row, column))
     face, row, column = np.broadcast_arrays(face, row, column)
-    prepared = prepare(scene, settings)
+    prepared = samples_of(scene, settings)[0]
     cut = prepared.pieces
     first, last = np.searchsorted(cut.face, face, "left"), np.searchsorted(cut.face, face, "right")
     result = np.full(len(face), np.inf)
@@ -250,19 +303,20 @@ def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: 
     return result
 
 
-def next_depth(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Array:
-    """Depth of the second nearest piece at pixels, rows (from the TOP) and columns (K,): +inf where there is none."""
+def nearest_depths(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Array:
+    """Depths of the two nearest pieces at each sample of pixels, rows (from the TOP) and columns (K,): (S, 2, K), +inf
+    where there is none."""
     camera = scene.camera
     columns, upward = np.asarray(columns, np.int64), camera.resolution[1] - 1 - np.asarray(rows, np.int64)
-    prepared = prepare(scene, settings)
-    opaque = _opaque(scene, settings, prepared)
-    alive = np.flatnonzero(~prepared.setup.culled)
-    xy, boxes = prepared.pieces.xy[alive], prepared.setup.box[alive]
-    nearest, second = np.full(len(columns), np.inf), np.full(len(columns), np.inf)
-    for k, pixel, edges in coverage.samples_at(xy, boxes, columns, upward):
-        z = shade.depth(edges, prepared.pieces.z[alive[k]], camera.orthographic)
-        if opaque is not None:
-            z = np.where(opaque(alive[k], edges), z, np.inf)
-        for at, depth in zip(pixel.tolist(), z.tolist(), strict=True):
-            nearest[at], second[at] = sorted((nearest[at], second[at], depth))[:2]
-    return second
+    found = np.full((settings.samples, 2, len(columns)), np.inf)
+    for (nearest, second), view in zip(found, samples_of(scene, settings), strict=True):
+        opaque = _opaque(scene, settings, view)
+        alive = np.flatnonzero(~view.setup.culled)
+        xy, boxes = view.pieces.xy[alive], view.setup.box[alive]
+        for k, pixel, edges in coverage.samples_at(xy, boxes, columns, upward):
+            z = shade.depth(edges, view.pieces.z[alive[k]], camera.orthographic)
+            if opaque is not None:
+                z = np.where(opaque(alive[k], edges), z, np.inf)
+            for at, depth in zip(pixel.tolist(), z.tolist(), strict=True):
+                nearest[at], second[at] = sorted((nearest[at], second[at], depth))[:2]
+    return found

@@ -1,0 +1,42 @@
+"""Several samples a pixel: where they lie, and how their colors become the pixel's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .transform import SUBPIXELS
+from .vectors import Array
+
+GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
+
+
+def places(samples: int) -> Array:
+    """(S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
+
+    x = (i + 1/2)/S and y = fraction of 1/2 + (i - (S - 1)/2)/phi for i = 0, ..., S - 1, rounded to the grid.
+    """
+    found = []
+    for i in range(samples):
+        x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) / GOLDEN_RATIO) % 1.0
+        found.append([min(int(np.rint(t * SUBPIXELS)), SUBPIXELS - 1) for t in (x, y)])
+    center = SUBPIXELS // 2
+    found.sort(key=lambda place: (place[0] - center) ** 2 + (place[1] - center) ** 2)  # keeps the order of equal ones
+    return np.array(found)
+
+
+def lit_at(owner: Array, every: bool) -> Array:
+    """At which sample each sample's owner is lit, (S, K): the first one it owns, or with `every` the sample itself.
+
+    owner: (S, K) the owners of K pixels' samples, nearest to the center first.
+    """
+    index = np.arange(len(owner))[:, None] + np.zeros_like(owner)
+    if every:
+        return index
+    return np.array([np.argmax(owner[: s + 1] == owner[s], axis=0) for s in range(len(owner))])
+
+
+def weight(rgb: Array, resolve: str) -> Array:
+    """How much colors (K, 3) count in the mean, (K,): 1, or with `weighted` 1/(1 + luminance)."""
+    if resolve == "mean":
+        return np.ones(len(rgb))
+    return 1.0 / (1.0 + np.maximum(rgb @ [0.2126, 0.7152, 0.0722], 0.0))

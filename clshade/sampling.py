@@ -1,0 +1,29 @@
+"""Where a pixel is sampled."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from .layout import SUBPIXEL_BITS
+
+GOLDEN = (5.0**0.5 - 1.0) / 2.0
+_GRID = 1 << SUBPIXEL_BITS
+
+
+@cache
+def positions(samples: int) -> np.ndarray:
+    """(S, 2) int: x and y of a pixel's samples from its lower left corner, 1/256 px, nearest to the center first.
+
+    Sample i of S lies at x = (i + 1/2)/S, y = the fraction of 1/2 + (i - (S - 1)/2)/phi, phi the golden ratio, rounded to
+    the grid: Kronecker's sequence of the golden ratio, whose discrepancy is low for every S, turned so that it is symmetric
+    about the center. One sample is the center. Of samples equally near to the center the one with the smaller i is first.
+    """
+    i = np.arange(samples)
+    x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) * GOLDEN) % 1.0
+    placed = np.minimum(np.rint(np.stack([x, y], axis=1) * _GRID).astype(np.int64), _GRID - 1)
+    offset = placed - _GRID // 2
+    placed = placed[np.argsort((offset * offset).sum(axis=1), kind="stable")]
+    placed.flags.writeable = False
+    return placed
