@@ -30,8 +30,8 @@ GOLDEN = {
 }
 # (scene, a field of the settings, its value), of the preset `standard` otherwise.
 VARIANTS = {
-    ("torus_knot", "samples", 5): "",
-    ("box_room", "precision", "float64"): "",
+    ("torus_knot", "samples", 5): "cca50022d326a2d3",
+    ("box_room", "precision", "float64"): "5b6582138bb71d2a",
 }
 LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
 
