@@ -308,6 +308,13 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
         assert part in (folder / "report.md").read_text()
 
 
+@pytest.fixture
+def no_figure(monkeypatch):
+    """Drawing it takes seconds."""
+    monkeypatch.setattr(report_figure, "plot", lambda study, path: path.touch())
+
+
+@pytest.mark.usefixtures("no_figure")
 def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
     """What was measured is there all the same."""
     monkeypatch.setattr(report, "study", lambda *arguments: found)
@@ -317,6 +324,7 @@ def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
     assert json.loads((tmp_path / "report.json").read_text())["use"] is None
 
 
+@pytest.mark.usefixtures("no_figure")
 def test_wrong_coverage_fails(found, device, tmp_path, monkeypatch):
     one = found.measured[0]
     spoiled = replace(one, arithmetic=replace(one.arithmetic, wrong=1))
@@ -324,6 +332,7 @@ def test_wrong_coverage_fails(found, device, tmp_path, monkeypatch):
     assert not report.run(sphere(), device.index, out=tmp_path, stream=io.StringIO())
 
 
+@pytest.mark.usefixtures("no_figure")
 def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr(report, "study", lambda *arguments: given.append(arguments) or found)
@@ -388,14 +397,20 @@ def test_the_chosen_keep_their_limits(device):
     assert select(builtin("icosphere", level=2), tolerance=tolerance, **options).used.error <= tolerance
 
 
-def test_settings_that_are_given_stay(device):
-    found = select(builtin("icosphere", level=2), budget=1e6, device=device, resolution=(48, 36), shader="gouraud")
-    assert found.settings.shader == "gouraud"
-    assert not any(name.startswith("gouraud") for name in found.tried)
-    found = select(builtin("icosphere", level=2), budget=1e6, device=device, resolution=(48, 36), preset="course")
-    assert found.settings.visibility == "painter"
+def test_settings_that_are_given_stay(device, found, monkeypatch):
+    def measured(scene, tried, *_, **__):
+        return [replace(found.measured[0], variant=each) for each in tried]
+
+    monkeypatch.setattr(selecting, "measure", measured)
+    monkeypatch.setattr(selecting, "reference", lambda *_: found.reference)
+    chosen = select(sphere(), budget=1e6, device=device, shader="gouraud")
+    assert chosen.settings.shader == "gouraud"
+    assert not any(name.startswith("gouraud") for name in chosen.tried)
+    chosen = select(sphere(), budget=1e6, device=device, preset="course", near=0.25)
+    assert (chosen.settings.visibility, chosen.settings.near) == ("painter", 0.25)
     assert selecting.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
-    assert "course" not in found.tried
+    assert "course" not in chosen.tried
+    assert "gouraud" in chosen.tried
 
 
 def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):

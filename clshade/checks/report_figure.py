@@ -22,11 +22,11 @@ PICTURES = 5  # the reference and four differences
 LEAST, MOST = 1e-3, 1.0  # differences from black to the brightest color
 
 
-def plot(study: Study, path: Path, dpi: int = 100) -> None:
+def plot(study: Study, path: Path) -> None:
     """Draws and saves it. Raises OutputError."""
     from matplotlib.colors import LogNorm
 
-    figure = figures.blank(11.0, 7.6)
+    figure = figures.blank(11.0, 7.6, dpi=100)
     rows = figure.add_gridspec(2, 1, height_ratios=(2.4, 1.0))
     plots, row = rows[0].subgridspec(1, 2, width_ratios=(1.7, 1.0)), rows[1].subgridspec(1, PICTURES)
     scatter = figure.add_subplot(plots[0])
@@ -43,7 +43,7 @@ def plot(study: Study, path: Path, dpi: int = 100) -> None:
         axes.set_title(f"{each.name}, off by", fontsize=9)
     if shown is not None:
         figure.colorbar(shown, ax=pictures, shrink=0.8, pad=0.01, aspect=12)
-    figure.suptitle(f"Error against run time: {study.title}\n{study.device}", fontsize=10)
+    figure.suptitle(f"Error against run time: {study.title}\n{study.device}\n{study.machine}", fontsize=9)
     figure.canvas.draw()
     figure.set_layout_engine("none")
     names, times = ([getattr(each, field) for each in study.measured] for field in ("name", "cost"))
@@ -52,7 +52,7 @@ def plot(study: Study, path: Path, dpi: int = 100) -> None:
         [(each.frame_ms.low, y), (each.frame_ms.high, y)] for each, y in zip(study.measured, errors, strict=True)
     ]
     label_points(scatter, times, errors, names, [_steps(study), *spreads])
-    figures.save(figure, path, dpi)
+    figures.save(figure, path, colors=256)
 
 
 def difference(each: Measured, study: Study) -> Array:
