@@ -258,8 +258,8 @@ def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
     assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
     assert [each.name for each in report_figure.shown_differences(several)] == [
         "variant-1",
-        "variant-3",
         "variant-0",
+        "variant-4",
         "variant-2",
     ]
     assert report_figure.difference(several.measured[3], several) == pytest.approx(np.full(SMALL[::-1], 0.9))

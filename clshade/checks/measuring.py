@@ -21,7 +21,7 @@ from .reference import Reference
 from .timing import Spread, in_turns, spread
 from .variants import Variant
 
-SECONDS = 20.0  # for the frames of all variants
+SECONDS = 12.0  # for the frames of all variants
 SAMPLES_CHECKED = 1 << 17  # of an image, computed again in float64: a second or less
 STEP = 0.05  # degrees that the camera goes on from frame to frame
 

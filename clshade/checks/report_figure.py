@@ -62,10 +62,10 @@ def difference(each: Measured, study: Study) -> Array:
 
 
 def shown_differences(study: Study) -> list[Measured]:
-    """The base, the ends and the middle of the Pareto front, and the worst: four of them that differ, fastest first."""
+    """The first variant, the ends of the Pareto front and what is in its middle: four that differ, fastest first."""
     best = study.front
-    worst = max(study.measured, key=lambda each: each.error)
-    picked = [study.measured[0], best[0], best[-1], worst, best[len(best) // 2], *best, *study.measured]
+    middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
+    picked = [study.measured[0], best[0], best[-1], *middle, *study.measured]
     return sorted(list(dict.fromkeys(picked))[: PICTURES - 1], key=lambda each: each.cost)
 
 

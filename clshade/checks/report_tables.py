@@ -91,13 +91,25 @@ def _facts(study: Study) -> list[str]:
 
 
 NOTES = (
-    "* nothing else is both as fast and as right (Pareto front). RMSE to FLIP: against the reference. arithmetic: the "
-    "largest |value - oracle| / light of pixels computed again in float64 with the same settings, its RMS, the largest in "
-    "bounds and how many are allowed, and pixels of wrong coverage."
+    "* marks the Pareto front: nothing else is both as fast and as right",
+    "RMSE to FLIP: approximation, against the reference; display white is 1",
+    "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
+    "the largest in bounds, and how many are allowed; pixels of wrong coverage, of those looked at",
 )
 SPHERE = (
     "RMSE of a sphere against one of {:,} triangles, where both cover a pixel; slope: power of the number of triangles"
 )
+
+
+def _notes(study: Study) -> list[str]:
+    return [*NOTES, *_sampling(study), *([] if has_flip() else [NO_FLIP])]
+
+
+def _sampling(study: Study) -> list[str]:
+    return [
+        f"{name}: RMSE falls as the number of samples to the power {slope:.2f}, to 1/{gain:.3g} altogether"
+        for name, (slope, gain) in study.sampling().items()
+    ]
 
 
 def lines(study: Study) -> list[str]:
@@ -107,8 +119,7 @@ def lines(study: Study) -> list[str]:
         *_facts(study),
         "",
         *tables.as_lines(VARIANTS, _variants(study)),
-        NOTES,
-        *([] if has_flip() else [NO_FLIP]),
+        *_notes(study),
         "",
         SPHERE.format(study.tessellation.finest),
         *tables.as_lines(header, rows),
@@ -128,7 +139,7 @@ def markdown(study: Study, used: str) -> str:
             "",
             *tables.as_markdown(VARIANTS, _variants(study)),
             "",
-            NOTES if has_flip() else f"{NOTES} {NO_FLIP}",
+            *(f"- {note}" for note in _notes(study)),
             "",
             "## Tessellation",
             "",
@@ -221,5 +232,6 @@ def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
 
 
 def used_line(used: Measured) -> str:
-    changes = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in used.variant.changes.items())
+    options = {f"--{name.replace('_', '-')}": value for name, value in used.variant.changes.items()}
+    changes = " ".join(name if value is True else f"{name} {value}" for name, value in options.items())
     return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} (render {changes or 'as it is'})"

@@ -15,8 +15,10 @@ from .choosing import front
 from .formats import Kept, formats
 from .measuring import Measured, measure
 from .reference import Reference, reference
-from .tessellation import Tessellation, tessellation
-from .variants import Variant, base_settings
+from .tessellation import Tessellation, loglog_slope, tessellation
+from .variants import BASE, Variant, base_settings
+
+FAMILIES = ("samples-", "shaded-")  # of variants that differ in the number of samples alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,22 @@ class Study:
         """The variants than which no other is both as fast and as right; fastest first."""
         return front(self.measured)
 
+    def sampling(self) -> dict[str, tuple[float, float]]:
+        """Of samples shaded once and each: the fitted power of their number by which the RMSE falls, and how many times
+        as large as with most samples it is with one. Empty without the variants that tell."""
+        found = {}
+        for family in FAMILIES:
+            errors = {
+                each.variant.changes.get("samples", 1): each.error
+                for each in self.measured
+                if each.name == BASE or each.name.startswith(family)
+            }
+            if len(errors) > 2 and 1 in errors and all(errors.values()):
+                counts = sorted(errors)
+                slope = loglog_slope(counts, [errors[count] for count in counts])
+                found[family.rstrip("-")] = slope, errors[1] / errors[counts[-1]]
+        return found
+
     @property
     def title(self) -> str:
         columns, rows = self.scene.camera.resolution
@@ -52,6 +70,7 @@ class Study:
             "reference": {"samples": self.reference.samples, "error_below": self.reference.error},
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
+            "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
             "tessellation": self.tessellation.stats(),
             "formats": [each.stats() for each in self.kept],
         }
