@@ -20,7 +20,7 @@ from clshade.checks.formats import formats
 from clshade.checks.image_errors import rmse
 from clshade.checks.labels import Box, placed
 from clshade.checks.measuring import measure
-from clshade.checks.reference import averaged, reference
+from clshade.checks.reference import STEPS, _fits, averaged, reference
 from clshade.checks.selecting import select
 from clshade.checks.tessellation import loglog_slope, tessellation
 from clshade.checks.variants import BASE, base_settings, named, supported, variants_for
@@ -65,15 +65,38 @@ def test_the_reference_approaches_the_covered_area(device):
 
 
 def test_more_samples_are_nearer_to_the_reference(device):
-    """Each of the edge's pixels is off by up to about 1/sqrt(samples): the RMSE falls at least that fast."""
+    """Points of low discrepancy cover an edge's pixel right to about samples^-0.75: 1/23 from 1 to 64."""
     scene = triangle()
     base = base_settings(scene)
-    truth = reference(scene, base, device).rgb
-    counts = (1, 4, 16, 64)
-    errors = [rmse(averaged(scene, device, base, scale, 1), truth) for scale in (1, 2, 4, 8)]
+    chosen = named(variants_for(scene, device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
+    measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
+    errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
-    assert loglog_slope(counts, errors) < -0.5
+    assert loglog_slope((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
     assert errors[0] > 12 * errors[-1]
+    assert all(each.arithmetic.passed for each in measured)
+
+
+def test_the_mean_of_a_larger_image_is_the_mean_of_samples_on_a_grid(device):
+    scene = triangle()
+    base = base_settings(scene)
+    found = averaged(scene, device, base, 4, 1)
+    large = render(scene, settings=base, device=device, resolution=(160, 160)).rgb
+    assert found[17, 12] == pytest.approx(large[68:72, 48:52].mean(axis=(0, 1)), rel=1e-6)
+    assert rmse(found, reference(scene, base, device).rgb) < 0.05
+
+
+def test_images_too_large_for_many_samples_have_few():
+    """Of the largest image that there is, 4 samples; of what can be seen, 64 and more."""
+
+    def steps(resolution):
+        scene = builtin("quads", resolution=resolution)
+        return [_fits(scene, *step) for step in STEPS]
+
+    assert steps((320, 240)) == [True] * 5
+    assert steps((800, 600)) == [False, *[True] * 4]
+    assert steps((4096, 4096)) == [False, False, False, True, True]
+    assert not any(steps((16384, 16384)))
 
 
 def test_the_reference_keeps_what_belongs_to_the_scene(device):

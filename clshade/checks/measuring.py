@@ -111,5 +111,5 @@ def _frame_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> flo
 
 def _pixels_to_check(image: Frame) -> int | str:
     """All pixels, or as many as there is time for."""
-    affordable = SAMPLES_CHECKED // getattr(image.settings, "samples", 1)
+    affordable = SAMPLES_CHECKED // image.settings.samples
     return "all" if image.alpha.size <= affordable else affordable

@@ -7,7 +7,6 @@ the plain mean of many samples, each of them shaded: what more and more samples 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from ..renderer import render
 from ..scene import Scene, Settings
 from ..validation import Array
 from .image_errors import rmse
-from .variants import supported
 
 MOST = 1 << 26  # samples that the reference may take altogether: a second or a few
-# Samples along a pixel's side, as pixels of a larger image, and samples in each of those: four times fewer at each step.
-MULTISAMPLED = ((2, 64), (1, 64), (1, 16), (1, 4), (1, 1))
-ENLARGED = ((16, 1), (8, 1), (4, 1), (2, 1), (1, 1))
+# Pixels of a larger image along a pixel's side, and samples in each of those: four times fewer at each step.
+STEPS = ((2, 64), (1, 64), (1, 16), (1, 4), (1, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,33 +47,30 @@ def reference(scene: Scene, base: Settings, device: Device) -> Reference:
 
     base: its ambient term, culling and near plane, and whether there is light at all, belong to the scene and are kept.
     """
-    columns, rows = scene.camera.resolution
     best = best_settings(base, device)
-    multisampled = "samples" in Settings.__dataclass_fields__
-    steps = [
-        step
-        for step in (MULTISAMPLED if multisampled else ENLARGED)
-        if step[0] * max(columns, rows) <= MAX_RESOLUTION and step[0] ** 2 * step[1] * columns * rows <= MOST
-    ] or [(1, 1)]
-    drawn = [averaged(scene, device, best, *step) for step in steps[:2]]
-    scale, samples = steps[0]
-    return Reference(drawn[0], scale * scale * samples, best, rmse(drawn[-1], drawn[0]))
+    affordable = [_fits(scene, *step) for step in STEPS[:-1]]
+    first = affordable.index(True) if any(affordable) else len(affordable) - 1
+    fine, coarse = (averaged(scene, device, best, *step) for step in STEPS[first : first + 2])
+    scale, samples = STEPS[first]
+    return Reference(fine, scale * scale * samples, best, rmse(coarse, fine))
+
+
+def _fits(scene: Scene, scale: int, samples: int) -> bool:
+    columns, rows = scene.camera.resolution
+    return scale * max(columns, rows) <= MAX_RESOLUTION and scale * scale * samples * columns * rows <= MOST
 
 
 def best_settings(base: Settings, device: Device) -> Settings:
-    wanted: tuple[dict[str, Any], ...] = ({"precision": "float64"}, {"sample_shading": True})
     kept = {name: getattr(base, name) for name in ("ambient", "cull", "near")}
-    changes: dict[str, Any] = {"shader": "nolight" if base.shader == "nolight" else "phong"}
-    for each in wanted:
-        changes |= each if supported(each, device) else {}
-    return Settings.from_preset("standard", **kept, **changes)
+    shader = "nolight" if base.shader == "nolight" else "phong"
+    precision = "float64" if device.has_fp64 else "float32"
+    return Settings.from_preset("standard", shader=shader, precision=precision, sample_shading=True, **kept)
 
 
 def averaged(scene: Scene, device: Device, settings: Settings, scale: int, samples: int) -> Array:
     """(M, N, 3) float64: the mean of scale x scale pixels of a larger image, each of so many samples."""
     columns, rows = scene.camera.resolution
     camera = replace(scene.camera, resolution=(scale * columns, scale * rows))
-    fields: dict[str, Any] = {"samples": samples} if samples > 1 else {}
-    frame = render(replace(scene, camera=camera), settings=settings, device=device, **fields)
+    frame = render(replace(scene, camera=camera), settings=replace(settings, samples=samples), device=device)
     blocks = np.asarray(frame.rgb, np.float64).reshape(rows, scale, columns, scale, 3)
     return blocks.mean(axis=(1, 3))
