@@ -6,6 +6,7 @@ import csv
 import io
 import itertools
 import json
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from clshade.checks import labels, report, report_figure, selecting, study, tabl
 from clshade.checks.formats import formats
 from clshade.checks.image_errors import rmse
 from clshade.checks.labels import Box, placed
-from clshade.checks.measuring import measure
+from clshade.checks.measuring import Drawn, measure
 from clshade.checks.reference import STEPS, _fits, averaged, reference
 from clshade.checks.selecting import select
 from clshade.checks.tessellation import loglog_slope, tessellation
@@ -421,10 +422,14 @@ def test_the_chosen_keep_their_limits(device):
 
 
 def test_settings_that_are_given_stay(device, found, monkeypatch):
-    def measured(scene, tried, *_, **__):
-        return [replace(found.measured[0], variant=each) for each in tried]
+    one = found.measured[0]
 
-    monkeypatch.setattr(selecting, "measure", measured)
+    def drawn(scene, tried, *_):
+        return [Drawn(each, None, None, one.approximation) for each in tried]
+
+    monkeypatch.setattr(selecting, "draw", drawn)
+    monkeypatch.setattr(selecting, "worth_timing", lambda tried, *_: tried)
+    monkeypatch.setattr(selecting, "timed", lambda tried, *_, **__: [replace(one, variant=e.variant) for e in tried])
     monkeypatch.setattr(selecting, "reference", lambda *_: found.reference)
     chosen = select(sphere(), budget=1e6, device=device, shader="gouraud")
     assert chosen.settings.shader == "gouraud"
@@ -434,6 +439,20 @@ def test_settings_that_are_given_stay(device, found, monkeypatch):
     assert selecting.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
     assert "course" not in chosen.tried
     assert "gouraud" in chosen.tried
+
+
+def test_only_what_may_be_chosen_is_timed(found):
+    one = found.measured[0]
+
+    def drawn(ms: float, error: float) -> Drawn:
+        renderer = types.SimpleNamespace(render=lambda camera: types.SimpleNamespace(stats={"times_ms": {"frame": ms}}))
+        return Drawn(one.variant, renderer, None, replace(one.approximation, rmse=error))
+
+    tried = [drawn(2.0, 0.5), drawn(5.0, 0.1), drawn(9.0, 0.02), drawn(100.0, 0.01)]
+    assert selecting.worth_timing(tried, 5.0, None) == tried[:3]
+    assert selecting.worth_timing(tried, 0.1, None) == tried[:1]
+    assert selecting.worth_timing(tried, None, 0.1) == tried[1:3]
+    assert selecting.worth_timing(tried, None, 0.001) == tried[3:]
 
 
 def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):

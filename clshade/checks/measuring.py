@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from .. import viewpoint
 from ..camera import Camera
@@ -72,41 +72,59 @@ class Measured:
         }
 
 
-def measure(
-    scene: Scene,
-    variants: Sequence[Variant],
-    base: Settings,
-    device: Device,
-    reference: Reference,
-    *,
-    frames: int,
-    seconds: float = SECONDS,
-    checked: bool = True,
-) -> list[Measured]:
-    """The variants' times, measured in turns while the camera moves, and the errors of their images.
+class Drawn(NamedTuple):
+    """A variant whose first frame is drawn; renderer: which will draw others of it."""
 
-    base: what the variants change. frames: of each; fewer where all of them take more than `seconds`. checked: whether
-    the arithmetic is looked at too.
-    """
-    with ExitStack() as stack:
-        opened = [Renderer(scene, settings=each.settings(base), device=device) for each in variants]
-        renderers = [stack.enter_context(renderer) for renderer in opened]
-        images = [renderer.render() for renderer in renderers]
-        cameras = [viewpoint.moved(scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
-        draws = [partial(_frame_ms, renderer, cameras) for renderer in renderers]
-        times = list(zip(*in_turns(draws, frames, seconds), strict=True))
+    variant: Variant
+    renderer: Renderer
+    image: Frame
+    approximation: ImageError
+
+    def frame_ms(self, camera: Camera | None = None) -> float:
+        """Milliseconds of one more frame. The first would be none to go by: runtimes may compile at it."""
+        return self.renderer.render(camera=camera).stats["times_ms"]["frame"]
+
+
+def draw(
+    scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, stack: ExitStack
+) -> list[Drawn]:
+    """The variants' images. base: what the variants change. stack: closes the renderers."""
     found = []
-    for variant, image, ms in zip(variants, images, times, strict=True):
-        once = image.stats["times_ms"]
-        arithmetic = check(image, _pixels_to_check(image)) if checked else None
-        approximation = image_error(image.rgb, reference.rgb)
-        uploaded = once["pack"] + once["upload"]
-        found.append(Measured(variant, spread(ms), once["build"], uploaded, arithmetic, approximation, image.rgb))
+    for variant in variants:
+        renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
+        image = renderer.render()
+        found.append(Drawn(variant, renderer, image, image_error(image.rgb, reference.rgb)))
     return found
 
 
-def _frame_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> float:
-    return renderer.render(camera=cameras[number]).stats["times_ms"]["frame"]
+def timed(drawn: Sequence[Drawn], frames: int, *, checked: bool = True) -> list[Measured]:
+    """Times of further frames, drawn in turns while the camera moves; the variants that were drawn, measured.
+
+    frames: of each; fewer where all of them take more than SECONDS. checked: whether the arithmetic is looked at too.
+    """
+    if not drawn:
+        return []
+    cameras = [viewpoint.moved(drawn[0].image.scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+    turns = in_turns([partial(_next, each, cameras) for each in drawn], frames, SECONDS)
+    found = []
+    for each, ms in zip(drawn, zip(*turns, strict=True), strict=True):
+        image, once = each.image, each.image.stats["times_ms"]
+        arithmetic = check(image, _pixels_to_check(image)) if checked else None
+        costs = spread(ms), once["build"], once["pack"] + once["upload"]
+        found.append(Measured(each.variant, *costs, arithmetic, each.approximation, image.rgb))
+    return found
+
+
+def _next(drawn: Drawn, cameras: Sequence[Camera], number: int) -> float:
+    return drawn.frame_ms(cameras[number])
+
+
+def measure(
+    scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, *, frames: int
+) -> list[Measured]:
+    """The costs and both errors of all variants; see `draw` and `timed`."""
+    with ExitStack() as stack:
+        return timed(draw(scene, variants, base, device, reference, stack), frames)
 
 
 def _pixels_to_check(image: Frame) -> int | str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,16 +12,17 @@ from ..device import Device, shared_device
 from ..renderer import settle
 from ..scene import PRESETS, Scene, Settings
 from .choosing import chosen
-from .measuring import Measured, measure
+from .measuring import Drawn, Measured, draw, timed
 from .reference import Reference, reference
 from .variants import SHORT, base_settings, variants_for
 
 FRAMES = 5  # of each variant
+SLACK = 2.0  # one frame may take so many times as long as others do
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What to render with. tried: the variants measured. seconds: that it took."""
+    """What to render with. tried: the variants drawn. seconds: that it took."""
 
     used: Measured
     settings: Settings
@@ -34,7 +37,7 @@ class Selection:
         used = self.used
         return [
             f"{used.name} ({used.variant.about}): {used.cost:.3g} ms a frame, RMSE {used.error:.3g}",
-            f"of {len(self.tried)} ways measured in {self.seconds:.1f} s: {', '.join(self.tried)}",
+            f"of {len(self.tried)} ways tried in {self.seconds:.1f} s: {', '.join(self.tried)}",
             f"reference: {self.reference.about()}",
         ]
 
@@ -63,13 +66,25 @@ def select(
     scene, _ = settle(scene, resolution=resolution)
     base = replace(base_settings(scene) if preset is None else Settings.from_preset(preset), **fields)
     fixed = set(fields) | (set() if preset is None else preset_fields())
-    tried = [each for each in variants_for(scene, opened) if each.name in SHORT and not fixed & set(each.changes)]
+    candidates = [each for each in variants_for(scene, opened) if each.name in SHORT and not fixed & set(each.changes)]
     converged = reference(scene, base, opened)
-    measured = measure(scene, tried, base, opened, converged, frames=FRAMES, checked=False)
+    with ExitStack() as stack:
+        tried = draw(scene, candidates, base, opened, converged, stack)
+        measured = timed(worth_timing(tried, budget, tolerance), FRAMES, checked=False)
     used = chosen(measured, budget, tolerance)
     assert used is not None, "either budget or tolerance"
-    names = tuple(each.name for each in tried)
+    names = tuple(each.variant.name for each in tried)
     return Selection(used, used.variant.settings(base), names, converged, time.perf_counter() - start)
+
+
+def worth_timing(tried: Sequence[Drawn], budget: float | None, tolerance: float | None) -> list[Drawn]:
+    """Those that may be chosen, as one frame tells; where none may be, the one that comes nearest."""
+    if tolerance is not None:
+        exact = [each for each in tried if each.approximation.rmse <= tolerance]
+        tried = exact or [min(tried, key=lambda each: each.approximation.rmse)]
+    ms = [each.frame_ms() for each in tried]
+    limit = SLACK * max(budget or 0.0, min(ms))
+    return [each for each, its in zip(tried, ms, strict=True) if its <= limit]
 
 
 def preset_fields() -> set[str]:

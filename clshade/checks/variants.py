@@ -58,8 +58,8 @@ VARIANTS = (
 
 # A short study's: what changes the time most.
 SHORT = (
-    *(BASE, "samples-4", "samples-16", "samples-64", "fast", "gouraud", "gouraud-4", "gouraud-16"),
-    *("trilinear", "trilinear-4", "trilinear-16", "vertex-texture", "course"),
+    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
+    *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
 )
 
 
