@@ -5,8 +5,7 @@ Public names are imported on first use, so that `import clshade` costs nothing.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+TYPE_CHECKING = False  # `typing` takes longer to import than all else that happens here
 
 __version__ = "0.1.0"
 
@@ -31,6 +30,8 @@ _HOMES = {
 __all__ = [*_HOMES, "__version__"]
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from . import course as course
     from . import errors as errors
     from .camera import Camera as Camera
@@ -51,6 +52,8 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'clshade' has no attribute {name!r}")
+    import importlib
+
     home = _HOMES[name]
     value = (
         getattr(importlib.import_module(f".{home}", __name__), name)

@@ -8,4 +8,5 @@ if __name__ == "__main__":
 
         entry()
     except KeyboardInterrupt:  # while Python was still importing
+        print("clshade: interrupted", file=sys.stderr)
         sys.exit(130)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
 import os
@@ -116,6 +117,17 @@ def _beside(target: str) -> str:
     return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
 
 
+_under_way: set[_Replacement] = set()
+
+
+@atexit.register
+def _abandon_all() -> None:
+    """At the end of a process that does not wait for its threads: nothing of what they were writing stays."""
+    for each in list(_under_way):
+        if each.owner == os.getpid():
+            each.undo()
+
+
 class _Replacement:
     """One file under way: open, then finished (all of it on disk), then placed; or discarded, whatever came before."""
 
@@ -123,9 +135,11 @@ class _Replacement:
         self.path, self.target = path, _resolved(path)
         self.temporary, self.earlier, self.placed = _beside(self.target), "", False
         self.file: BinaryIO | None = None
+        self.owner = os.getpid()
 
     def open(self) -> BinaryIO:
         mode = _permissions(self.path, self.target)
+        _under_way.add(self)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
         self.file = os.fdopen(os.open(self.temporary, flags, 0o666), "wb", buffering=1 << 20)
         if mode is not None and hasattr(os, "fchmod"):
@@ -160,6 +174,9 @@ class _Replacement:
         if self.file is not None:
             with contextlib.suppress(OSError):  # closing flushes once more, onto the same full disk
                 self.file.close()
+        self.undo()
+
+    def undo(self) -> None:
         with contextlib.suppress(OSError):
             if self.placed and self.earlier:
                 os.replace(self.earlier, self.target)
@@ -172,6 +189,7 @@ class _Replacement:
             if name:
                 with contextlib.suppress(OSError):
                     os.unlink(name)
+        _under_way.discard(self)
 
 
 @contextlib.contextmanager

@@ -12,9 +12,11 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, NoReturn, TextIO
 
-from .commands import INTERRUPTED, REFUSED, UNREAD
+from . import interrupts
+from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
 from .errors import ClshadeError
+from .interrupts import INTERRUPTED
 
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
@@ -115,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"clshade: standard output: cannot be written: {reason}", file=sys.stderr)
         return REFUSED
     except KeyboardInterrupt:
-        print("clshade: interrupted", file=sys.stderr)
+        interrupts.tell()
         return INTERRUPTED
 
 
@@ -138,6 +140,7 @@ def _run(arguments: Sequence[str]) -> int:
 def entry() -> NoReturn:
     """The console script."""
     try:
+        interrupts.leave_soon()
         code = main()
     except KeyboardInterrupt:  # once more
         code = INTERRUPTED

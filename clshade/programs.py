@@ -8,6 +8,7 @@ import re
 import threading
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -121,9 +122,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         loaded = program is not None
         if program is None:
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", cl.CompilerWarning)  # some runtimes log every build
-                    program = cl.Program(device.context, source).build(options)
+                program = _without_log(cl.Program(device.context, source), options)
             except cl.RuntimeError as error:
                 lines = [line for line in str(error).splitlines() if "error" in line.lower()]
                 raise DeviceError(
@@ -133,6 +132,15 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
         _built[key] = Program(features, lanes, time.perf_counter() - start, kernels, loaded)
     return _built[key]
+
+
+def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
+    """The program, built; without the warnings that some runtimes give with every build."""
+    import pyopencl as cl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return program.build(list(options))
 
 
 # Built programs are kept in this process's cache folder: loading one skips the compiler's front end, which takes most of
@@ -153,7 +161,7 @@ def _load(device: Device, path: Path) -> Any:
         digest, binary = path.read_bytes().split(b"\n", 1)
         if hashlib.sha256(binary).hexdigest().encode() != digest:
             return None
-        return cl.Program(device.context, [device.device], [binary]).build()
+        return _without_log(cl.Program(device.context, [device.device], [binary]))
     except (OSError, ValueError, cl.Error):
         return None
 

@@ -11,6 +11,7 @@ from functools import partial
 import pytest
 
 import clshade
+from clshade import programs
 from clshade.frame import Frame
 from clshade.renderer import Renderer
 
@@ -92,6 +93,17 @@ def test_one_thread_gives_the_same_bits(device):
     run = partial(subprocess.run, env=environment, capture_output=True, text=True, timeout=120)
     done = run([sys.executable, "-c", ONE_THREAD, os.path.dirname(__file__), device.index])
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.filterwarnings("error")
+def test_programs_from_the_cache_give_the_same_bits(device, tmp_path, monkeypatch):
+    """And neither building nor loading them has anything to say."""
+    monkeypatch.setattr(programs, "_built", {})
+    monkeypatch.setattr(programs, "_stored_at", lambda device, source, _: tmp_path / str(hash(source)))
+    for stored in (False, True):
+        programs._built.clear()
+        assert digest(draw(device, "quads", "standard", "phong")) == GOLDEN["quads", "standard", "phong"]
+        assert [program.stored for program in programs.built()] == [stored] * 2
 
 
 def test_a_changed_bit_is_noticed(device):

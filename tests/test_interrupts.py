@@ -1,0 +1,122 @@
+"""Ctrl-C and signals that kill, at any moment of a run: what is left behind, and that the next run works."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+COMMAND = ("render", "box_room", "--resolution", "160,120", "--deterministic")
+OUTPUTS = ("out.exr", "out.png")
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+
+# Says when it starts and where it is stuck: in C, where Python can't handle a signal, for half a minute if nobody ends it.
+START = """
+import sys
+print("started", flush=True)
+sys.argv[0] = "clshade"
+def stuck(*arguments, **options):
+    import hashlib
+    print("stuck", file=sys.__stdout__, flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 60_000_000)
+{hook}
+import runpy
+runpy.run_module("clshade", run_name="__main__", alter_sys=True)
+"""
+BUILDING = "from clshade import programs; programs.build = stuck"
+WRITING = "import os; os.fsync = stuck"
+
+
+def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
+    """A run in `folder` with this cache; it has printed that it started."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", START.format(hook=hook), *COMMAND],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "started\n"
+    return process
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit code and standard error."""
+    _, err = process.communicate(timeout=240)
+    return process.returncode, err
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with earlier output."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for name in OUTPUTS:
+        (folder / name).write_text("earlier")
+    return folder
+
+
+def assert_kept(folder: Path) -> None:
+    assert {name: (folder / name).read_text() for name in OUTPUTS} == dict.fromkeys(OUTPUTS, "earlier")
+
+
+@pytest.mark.parametrize("hook", [BUILDING, WRITING], ids=["building", "writing"])
+def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, hook):
+    process = start(folder, tmp_path / "cache", hook)
+    assert process.stdout.readline() == "stuck\n"
+    sent = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    assert finish(process) == (130, "clshade: interrupted\n")
+    assert time.perf_counter() - sent < 5.0
+    assert_kept(folder)
+    assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_killed_while_writing(opened, folder, tmp_path, number):
+    """A temporary file may stay: the next one to write there an hour later removes it."""
+    process = start(folder, tmp_path / "cache", WRITING)
+    assert process.stdout.readline() == "stuck\n"
+    process.send_signal(number)
+    assert finish(process) == (-number, "")
+    assert_kept(folder)
+    assert all(name in OUTPUTS or name.startswith(".clshade-") for name in os.listdir(folder))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(opened, tmp_path_factory):
+    """How long a run takes with an empty cache, seconds, and the bytes of its files."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    began = time.perf_counter()
+    assert finish(start(folder, folder / "cache")) == (0, "")
+    return time.perf_counter() - began, [(folder / name).read_bytes() for name in OUTPUTS]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95])
+def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
+    """With an empty cache; share: of the time that a run takes."""
+    seconds, expected = undisturbed
+    process = start(folder, tmp_path / "cache")
+    time.sleep(share * seconds)
+    process.send_signal(number)
+    code, err = finish(process)
+    if code == 0:  # it was faster
+        assert [(folder / name).read_bytes() for name in OUTPUTS] == expected
+    else:
+        told = (130, "clshade: interrupted\n") if number == signal.SIGINT else (-number, "")
+        assert (code, err) == told
+        assert_kept(folder)
+    assert finish(start(folder, tmp_path / "cache")) == (0, "")
+    assert [(folder / name).read_bytes() for name in OUTPUTS] == expected
