@@ -26,6 +26,7 @@ CHOICES = (
     "SIDES",
     "TWO_SIDED",
     "ALPHA_TEST",
+    "MIPMAPS",
     "ORTHOGRAPHIC",
     "BACKGROUND",
     "CORNER_COLORS",
@@ -91,6 +92,12 @@ def alpha_tested(mesh: Mesh) -> bool:
     texture = mesh.material.texture
     tested = mesh.uvs is not None and mesh.material.alpha_cutoff is not None
     return texture is not None and tested and texture.image.shape[2] == 4
+
+
+def has_levels(mesh: Mesh) -> bool:
+    """Whether a smaller image of the mesh's texture can be of use: the course's lookup knows none, nor does one texel."""
+    texture = mesh.material.texture
+    return texture_applies(mesh) and texture.lookup == "standard" and max(texture.image.shape[:2]) > 1  # type: ignore[union-attr]
 
 
 def _is_white(mesh: Mesh) -> bool:
@@ -184,6 +191,7 @@ def derive(scene: Scene, settings: Settings, *, double_positions: bool, everythi
         "SIDES": any(front_only) and not (settings.cull or all(front_only)),
         "TWO_SIDED": shining and any(m.two_sided for m in materials),
         "ALPHA_TEST": any(map(alpha_tested, meshes)),
+        "MIPMAPS": settings.texture_filter == "trilinear" and any(map(has_levels, meshes)),
         "ORTHOGRAPHIC": scene.camera.orthographic,
         "BACKGROUND": scene.background is not None and bool(scene.background.any()),
         "CORNER_COLORS": at_corners,

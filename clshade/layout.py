@@ -17,6 +17,7 @@ TILE_SIZE = 16  # pixels a side
 MOST_SAMPLES = 64  # a pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are held to it: their squares then stay within float32
 MOST_DEPTH = 2.0**100  # scaled depths are held to it: their reciprocals then stay within float32
+MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the one before down to 1
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -26,6 +27,7 @@ CONSTANTS = {
     "TILE_SIZE": TILE_SIZE,
     "MOST_SAMPLES": MOST_SAMPLES,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
     "WRAP_REPEAT": 0,
@@ -105,11 +107,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "pad", 2, ""),
     ],
     "Texture": [
-        ("int", "offset", 1, "of the first texel in the texel buffer"),
+        ("int", "offset", MOST_LEVELS, "of each level's first texel in the texel buffer"),
         ("int", "width", 1, "texels"),
         ("int", "height", 1, "texels"),
         ("int", "wrap", 2, "WRAP_* along u and v"),
         ("int", "lookup", 1, "LOOKUP_*"),
+        ("int", "levels", 1, "how many there are, 1 without mip-mapping"),
         ("int", "pad", 2, ""),
     ],
     "Image": [

@@ -13,6 +13,7 @@ from . import layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, texture_applies
 from .geometry import vertex_normals
 from .layout import Structs
+from .mipmaps import smaller_levels
 from .scene import Material, Mesh, Scene, Settings, Texture
 from .validation import Array
 
@@ -179,18 +180,25 @@ def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
     return np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
 
 
-def texture_tables(textures: list[Texture]) -> tuple[Array, Array]:
-    """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32."""
+def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
+    """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32; with `mipmaps` the
+    smaller levels of each follow it, opaque ones."""
     table = np.zeros(len(textures), layout.SINGLE.Texture)
     offset, parts = 0, []
     for row, texture in zip(table, textures, strict=True):
         height, width, _ = texture.image.shape
-        row["offset"], row["width"], row["height"] = offset, width, height
+        row["width"], row["height"] = width, height
         row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
-        texels = np.ones((width * height, 4), np.float32)
-        texels[:, : texture.image.shape[2]] = texture.image.reshape(width * height, -1)
-        parts.append(texels)
-        offset += width * height
+        levels = [texture.image]
+        if mipmaps and texture.lookup == "standard":
+            levels += smaller_levels(texture.image[..., :3])
+        row["levels"] = len(levels)
+        for number, level in enumerate(levels):
+            row["offset"][number] = offset
+            texels = np.ones((level.shape[0] * level.shape[1], 4), np.float32)
+            texels[:, : level.shape[2]] = level.reshape(len(texels), -1)
+            parts.append(texels)
+            offset += len(texels)
     return table, _join(parts)
 
 
@@ -311,7 +319,9 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
         if features["TEXTURED"] or features["CORNER_COLORS"] or features["ALPHA_TEST"]:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
             if gatherer.textures:
-                found["textures"], found["texels"] = texture_tables(gatherer.textures)
+                found["textures"], found["texels"] = texture_tables(
+                    gatherer.textures, mipmaps=bool(features["MIPMAPS"])
+                )
         if features["CORNER_COLORS"]:
             index = found["uv_faces"] if found["uv_faces"] is not None else faces
             found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])

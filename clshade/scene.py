@@ -35,6 +35,7 @@ VISIBILITIES = ("painter", "depth")
 LIGHTING_AT = ("centroid", "position")
 INTERPOLATIONS = ("affine", "perspective")
 TEXTURE_AT = ("vertex", "pixel")
+TEXTURE_FILTERS = ("bilinear", "trilinear")
 AMBIENTS = ("plain", "tinted")
 RESOLVES = ("mean", "weighted")
 PRECISIONS = ("fast", "float32", "float64")
@@ -281,6 +282,10 @@ class Settings:
     lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (or vertex).
     interpolation: of attributes over a triangle, `affine` in the image or `perspective`. Depth is always perspective.
     texture_at: `vertex` looks the texture up at the corners, `pixel` at every pixel.
+    texture_filter: `bilinear` takes the four texels around the point, however many a pixel spans. `trilinear` takes them
+        of two mip-map levels, the level of detail being OpenGL's (kernels/texture.clh); where a pixel spans at most a
+        texel that is bilinear, bit for bit. It needs texture_at pixel: a corner spans no texels. Textures with the
+        course's lookup, and the alpha test, stay bilinear in full resolution.
     ambient: `plain` ka*Ia, or `tinted` ka*Ia*color.
     layers: further layers besides the image, any of `Z`, `id`.
     cull: leave out triangles that are seen from behind (clockwise in the image).
@@ -299,6 +304,7 @@ class Settings:
     lighting_at: str = "position"
     interpolation: str = "perspective"
     texture_at: str = "pixel"
+    texture_filter: str = "bilinear"
     ambient: str = "tinted"
     layers: tuple[str, ...] = ()
     cull: bool = False
@@ -315,6 +321,10 @@ class Settings:
         choice(who, "lighting_at", self.lighting_at, LIGHTING_AT)
         choice(who, "interpolation", self.interpolation, INTERPOLATIONS)
         choice(who, "texture_at", self.texture_at, TEXTURE_AT)
+        choice(who, "texture_filter", self.texture_filter, TEXTURE_FILTERS)
+        if self.texture_filter == "trilinear" and self.texture_at == "vertex":
+            expected = "bilinear with texture_at vertex, for a corner spans no texels (or texture_at pixel)"
+            raise refuse(who, "texture_filter", expected, self.texture_filter)
         choice(who, "ambient", self.ambient, AMBIENTS)
         choice(who, "precision", self.precision, PRECISIONS)
         set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))

@@ -72,6 +72,9 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--lighting-at", choices=scene.LIGHTING_AT)
     group.add_argument("--interpolation", choices=scene.INTERPOLATIONS)
     group.add_argument("--texture-at", choices=scene.TEXTURE_AT)
+    group.add_argument(
+        "--texture-filter", choices=scene.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
+    )
     group.add_argument("--ambient", choices=scene.AMBIENTS)
     group.add_argument("--layers", type=names(scene.LAYERS), help=f"further layers: {','.join(scene.LAYERS)}")
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..scene import Mesh, Scene, Settings
+from ..scene import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normals
-from .texture import bilerp
+from .texture import bilerp, levels, trilinear
 from .transform import world_vertices
 from .vectors import Array
 
@@ -113,18 +114,50 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Arra
     return colors
 
 
-def texels(scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array) -> Array:
-    """Texels of pixels on faces `face` (K,) with corner weights (K, 3): (K, 3), 1 where none is looked up per pixel."""
-    texel = np.ones((len(face), 3))
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """Of pixels (K, 3): the texel; and, as errors of the level of detail count, the largest magnitude it is a mean of."""
+
+    color: Array
+    most: Array
+
+
+_mipmaps: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()
+
+
+def mipmap_of(texture: Texture) -> list[Array]:
+    """The levels of a texture without its alpha; kept as long as the texture lives."""
+    if texture not in _mipmaps:
+        _mipmaps[texture] = levels(texture.image[..., :3])
+    return _mipmaps[texture]
+
+
+def texels(
+    scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array, steps: tuple[Array, Array] | None
+) -> Texels:
+    """Texels of pixels on faces `face` (K,) with corner weights (K, 3), 1 where none is looked up per pixel.
+
+    steps: by how much the weights change from pixel to pixel, to the right and up, (K, 3) each; None with texture_filter
+    bilinear.
+    """
+    found = Texels(np.ones((len(face), 3)), np.ones((len(face), 3)))
     if settings.texture_at == "vertex":
-        return texel
+        return found
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
         if not textured(mesh):
             continue
         texture = mesh.material.texture
         mine = np.flatnonzero(corners.mesh[face] == index)
+        at_corners = corners.uvs[face[mine]]
         with np.errstate(invalid="ignore", over="ignore"):
-            uv = (weights[mine][:, :, None] * corners.uvs[face[mine]]).sum(axis=1)
-        texel[mine] = bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
-    return texel
+            uv = (weights[mine][:, :, None] * at_corners).sum(axis=1)
+            if steps is not None and texture.lookup == "standard":
+                # The steps' sum is 0: from the first corner on nothing is lost where all coordinates are large.
+                relative = at_corners - at_corners[:, :1]
+                right, up = ((step[mine][:, :, None] * relative).sum(axis=1) for step in steps)
+                found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
+                continue
+        found.color[mine] = bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
+        found.most[mine] = np.abs(found.color[mine])
+    return found

@@ -162,6 +162,23 @@ def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Ar
     return (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
 
 
+def face_weight_steps(
+    scene: Scene, settings: Settings, prepared: Prepared, piece: Array, column: Array, row: Array
+) -> tuple[Array, Array]:
+    """By how much the `face_weights` of pixels (column, row from the bottom) on their pieces, (K,) each, change from pixel
+    to pixel: their derivatives to the right and up, (K, 3) each."""
+    cut = prepared.pieces
+    interpolation = "affine" if scene.camera.orthographic else settings.interpolation
+    edges = coverage.edge_functions(cut.xy[piece], column, row)
+    found = []
+    for columns, rows in ((1, 0), (0, 1)):
+        # Edge functions are linear: the next pixel's differ from this one's by their derivative.
+        change = coverage.edge_functions(cut.xy[piece], column + columns, row + rows) - edges
+        on_piece = shade.barycentric_steps(edges, change, cut.z[piece], interpolation)
+        found.append((on_piece[:, :, None] * cut.weights[piece]).sum(axis=1))
+    return found[0], found[1]
+
+
 def render(scene: Scene, settings: Settings) -> OracleFrame:
     """The frame of a scene's own camera, all layers."""
     camera = scene.camera
@@ -277,7 +294,10 @@ def _shade_batch(
     edges = coverage.edge_functions(cut.xy[piece], column, row)
     weights = face_weights(scene, settings, prepared, piece, edges)
     behind = prepared.setup.area[piece] < 0
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind)
+    steps = None
+    if settings.texture_filter == "trilinear":
+        steps = face_weight_steps(scene, settings, prepared, piece, column, row)
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

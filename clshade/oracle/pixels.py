@@ -8,7 +8,7 @@ import numpy as np
 
 from ..scene import Scene, Settings
 from . import shade
-from .corners import Corners, corner_colors, texels
+from .corners import Corners, Texels, corner_colors, texels
 from .transform import camera_frame
 from .vectors import Array, length
 
@@ -70,7 +70,7 @@ class Batch:
     """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel: (K, 3) per pixel. tinted: does the color multiply the ambient light? turned: (K,) is the normal turned round?
+    texel: per pixel. tinted: does the color multiply the ambient light? turned: (K,) is the normal turned round?
     view: None, or the unit vector towards an orthographic camera, the same everywhere.
     """
 
@@ -83,7 +83,7 @@ class Batch:
     tinted: bool
     where: Array
     weights: Array
-    texel: Array
+    texel: Texels
     turned: Array
     view: Array | None
 
@@ -93,15 +93,21 @@ class Batch:
 
 
 def shade_pixels(
-    scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array, behind: Array
+    scene: Scene,
+    settings: Settings,
+    corners: Corners,
+    face: Array,
+    weights: Array,
+    behind: Array,
+    steps: tuple[Array, Array] | None = None,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners; behind: (K,) bool, is the face
-    seen from behind?"""
+    seen from behind? steps: of the weights from pixel to pixel, see `corners.texels`."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
     colors = corner_colors(scene, settings, corners, used)
-    texel = texels(scene, settings, corners, face, weights)
+    texel = texels(scene, settings, corners, face, weights, steps)
     points = corners.world[used] - scene.camera.eye
     extent = np.abs(points).max(axis=(1, 2))
     if settings.lighting_at == "centroid":
@@ -125,8 +131,8 @@ def shade_pixels(
 
 def _nolight(batch: Batch) -> Shaded:
     """The color itself."""
-    rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel
-    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * np.abs(batch.texel)
+    rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
+    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most
     budget, ones = np.maximum(worst_color, 1.0), np.ones(len(rgb))
     return Shaded(rgb, budget, ones, np.zeros(len(rgb), bool), ones)
 
@@ -141,14 +147,14 @@ def _gouraud(batch: Batch) -> Shaded:
     eye = batch.eye(points)
     lit = shade.reflected(points, normals, eye, kd, ks, n, lights.positions, lights.intensities)
     factor = lit + ka_Ia if batch.tinted else lit
-    rgb = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel
+    rgb = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel.color
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
     kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions)
     kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
     gate = shade.at_gate(points, normals, eye, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
-    worst_color = np.abs(batch.colors).max(axis=1)[where] * np.abs(batch.texel)
+    worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, kappa[where], gate[where], pixel.n)
 
@@ -158,7 +164,8 @@ def _phong(batch: Batch) -> Shaded:
     where, lights, surface = batch.where, batch.lights, batch.surface[batch.where]
     point, normal = blend(batch.weights, batch.points[where]), blend(batch.weights, batch.normals[where])
     normal = np.where(batch.turned[:, None], -normal, normal)
-    color = blend(batch.weights, batch.colors[where]) * batch.texel
+    vertex_color = blend(batch.weights, batch.colors[where])
+    color = vertex_color * batch.texel.color
     eye = batch.eye(point)
     lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities)
     factor = lit + surface.ka_Ia if batch.tinted else lit
@@ -168,5 +175,6 @@ def _phong(batch: Batch) -> Shaded:
     kappa = shade.conditioning(point, batch.extent[where], normal_length, eye, lights.positions)
     kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
     gate = shade.at_gate(point, normal, eye, lights.positions) & (surface.ks != 0.0).any(axis=1)
-    budget = shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
+    most = vertex_color * batch.texel.most
+    budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, kappa, gate, surface.n)

@@ -23,6 +23,16 @@ def barycentrics(edges: Array, z: Array, interpolation: str) -> Array:
     return share / (share[..., 0] + share[..., 1] + share[..., 2])[..., None]
 
 
+def barycentric_steps(edges: Array, steps: Array, z: Array, interpolation: str) -> Array:
+    """By how much the weights of `barycentrics` change (..., 3) where the edge functions change by steps (..., 3): their
+    derivative, by the quotient rule."""
+    share, step = np.asarray(edges, np.float64), np.asarray(steps, np.float64)
+    if interpolation == "perspective":
+        share, step = share / z, step / z
+    total, total_step = share.sum(axis=-1, keepdims=True), step.sum(axis=-1, keepdims=True)
+    return (step * total - share * total_step) / (total * total)
+
+
 def depth(edges: Array, z: Array, orthographic: bool = False) -> Array:
     """Depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
     edges = np.asarray(edges, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Bilinear texture lookup, both conventions."""
+"""Texture lookups: bilinear, in both conventions, and trilinear between the levels of a mip-map."""
 
 from __future__ import annotations
 
@@ -56,3 +56,56 @@ def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[
     below = image[low, left] * (1.0 - fx) + image[low, right] * fx
     above = image[high, left] * (1.0 - fx) + image[high, right] * fx
     return below * (1.0 - fy) + above * fy
+
+
+def covered_means(rows: Array) -> Array:
+    """Rows (s, ...) reduced to d = max(s // 2, 1): row i of the result is the mean of what lies from i*s/d to (i+1)*s/d."""
+    size = len(rows)
+    count = max(size // 2, 1)
+    start = np.arange(count) * size  # in units of 1/d row, in which row j lies from j*d to (j+1)*d
+    total = np.zeros((count, *rows.shape[1:]))
+    for step in range(3):
+        j = start // count + step
+        overlap = np.minimum((j + 1) * count, start + size) - np.maximum(j * count, start)
+        total += np.maximum(overlap, 0)[:, None, None] * rows[np.minimum(j, size - 1)]
+    return total / size
+
+
+def levels(image: Array) -> list[Array]:
+    """The mip-map of an image (h, w, C): the image itself, then each level half the size of the one before, rounded down,
+    until 1 x 1. A texel is the mean of the area that it covers; the levels are kept as float32, as the image is."""
+    found, exact = [image], image.astype(np.float64)
+    while max(exact.shape[:2]) > 1:
+        exact = covered_means(covered_means(exact).swapaxes(0, 1)).swapaxes(0, 1)
+        found.append(exact.astype(np.float32))
+    return found
+
+
+def level_of_detail(right: Array, up: Array, size: tuple[int, int], last: int) -> Array:
+    """lambda (...) of OpenGL 4.6, section 8.14, held to the levels 0 to `last`.
+
+    right, up: (..., 2) by how much u and v change from pixel to pixel. size: columns and rows of the image.
+    rho, the larger of the two distances in texels, is what a pixel spans; lambda is log2(rho).
+    """
+    rho = np.maximum(np.hypot(*np.moveaxis(right * size, -1, 0)), np.hypot(*np.moveaxis(up * size, -1, 0)))
+    rho = np.where(np.isfinite(rho), np.clip(rho, 1.0, 2.0**last), 1.0)
+    return np.log2(rho)
+
+
+def trilinear(uv: Array, right: Array, up: Array, mipmap: list[Array], wrap: tuple[str, str]) -> tuple[Array, Array]:
+    """Colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between the
+    bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
+
+    Also the larger magnitude of those two colors, (K, C): an error of lambda moves the color by as much as they differ.
+    """
+    last = len(mipmap) - 1
+    detail = level_of_detail(right, up, mipmap[0].shape[1::-1], last)
+    first = np.floor(detail).astype(np.int64)
+    fine, coarse = np.zeros((2, len(uv), mipmap[0].shape[2]))
+    for level in np.unique(first):
+        mine = first == level
+        fine[mine] = bilerp(uv[mine], mipmap[level], "standard", wrap)
+        coarse[mine] = bilerp(uv[mine], mipmap[min(level + 1, last)], "standard", wrap)
+    share = (detail - first)[:, None]
+    color = fine * (1.0 - share) + coarse * share
+    return color, np.where(share > 0.0, np.maximum(np.abs(fine), np.abs(coarse)), np.abs(fine))
