@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scene import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normals
-from .texture import bilerp, levels, trilinear
+from .texture import bilerp, brightest, levels, trilinear
 from .transform import world_vertices
 from .vectors import Array
 
@@ -116,7 +116,7 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Arra
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """Of pixels (K, 3): the texel; and, as errors of the level of detail count, the largest magnitude it is a mean of."""
+    """Of pixels, (K, 3) each: the texel, and the largest magnitude among those that it is a mean of."""
 
     color: Array
     most: Array
@@ -158,6 +158,6 @@ def texels(
                 right, up = ((step[mine][:, :, None] * relative).sum(axis=1) for step in steps)
                 found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
                 continue
-        found.color[mine] = bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
-        found.most[mine] = np.abs(found.color[mine])
+        looked_up = uv, texture.image[..., :3], texture.lookup, texture.wrap
+        found.color[mine], found.most[mine] = bilerp(*looked_up), brightest(*looked_up)
     return found

@@ -40,6 +40,18 @@ def neighbors(t: Array, size: int, lookup: str, wrap: str) -> tuple[Array, Array
     return wrapped_index(index, size, wrap), wrapped_index(index + 1, size, wrap), x - first
 
 
+def four_texels(uv: Array, image: Array, lookup: str, wrap: str | tuple[str, str]) -> tuple[Array, Array, Array]:
+    """The texels (2, 2, ..., C) around texture coordinates uv (..., 2), [low or high v, left or right u], and the two
+    fractions of the way from left to right and low to high, (..., 1) each."""
+    uv = np.asarray(uv, dtype=np.float64)
+    rows, columns = image.shape[:2]
+    wrap_u, wrap_v = (wrap, wrap) if isinstance(wrap, str) else wrap
+    left, right, fx = neighbors(uv[..., 0], columns, lookup, wrap_u)
+    low, high, fy = neighbors(uv[..., 1], rows, lookup, wrap_v)
+    texels = np.array([[image[low, left], image[low, right]], [image[high, left], image[high, right]]])
+    return texels, fx[..., None], fy[..., None]
+
+
 def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Array:
     """Colors (..., C) of an image (h, w, C) at texture coordinates uv (..., 2).
 
@@ -47,15 +59,15 @@ def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[
     what lies beyond the image. `course`: u and v are held to [0, 1], x = u*(w-1), y = v*(h-1), the neighbors are
     floor(x) and min(floor(x)+1, w-1). A coordinate that is NaN or infinite counts as 0.
     """
-    uv = np.asarray(uv, dtype=np.float64)
-    rows, columns = image.shape[:2]
-    wrap_u, wrap_v = (wrap, wrap) if isinstance(wrap, str) else wrap
-    left, right, fx = neighbors(uv[..., 0], columns, lookup, wrap_u)
-    low, high, fy = neighbors(uv[..., 1], rows, lookup, wrap_v)
-    fx, fy = fx[..., None], fy[..., None]
-    below = image[low, left] * (1.0 - fx) + image[low, right] * fx
-    above = image[high, left] * (1.0 - fx) + image[high, right] * fx
+    texels, fx, fy = four_texels(uv, image, lookup, wrap)
+    below, above = texels[:, 0] * (1.0 - fx) + texels[:, 1] * fx
     return below * (1.0 - fy) + above * fy
+
+
+def brightest(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Array:
+    """The largest magnitude (..., C) among the texels of a bilinear lookup: an error of its fractions moves the color by so
+    much of them."""
+    return np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
 
 
 def covered_means(rows: Array) -> Array:
@@ -96,16 +108,17 @@ def trilinear(uv: Array, right: Array, up: Array, mipmap: list[Array], wrap: tup
     """Colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between the
     bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
 
-    Also the larger magnitude of those two colors, (K, C): an error of lambda moves the color by as much as they differ.
+    Also the largest magnitude among the texels looked up, (K, C), see `brightest`; an error of lambda counts likewise.
     """
     last = len(mipmap) - 1
     detail = level_of_detail(right, up, mipmap[0].shape[1::-1], last)
     first = np.floor(detail).astype(np.int64)
-    fine, coarse = np.zeros((2, len(uv), mipmap[0].shape[2]))
+    color, most = np.zeros((2, len(uv), mipmap[0].shape[2]))
     for level in np.unique(first):
         mine = first == level
-        fine[mine] = bilerp(uv[mine], mipmap[level], "standard", wrap)
-        coarse[mine] = bilerp(uv[mine], mipmap[min(level + 1, last)], "standard", wrap)
-    share = (detail - first)[:, None]
-    color = fine * (1.0 - share) + coarse * share
-    return color, np.where(share > 0.0, np.maximum(np.abs(fine), np.abs(coarse)), np.abs(fine))
+        share = (detail[mine] - level)[:, None]
+        both = mipmap[level], mipmap[min(level + 1, last)]
+        fine, coarse = (bilerp(uv[mine], image, "standard", wrap) for image in both)
+        color[mine] = fine * (1.0 - share) + coarse * share
+        most[mine] = np.maximum(*(brightest(uv[mine], image, "standard", wrap) for image in both))
+    return color, most
