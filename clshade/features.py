@@ -100,6 +100,12 @@ def has_levels(mesh: Mesh) -> bool:
     return texture_applies(mesh) and texture.lookup == "standard" and max(texture.image.shape[:2]) > 1  # type: ignore[union-attr]
 
 
+def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
+    """What the scene's file or the settings ask for and no render shows, a few words each."""
+    plain = settings.texture_filter == "trilinear" and any(replaces_colors(mesh) for mesh in scene.meshes)
+    return (*scene.ignored, *(("the trilinear filter of textures with the course's lookup",) if plain else ()))
+
+
 def _is_white(mesh: Mesh) -> bool:
     return mesh.colors is None or not (mesh.colors != 1.0).any()
 

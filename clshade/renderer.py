@@ -16,6 +16,7 @@ from .binning import TileLists
 from .camera import Camera
 from .device import Device, shared_device
 from .errors import ClshadeError, DeviceError, InputError
+from .features import ignored
 from .frame import Frame
 from .geometry import camera_axes
 from .memory import Pool
@@ -391,7 +392,7 @@ class Renderer:
             "clipped": int(counters["to_clip"]),
             "features": self.features.used,
             "left_out": dict(self.features.left_out),
-            "ignored": self.scene.ignored,
+            "ignored": ignored(self.scene, self.settings),
             "device": f"{self.device.platform}: {self.device.name}",
             "lanes": self.stages.lanes,
             "bytes": {

@@ -74,7 +74,16 @@ def test_scenes_are_of_all_sorts():
     kinds = [kind_of(0, block) for block in range(KINDS)]
     for name in ("front", "two_sided", "alpha", "normal_faces", "uv_faces", "orthographic", "double", "specialize"):
         assert {getattr(kind, name) for kind in kinds} == {False, True}, name
-    for name in ("shader", "visibility", "lighting_at", "interpolation", "texture_at", "ambient", "cull"):
+    for name in (
+        "shader",
+        "visibility",
+        "lighting_at",
+        "interpolation",
+        "texture_at",
+        "texture_filter",
+        "ambient",
+        "cull",
+    ):
         assert len({getattr(kind.settings, name) for kind in kinds}) == (3 if name == "shader" else 2), name
     scenes = [scene_of(number).scene for number in range(0, 50 * BLOCK, 10)]
     sizes = {scene.camera.resolution for scene in scenes}

@@ -43,7 +43,10 @@ def test_every_level_has_the_mean_of_the_image(size):
     """Each texel counts by its area, so that no size loses or doubles a row. Rounded to float32: 2^-24 of at most 1."""
     image = image_of(size)
     for level in smaller_levels(image):
-        assert np.abs(level.mean(axis=(0, 1), dtype=np.float64) - image.mean(axis=(0, 1), dtype=np.float64)).max() < 2.0**-24
+        assert (
+            np.abs(level.mean(axis=(0, 1), dtype=np.float64) - image.mean(axis=(0, 1), dtype=np.float64)).max()
+            < 2.0**-24
+        )
 
 
 def test_odd_sizes_weigh_by_area():

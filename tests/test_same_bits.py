@@ -33,6 +33,7 @@ GOLDEN = {
 VARIANTS = {
     ("torus_knot", "samples", 5): "cca50022d326a2d3",
     ("box_room", "precision", "float64"): "5b6582138bb71d2a",
+    ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
 }
 LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
 

@@ -12,7 +12,7 @@ import pytest
 import clshade
 from clshade import oracle
 from clshade.camera import Camera
-from clshade.checks import compare
+from clshade.checks import compare, explaining
 from clshade.checks.cases import lit
 from clshade.device import Device
 from clshade.errors import InputError
@@ -139,7 +139,13 @@ def cards(image: np.ndarray, wrap: Any = "repeat", **fields: Any) -> Scene:
     return lit.scene_of(replace(mesh, colors=None), **fields)
 
 
-TEXTURES = [((37, 53), "repeat"), ((64, 64), "mirror"), ((1, 9), "clamp"), ((7, 1), ("repeat", "mirror")), ((3, 2), "clamp")]
+TEXTURES = [
+    ((37, 53), "repeat"),
+    ((64, 64), "mirror"),
+    ((1, 9), "clamp"),
+    ((7, 1), ("repeat", "mirror")),
+    ((3, 2), "clamp"),
+]
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -200,8 +206,11 @@ def test_clipped_pieces(device, precision):
 
 
 def test_long_thin_triangles(device):
-    """Strips up to 6000 times as long as wide, with the texture as wide as long on them: in the slopes all but one part in
-    6000 cancels. In float32 alone lambda would be off by 1e-3 (here by 3e-6 at most, 4 roundings and a level's difference)."""
+    """Strips up to 6000 times as long as wide that the texture does not stretch: in their slopes all but one part in 6000
+    cancels. Slopes in float32 alone leave 490 bounds, pairs 1.3. Allowed are the roundings after the pairs': a slope's
+    two parts, the division, the product and the texels, 5, twice in the square, and 2 there: 12/(2 ln 2) = 8.7 of lambda,
+    with the logarithm's 1.5 10.2 times the levels' difference, at most 1; and 2 of the mean.
+    """
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     for count in (40, 4000):
         across = np.linspace(-1.5, 1.5, count + 1)
@@ -213,7 +222,7 @@ def test_long_thin_triangles(device):
         mesh = Mesh(verts, faces, uvs=0.7 * flat, material=Material(texture=Texture(noise(256, 256))))
         frame = draw(device, Scene((mesh,), lit.CAMERA))
         assert frame.alpha.mean() > 0.3
-        assert assert_equals_oracle(frame) < 12.0
+        assert assert_equals_oracle(frame) < 12.5
 
 
 def test_bright_texels_between_dark_ones(device):
@@ -273,7 +282,9 @@ def test_the_larger_of_the_two_directions_decides(device):
     frame = draw(device, aligned(image))
     level = smaller_levels(image)[1]  # 4 x 16 texels
     columns = reference.bilerp(np.stack(np.meshgrid((np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5) / 16), -1), level)
-    assert np.abs(frame.rgb - columns[::-1]).max() <= 8 * 2.0**-24  # of the kernels' mean of four, as in test_kernel_bilerp
+    assert (
+        np.abs(frame.rgb - columns[::-1]).max() <= 8 * 2.0**-24
+    )  # of the kernels' mean of four, as in test_kernel_bilerp
 
 
 def test_between_two_levels_the_share_is_the_logarithm(device):
@@ -328,7 +339,7 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
         if (rays[..., 1] >= 0).any():
             continue
         point = camera.eye + rays * ((-1.0 - camera.eye[1]) / rays[..., 1])[..., None]
-        share = ((point - mesh.verts[0])[..., [0, 2]] / (mesh.verts[2] - mesh.verts[0])[[0, 2]])  # 0 to 1 on the floor
+        share = (point - mesh.verts[0])[..., [0, 2]] / (mesh.verts[2] - mesh.verts[0])[[0, 2]]  # 0 to 1 on the floor
         red = reference.bilerp(share * mesh.uvs[2], image)[..., 0].reshape(side, columns, side)
         inside = ((share > 0.0) & (share < 1.0)).all(axis=-1).reshape(side, columns, side)
         found[row] = np.where(inside.all(axis=(0, 2)), red.mean(axis=(0, 2)), np.nan)
@@ -373,6 +384,12 @@ def test_course_lookups_stay_bilinear(device):
     frames = [draw(device, alone, texture_filter=name) for name in ("bilinear", "trilinear")]
     assert "MIPMAPS" not in frames[1].stats["features"]
     assert same_bits(*frames)
+    assert [frame.stats["ignored"] for frame in frames] == [
+        (),
+        ("the trilinear filter of textures with the course's lookup",),
+    ]
+    unneeded = explaining.explain(alone, frames=1, device=device, texture_filter="trilinear").unneeded
+    assert unneeded["mip-map levels"] == "textures of one texel or the course's lookup"
     moved = replace(scene.meshes[0], verts=scene.meshes[0].verts + 0.3, material=course)
     both = draw(device, replace(scene, meshes=(*scene.meshes, moved)))
     assert "MIPMAPS" in both.stats["features"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import programs
-from ..features import OPTIONAL
+from ..features import OPTIONAL, texture_applies
 from ..frame import Frame, same_bits
 from ..renderer import Renderer
 from ..scene import Scene
@@ -187,6 +187,9 @@ def _unneeded(frame: Frame) -> dict[str, str]:
         found["perspective division"] = why
     if settings.shader == "nolight":
         found["normals"] = "shader nolight"
+    if settings.texture_filter == "trilinear" and "MIPMAPS" not in used:
+        textured = any(map(texture_applies, scene.meshes))
+        found["mip-map levels"] = "textures of one texel or the course's lookup" if textured else "no texture"
     dark = sum(1 for light in scene.lights if not light.intensity.any())
     if dark:
         found["lights"] = f"{dark} of {len(scene.lights)} of intensity 0"

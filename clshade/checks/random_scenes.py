@@ -111,6 +111,8 @@ def kind_of(seed: int, block: int) -> Kind:
     finer: dict[str, Any] = {"precision": "float64" if often(0.15) else "float32"}
     if kind.sampled:
         finer |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
+    if textured and settings.texture_at == "pixel" and often(0.4):
+        finer["texture_filter"] = "trilinear"
     return replace(kind, settings=replace(settings, **finer))
 
 
@@ -244,6 +246,8 @@ def _exponent(rng: Random, kind: Kind, needed: bool) -> float:
 
 def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
     height, width = (int(size) for size in rng.choice((1, 1, 2, 3, 4, 5, 7, 16, 33), 2))
+    if all_of_it and kind.settings.texture_filter == "trilinear":
+        width = max(width, 2)  # a single texel needs no levels
     channels = 4 if kind.alpha and (all_of_it or rng.random() < 0.5) else 3
     image: Array = rng.uniform(0, 1, (height, width, channels)).astype(np.float32)
     if rng.random() < 0.3:
