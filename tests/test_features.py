@@ -92,3 +92,20 @@ def test_with_everything_on_only_what_the_corners_hold_is_left_out(mesh):
     held = {"VERTEX_COLORS", "TEXTURED"} if mesh is TEXTURED else set()
     assert {name for name, _ in found.left_out} == held
     assert all(reason.startswith("texture_at vertex") for _, reason in found.left_out)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "texture_filter", "needed"),
+    [
+        (TEXTURED, "trilinear", 1),
+        (TEXTURED, "bilinear", 0),
+        (COURSE, "trilinear", 0),
+        (PLAIN, "trilinear", 0),
+        (material(texture=TEXTURE), "trilinear", 0),
+        (replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3))))), "trilinear", 0),
+    ],
+    ids=["textured", "bilinear", "course lookup", "no texture", "no coordinates", "one texel"],
+)
+def test_mipmaps_where_a_level_may_be_looked_up(mesh, texture_filter, needed):
+    found = features.derive(scene(mesh), Settings(texture_filter=texture_filter), double_positions=False)
+    assert found["MIPMAPS"] == needed
