@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from functools import cache
 
-from clshade.device import list_devices
+import pytest
+
+from clshade.device import Device, list_devices
 from clshade.errors import DeviceError
+
+
+def needs_float64(device: Device) -> None:
+    """Skips the test on a device that has none."""
+    if not device.has_fp64:
+        pytest.skip(f"{device.platform} has no float64")
 
 
 @cache

@@ -9,6 +9,7 @@ import sys
 from functools import partial
 
 import pytest
+from devices import needs_float64
 
 import clshade
 from clshade import programs
@@ -63,6 +64,8 @@ def test_golden_images(device, key):
 @pytest.mark.parametrize("key", VARIANTS, ids=str)
 def test_golden_variants(device, key):
     name, field, value = key
+    if value == "float64":
+        needs_float64(device)
     frame = draw(device, name, "standard", "phong", **{field: value})
     assert frame.alpha.any()
     assert digest(frame) == VARIANTS[key]

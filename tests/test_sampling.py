@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices import needs_float64
 
 import clshade
 from clshade import oracle, programs, sampling
@@ -158,6 +159,8 @@ VARIANTS = [
 @pytest.mark.parametrize("options", VARIANTS, ids=str)
 @pytest.mark.parametrize("name", ["course", pytest.param("teapot", marks=pytest.mark.long)])
 def test_frames(device, name, options):
+    if options.get("precision") == "float64":
+        needs_float64(device)
     scene = clshade.builtin(name)
     scene = replace(scene, camera=scene.camera.with_resolution((83, 59)))
     frame = draw(device, scene, **options)

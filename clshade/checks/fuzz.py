@@ -41,13 +41,16 @@ class Failure:
 
 
 def draw(device: Device, drawn: Drawn) -> Frame:
-    """The frame of a random scene, all layers. A warning of arithmetic is an error."""
-    kind = drawn.kind
+    """The frame of a random scene, all layers; in float32 where the device has no float64. A warning of arithmetic is an
+    error."""
+    kind, settings = drawn.kind, drawn.settings
     lanes = kind.lanes if device.is_cpu else None
+    if not device.has_fp64:
+        settings = replace(settings, precision="float32")
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         with Renderer(
-            drawn.scene, device=device, settings=drawn.settings, specialize=kind.specialize, lanes=lanes
+            drawn.scene, device=device, settings=settings, specialize=kind.specialize, lanes=lanes
         ) as renderer:
             return renderer.render()
 
