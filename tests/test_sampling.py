@@ -55,6 +55,13 @@ def test_places(samples):
     assert np.array_equal(found, places(samples))
 
 
+@pytest.mark.parametrize("samples", range(1, 65))
+def test_places_are_symmetric_about_the_center(samples):
+    """So that a triangle that covers them all covers the center too: triangles are convex."""
+    found = sampling.positions(samples)
+    assert {tuple(place) for place in found} == {tuple(place) for place in 256 - found}
+
+
 def test_one_sample_is_the_center():
     assert sampling.positions(1).tolist() == [[128, 128]]
 
@@ -188,6 +195,14 @@ def test_odd_sizes(device, resolution):
     scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
     frame = draw(device, scene, samples=9)
     compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+
+
+def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
+    """The bits of one sample, but where a pixel has several owners."""
+    scene = Scene((blob(),), CAMERA.with_resolution((64, 48)), LIGHTS)
+    one, four = draw(device, scene), draw(device, scene, samples=4)
+    same = (one.rgb == four.rgb).all(axis=-1)
+    assert 0.5 < same[four.alpha == 1.0].mean() < 1.0
 
 
 def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):

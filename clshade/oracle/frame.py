@@ -75,10 +75,9 @@ def _set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> 
     return setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
 
 
-def samples_of(scene: Scene, settings: Settings) -> list[Prepared]:
+def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Prepared]:
     """The scene as each sample of the pixels sees it, nearest to the center first: what a sample beside the center sees is
     what the center sees of the scene moved the other way."""
-    prepared = prepare(scene, settings)
     views = []
     for place in sampling.places(settings.samples):
         cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
@@ -183,7 +182,8 @@ def render(scene: Scene, settings: Settings) -> OracleFrame:
     """The frame of a scene's own camera, all layers."""
     camera = scene.camera
     columns, rows = camera.resolution
-    views = samples_of(scene, settings)
+    center = prepare(scene, settings)
+    views = samples_of(scene, settings, center)
     grid_rows, grid_columns = np.divmod(np.arange(rows * columns), columns)
     upward = rows - 1 - grid_rows
     found = []
@@ -191,7 +191,7 @@ def render(scene: Scene, settings: Settings) -> OracleFrame:
         opaque = _opaque(scene, settings, view)
         owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
         found.append(owner[upward, grid_columns])
-    flat = _resolved(scene, settings, views, np.array(found), grid_columns, upward)
+    flat = _resolved(scene, settings, center, views, np.array(found), grid_columns, upward)
     return OracleFrame(*(_grid(getattr(flat, f.name), rows, columns) for f in fields(OracleFrame)))
 
 
@@ -207,27 +207,38 @@ def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Ora
     camera = scene.camera
     columns = np.asarray(columns, np.int64)
     upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
-    views = samples_of(scene, settings)
+    center = prepare(scene, settings)
+    views = samples_of(scene, settings, center)
     found = []
     for view in views:
         opaque = _opaque(scene, settings, view)
         found.append(owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic))
-    return _resolved(scene, settings, views, np.array(found), columns, upward)
+    return _resolved(scene, settings, center, views, np.array(found), columns, upward)
 
 
 def _resolved(
-    scene: Scene, settings: Settings, views: list[Prepared], owner: Array, columns: Array, upward: Array
+    scene: Scene,
+    settings: Settings,
+    center: Prepared,
+    views: list[Prepared],
+    owner: Array,
+    columns: Array,
+    upward: Array,
 ) -> OracleFrame:
-    """Pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none."""
+    """Pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none.
+
+    center, views: the scene as the pixels' center sees it, and as their samples do."""
     if len(views) == 1:
         return _shaded(scene, settings, views[0], owner[0], columns, upward)
     total = _background(scene, owner.shape[1])
     where = sampling.lit_at(owner, settings.sample_shading)
     parts = [(np.arange(owner.shape[1]), (owner < 0).sum(axis=0), total)]
-    for s, view in enumerate(views):
+    for s, view in enumerate([*views, center]):
         share = ((where == s) & (owner >= 0)).sum(axis=0)
         lit = np.flatnonzero(share)
-        parts.append((lit, share[lit], _shaded(scene, settings, view, owner[s, lit], columns[lit], upward[lit])))
+        parts.append(
+            (lit, share[lit], _shaded(scene, settings, view, owner[s % len(views), lit], columns[lit], upward[lit]))
+        )
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     whole, rgb, budget = np.zeros(len(total.Z)), np.zeros_like(total.rgb), np.zeros_like(total.rgb)
     for (lit, _, part), weight in zip(parts, weights, strict=True):
@@ -308,7 +319,7 @@ def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: 
     """
     face, row, column = (np.atleast_1d(np.asarray(a, dtype=np.int64)) for a in (face, row, column))
     face, row, column = np.broadcast_arrays(face, row, column)
-    prepared = samples_of(scene, settings)[0]
+    prepared = samples_of(scene, settings, prepare(scene, settings))[0]
     cut = prepared.pieces
     first, last = np.searchsorted(cut.face, face, "left"), np.searchsorted(cut.face, face, "right")
     result = np.full(len(face), np.inf)
@@ -329,7 +340,7 @@ def nearest_depths(scene: Scene, settings: Settings, rows: Array, columns: Array
     camera = scene.camera
     columns, upward = np.asarray(columns, np.int64), camera.resolution[1] - 1 - np.asarray(rows, np.int64)
     found = np.full((settings.samples, 2, len(columns)), np.inf)
-    for (nearest, second), view in zip(found, samples_of(scene, settings), strict=True):
+    for (nearest, second), view in zip(found, samples_of(scene, settings, prepare(scene, settings)), strict=True):
         opaque = _opaque(scene, settings, view)
         alive = np.flatnonzero(~view.setup.culled)
         xy, boxes = view.pieces.xy[alive], view.setup.box[alive]

@@ -25,14 +25,16 @@ def places(samples: int) -> Array:
 
 
 def lit_at(owner: Array, every: bool) -> Array:
-    """At which sample each sample's owner is lit, (S, K): the first one it owns, or with `every` the sample itself.
+    """At which sample each sample's owner is lit, (S, K): the first one it owns, or S, for the center, where it owns them
+    all; with `every` the sample itself.
 
     owner: (S, K) the owners of K pixels' samples, nearest to the center first.
     """
     index = np.arange(len(owner))[:, None] + np.zeros_like(owner)
     if every:
         return index
-    return np.array([np.argmax(owner[: s + 1] == owner[s], axis=0) for s in range(len(owner))])
+    first = np.array([np.argmax(owner[: s + 1] == owner[s], axis=0) for s in range(len(owner))])
+    return np.where((owner == owner[0]).all(axis=0), len(owner), first)
 
 
 def weight(rgb: Array, resolve: str) -> Array:
