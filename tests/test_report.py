@@ -24,7 +24,7 @@ from clshade.checks.measuring import Drawn, measure
 from clshade.checks.reference import STEPS, _fits, averaged, reference
 from clshade.checks.selecting import select
 from clshade.checks.tessellation import loglog_slope, tessellation
-from clshade.checks.variants import BASE, base_settings, named, supported, variants_for
+from clshade.checks.variants import BASE, base_settings, named, possible, variants_for
 from clshade.errors import InputError
 from clshade.renderer import render
 from clshade.scene import Material, Mesh, Scene, Settings
@@ -69,7 +69,7 @@ def test_more_samples_are_nearer_to_the_reference(device):
     """Points of low discrepancy cover an edge's pixel right to about samples^-0.75: 1/23 from 1 to 64."""
     scene = triangle()
     base = base_settings(scene)
-    chosen = named(variants_for(scene, device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
+    chosen = named(variants_for(scene, base_settings(scene), device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
     measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
     errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
@@ -120,21 +120,22 @@ def test_every_variant_is_another_way_and_names_are_unique():
 
 def test_variants_are_those_that_change_something(device):
     plain, textured = (
-        {each.name for each in variants_for(builtin(name, resolution=SMALL), device)} for name in ("quads", "course")
+        {each.name for each in variants_for(builtin(name, resolution=SMALL), Settings(), device)}
+        for name in ("quads", "course")
     )
     assert {BASE, "gouraud", "painter", "affine", "course"} <= plain
     assert "vertex-texture" in textured - plain
     assert not any(
         variant.changes.keys() & set(variants.TEXTURES) - {"texture_at"}
-        for variant in variants_for(builtin("quads"), device)
+        for variant in variants_for(builtin("quads"), Settings(), device)
     )
 
 
 def test_fields_and_values_that_settings_do_not_have(device):
-    assert supported({"shader": "gouraud"}, device)
-    assert not supported({"no_such_field": 1}, device)
-    assert not supported({"shader": "flat"}, device)
-    assert not supported({"precision": "float64"}, replace(device, has_fp64=False))
+    assert possible({"shader": "gouraud"}, Settings(), device)
+    assert not possible({"no_such_field": 1}, Settings(), device)
+    assert not possible({"shader": "flat"}, Settings(), device)
+    assert not possible({"precision": "float64"}, Settings(), replace(device, has_fp64=False))
 
 
 def test_the_base_keeps_the_ambient_term():
@@ -143,7 +144,7 @@ def test_the_base_keeps_the_ambient_term():
 
 
 def test_unknown_variants(device):
-    known = variants_for(sphere(), device)
+    known = variants_for(sphere(), Settings(), device)
     assert named(known, []) == known
     assert [each.name for each in named(known, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
     with pytest.raises(InputError, match=r"--only: expected names of standard, .*gouraud.* found 'guro'"):
@@ -159,7 +160,7 @@ def test_measured_errors_are_those_of_the_images(device):
     base = base_settings(scene)
     own = render(scene, settings=base, device=device).rgb.astype(np.float64)
     planted = replace(reference(scene, base, device), rgb=own + 0.125)
-    chosen = named(variants_for(scene, device), [BASE, "gouraud"])
+    chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
     standard, gouraud = measure(scene, chosen, base, device, planted, frames=3)
     assert standard.error == pytest.approx(0.125, rel=1e-6)
     assert gouraud.error != standard.error
@@ -274,7 +275,7 @@ def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study
 def found(device) -> study.Study:
     """A small study."""
     scene = sphere()
-    return study.study(scene, device, named(variants_for(scene, device), [BASE, "gouraud"]), 3)
+    return study.study(scene, device, named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"]), 3)
 
 
 def test_pictures_are_the_ends_of_the_front_and_the_worst(found):

@@ -13,7 +13,7 @@ from ..scene import Scene
 from . import report_figure, report_tables, tables
 from .choosing import chosen
 from .study import study
-from .variants import VARIANTS, named, variants_for
+from .variants import VARIANTS, base_settings, named, variants_for
 
 FRAMES = 15  # of each variant
 
@@ -45,7 +45,7 @@ def run(
     if frames < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
-    variants = named(variants_for(scene, opened), names)
+    variants = named(variants_for(scene, base_settings(scene), opened), names)
     folder = tables.made_folder(out)
     found = study(scene, opened, variants, frames)
     used, unkept = None, None

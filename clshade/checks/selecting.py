@@ -66,7 +66,9 @@ def select(
     scene, _ = settle(scene, resolution=resolution)
     base = replace(base_settings(scene) if preset is None else Settings.from_preset(preset), **fields)
     fixed = set(fields) | (set() if preset is None else preset_fields())
-    candidates = [each for each in variants_for(scene, opened) if each.name in SHORT and not fixed & set(each.changes)]
+    candidates = [
+        each for each in variants_for(scene, base, opened) if each.name in SHORT and not fixed & set(each.changes)
+    ]
     converged = reference(scene, base, opened)
     with ExitStack() as stack:
         tried = draw(scene, candidates, base, opened, converged, stack)

@@ -68,23 +68,22 @@ def base_settings(scene: Scene) -> Settings:
     return Settings.from_preset("standard", ambient=Settings.from_preset(scene.preset).ambient)
 
 
-def supported(changes: dict[str, Any], device: Device) -> bool:
-    """Whether Settings has these fields and values, and the device can do them."""
+def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
+    """Whether the base can be changed so, and the device can draw it."""
     if changes.get("precision") == "float64" and not device.has_fp64:
         return False
     try:
-        Settings.from_preset("standard", **changes)
+        return set(changes) <= set(vars(base)) and bool(replace(base, **changes))
     except InputError:
         return False
-    return True
 
 
-def variants_for(scene: Scene, device: Device) -> list[Variant]:
-    """Those that the device can do and that differ on this scene; of equal ones the first."""
+def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
+    """Those that the device can draw and that differ on this scene; of equal ones the first. base: what they change."""
     textured = any(texture_applies(mesh) for mesh in scene.meshes)
     found: dict[frozenset[tuple[str, Any]], Variant] = {}
     for each in VARIANTS:
-        if supported(each.changes, device):
+        if possible(each.changes, base, device):
             matters = {item for item in each.changes.items() if textured or item[0] not in TEXTURES}
             found.setdefault(frozenset(matters), each)
     return list(found.values())
