@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .errors import InputError
 from .scene import Material, Mesh, Scene, Settings
 
-# Choices of the settings and of the input's form; each has its own meaning whether 0 or 1.
+# Choices of the settings and of the camera; each has its own meaning whether 0 or 1.
 CHOICES = (
     "FAST",
     "DOUBLE",
@@ -17,25 +18,33 @@ CHOICES = (
     "SAMPLE_SHADING",
     "WEIGHTED",
     "PHONG",
-    "LIT",
     "DEPTH_TEST",
     "PERSPECTIVE",
     "CENTROID",
     "TINTED",
     "CULL",
-    "SIDES",
-    "TWO_SIDED",
-    "ALPHA_TEST",
-    "MIPMAPS",
     "ORTHOGRAPHIC",
-    "BACKGROUND",
     "CORNER_COLORS",
-    "NORMAL_INDICES",
-    "UV_INDICES",
-    "DOUBLE_POSITIONS",
 )
 # Work that a scene may not need: 1 never changes a bit of the image, 0 saves the work.
-OPTIONAL = ("AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS", "TEXTURED", "MATERIALS", "OWNERS")
+OPTIONAL = (
+    "LIT",
+    "AMBIENT",
+    "DIFFUSE",
+    "SPECULAR",
+    "POWER",
+    "TWO_SIDED",
+    "NORMAL_INDICES",
+    "VERTEX_COLORS",
+    "TEXTURED",
+    "UV_INDICES",
+    "ALPHA_TEST",
+    "MATERIALS",
+    "SIDES",
+    "DOUBLE_POSITIONS",
+    "BACKGROUND",
+    "OWNERS",
+)
 
 
 @dataclass(frozen=True)
@@ -87,11 +96,10 @@ def replaces_colors(mesh: Mesh) -> bool:
     return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
 
 
-def alpha_tested(mesh: Mesh) -> bool:
-    """Whether some pixels of the mesh may be left out for their alpha."""
-    texture = mesh.material.texture
-    tested = mesh.uvs is not None and mesh.material.alpha_cutoff is not None
-    return texture is not None and tested and texture.image.shape[2] == 4
+def tests_alpha(material: Material) -> bool:
+    """Whether its texture may leave pixels out for their alpha."""
+    texture = material.texture
+    return texture is not None and material.alpha_cutoff is not None and texture.image.shape[2] == 4
 
 
 def has_levels(mesh: Mesh) -> bool:
@@ -121,11 +129,13 @@ def _first(*reasons: tuple[bool, str]) -> str:
 
 def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, str]:
     """Why each term of the reflection model is not needed; "" for one that is. shining: whether some light does."""
-    dark = ((not lit, "shader nolight"), (not shining, "no light shines"))
+    unlit = (not lit, "shader nolight")
+    dark = (unlit, (not shining, "no light shines"))
     no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
     return {
+        "LIT": _first(unlit),
         "AMBIENT": _first(
-            (not lit, "shader nolight"),
+            unlit,
             (not ambient.any(), "no ambient light"),
             (not _any_nonzero(m.ka for m in materials), "ka is 0"),
             (not _any_nonzero(m.ka * ambient for m in materials), "ka*Ia is 0"),
@@ -139,82 +149,116 @@ def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, s
     }
 
 
+def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str, str]:
+    """The same for what normals may have. unread: why no normal is read; "" where some are."""
+    return {
+        "TWO_SIDED": unread or _first((not any(mesh.material.two_sided for mesh in meshes), "no two-sided material")),
+        "NORMAL_INDICES": unread
+        or _first((not any(uses_normal_indices(scene, mesh) for mesh in meshes), "a normal per vertex")),
+    }
+
+
 def _unneeded_colors(meshes: list[Mesh], at_corners: bool) -> dict[str, str]:
-    """Why vertex colors and textures are not needed at the pixels; "" for what is. at_corners: texture_at vertex."""
+    """The same for vertex colors and textures, at the pixels. at_corners: texture_at vertex."""
     textured = any(map(texture_applies, meshes))
     own = [mesh for mesh in meshes if not replaces_colors(mesh)]
     white = all(map(_is_white, own)) and not _any_nonzero(mesh.material.color != 1.0 for mesh in meshes)
-    at_vertices = textured and at_corners
+    no_texture = _first(
+        (not any(mesh.material.texture is not None for mesh in meshes), "no texture"),
+        (not textured, "no texture coordinates"),
+    )
     return {
         "VERTEX_COLORS": _first(
-            (at_vertices, "texture_at vertex: they are in the corners' colors"),
+            (at_corners, "texture_at vertex: they are in the corners' colors"),
             (white and not all(map(_is_white, meshes)), "texels take the place of vertex colors"),
             (white, "no vertex or material colors other than white"),
         ),
-        "TEXTURED": _first(
-            (at_vertices, "texture_at vertex: looked up at the corners"),
-            (not any(mesh.material.texture is not None for mesh in meshes), "no texture"),
-            (not textured, "no texture coordinates"),
+        "TEXTURED": _first((at_corners, "texture_at vertex: looked up at the corners")) or no_texture,
+        "UV_INDICES": no_texture
+        or _first((all(mesh.uv_faces is None for mesh in meshes), "texture coordinates per vertex")),
+        "ALPHA_TEST": no_texture
+        or _first((not any(tests_alpha(mesh.material) for mesh in meshes if texture_applies(mesh)), "no alpha test")),
+    }
+
+
+def _culls(materials: list[Material], settings: Settings) -> bool:
+    """Whether no triangle is drawn that is seen from behind."""
+    return settings.cull or all(material.sides == "front" for material in materials)
+
+
+def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material], double: bool) -> dict[str, str]:
+    """The same for the rest. double: whether positions need float64."""
+    return {
+        "MATERIALS": _first((len(materials) < 2, "a single material")),
+        "SIDES": _first(
+            (_culls(materials, settings), "all that is seen from behind is culled"),
+            (not any(m.sides == "front" for m in materials), "both sides of every material are drawn"),
         ),
+        "DOUBLE_POSITIONS": _first((not double, "float32 holds the positions")),
+        "BACKGROUND": _first(
+            (scene.background is None, "no background"),
+            (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
+        ),
+        "OWNERS": _first((not settings.layers, "no layer asked for")),
     }
 
 
 def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool) -> Features:
     """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background."""
     lit = shader != "nolight"
-    values = {"PHONG": int(shader == "phong"), "LIT": int(lit), "CENTROID": 1, "VERTEX_COLORS": 1}
+    values = {"PHONG": int(shader == "phong"), "CENTROID": 1, "VERTEX_COLORS": 1}
     unneeded = _unneeded_terms([material], ambient, lit, lit and shining)
     values.update({name: int(not reason) for name, reason in unneeded.items()})
     return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
 
 
-def derive(scene: Scene, settings: Settings, *, double_positions: bool, everything: bool = False) -> Features:
+def derive(
+    scene: Scene, settings: Settings, *, double_positions: bool, forced: Collection[str] = frozenset()
+) -> Features:
     """The features this scene needs under these settings.
 
-    double_positions: whether vertex positions are kept as float64.
-    everything: turn every optional feature on, to measure what leaving out saves; the image stays the same, bit for bit.
+    double_positions: whether positions need float64.
+    forced: OPTIONAL features to have on though the scene may not need them, to measure what leaving them out saves; the
+    image stays the same, bit for bit. All of them is what a kernel for every scene would have.
+    Raises InputError for another name.
     """
+    unknown = sorted(set(forced) - set(OPTIONAL))
+    if unknown:
+        raise InputError(f"forced: expected names among {', '.join(OPTIONAL)}, found {unknown[0]}")
     lit = settings.shader != "nolight"
     materials = list(materials_of(scene).values())
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
-    front_only = [m.sides == "front" for m in materials]
-    textured = any(texture_applies(mesh) for mesh in meshes)
-    at_corners = textured and settings.texture_at == "vertex"
+    at_corners = any(map(texture_applies, meshes)) and settings.texture_at == "vertex"
     choices = {
         "FAST": settings.precision == "fast",
         "DOUBLE": settings.precision == "float64",
         "SAMPLES": settings.samples > 1,
         "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
         "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
-        "PHONG": settings.shader == "phong",
-        "LIT": lit,
+        # Colors that are taken as they are may be lit all the same, and then pixel by pixel.
+        "PHONG": settings.shader == "phong" or (not lit and "LIT" in forced),
         "DEPTH_TEST": settings.visibility == "depth",
         "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
         "CENTROID": settings.lighting_at == "centroid",
         "TINTED": settings.ambient == "tinted",
-        "CULL": settings.cull or all(front_only),
-        "SIDES": any(front_only) and not (settings.cull or all(front_only)),
-        "TWO_SIDED": shining and any(m.two_sided for m in materials),
-        "ALPHA_TEST": any(map(alpha_tested, meshes)),
-        "MIPMAPS": settings.texture_filter == "trilinear" and any(map(has_levels, meshes)),
+        "CULL": _culls(materials, settings),
         "ORTHOGRAPHIC": scene.camera.orthographic,
-        "BACKGROUND": scene.background is not None and bool(scene.background.any()),
         "CORNER_COLORS": at_corners,
-        "NORMAL_INDICES": shining and any(uses_normal_indices(scene, mesh) for mesh in meshes),
-        "UV_INDICES": textured and any(mesh.uv_faces is not None for mesh in meshes),
-        "DOUBLE_POSITIONS": double_positions,
     }
+    terms = _unneeded_terms(materials, scene.ambient, lit, shining)
+    read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
+    unread = (
+        "" if read else _first((terms["DIFFUSE"] == terms["SPECULAR"], terms["DIFFUSE"]), (True, "kd and ks are 0"))
+    )
     unneeded = {
-        **_unneeded_terms(materials, scene.ambient, lit, shining),
+        **terms,
+        **_unneeded_normals(scene, meshes, unread),
         **_unneeded_colors(meshes, at_corners),
-        "MATERIALS": _first((len(materials) < 2, "a single material")),
-        "OWNERS": _first((not settings.layers, "no layer asked for")),
+        **_unneeded_input(scene, settings, materials, double_positions),
     }
     values = {name: int(choices[name]) for name in CHOICES}
-    values.update({name: int(everything or not unneeded[name]) for name in OPTIONAL})
-    if everything and at_corners:  # the corners' colors hold vertex colors and texels already
-        values["VERTEX_COLORS"] = values["TEXTURED"] = 0
+    values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
     left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])
     return Features(tuple(values.items()), left_out)
 

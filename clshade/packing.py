@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from . import layout
-from .features import Features, derive, material_key, materials_of, replaces_colors, texture_applies
+from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
 from .geometry import vertex_normals
 from .layout import Structs
 from .mipmaps import smaller_levels
@@ -24,6 +24,7 @@ _WRAPS = {
     "clamp": layout.CONSTANTS["WRAP_CLAMP"],
     "mirror": layout.CONSTANTS["WRAP_MIRROR"],
 }
+WHITE = Texture(np.ones((1, 1, 3)))  # a color times its texel is the color, bit for bit
 _LOOKUPS = {"standard": layout.CONSTANTS["LOOKUP_STANDARD"], "course": layout.CONSTANTS["LOOKUP_COURSE"]}
 
 
@@ -142,8 +143,9 @@ def material_table(
             row[name] = to_real(value, structs.real)
         row["n"] = material.n
         row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
-        row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
         row["texture"] = next((i for i, t in enumerate(textures) if t is material.texture), -1)
+        row["alpha_texture"] = row["texture"] if tests_alpha(material) else -1
+        row["alpha_cutoff"] = material.alpha_cutoff if tests_alpha(material) else 0.0
     return table
 
 
@@ -220,13 +222,16 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 class _Gatherer:
     """Collects the arrays of the placed meshes, one after the other."""
 
-    def __init__(self, scene: Scene, structs: Structs) -> None:
-        self.scene, self._structs = scene, structs
+    def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
+        self.scene, self._structs, self._forced = scene, structs, forced
         self.parts: dict[str, list] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
         table = {id(m.material.texture): m.material.texture for m in meshes if texture_applies(m)}
         self.textures: list[Texture] = [texture for texture in table.values() if texture is not None]
+        self._white = len(self.textures)
+        if "TEXTURED" in forced or "ALPHA_TEST" in forced:
+            self.textures.append(WHITE)
         self.placed = []
         for mesh in meshes:
             verts, faces, kept = _without_unused(mesh)
@@ -265,7 +270,7 @@ class _Gatherer:
     def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
         parts, index = [], []
         for mesh, matrix, verts, faces, kept in self.placed:
-            if mesh.uvs is None:
+            if not texture_applies(mesh):
                 own, own_faces = np.zeros((len(verts), 2)), faces
             elif mesh.uv_faces is not None:
                 own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)
@@ -293,22 +298,30 @@ class _Gatherer:
             brightest = max(brightest, float(color) * max(float(texel), 1.0))
         return light_unit(self.materials.values(), intensities, self.scene.ambient, brightest)
 
-    def material_table(self, ambient_unit: float) -> Array:
-        return material_table(
+    def material_table(self, ambient_unit: float, at_corners: bool) -> Array:
+        """at_corners: whether the texels are in the corners' colors, so that the pixels look none up.
+
+        Where a lookup is forced, materials without a texture (or an alpha test) look white (or its alpha) up.
+        """
+        table = material_table(
             list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit, self._structs
         )
+        table["texture"][(table["texture"] < 0) | at_corners] = self._white if "TEXTURED" in self._forced else -1
+        table["alpha_texture"][table["alpha_texture"] < 0] = self._white if "ALPHA_TEST" in self._forced else -1
+        return table
 
     def face_textures(self) -> Array:
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
         return self.per_face([numbers[id(m.material.texture)] if texture_applies(m) else -1 for m, *_ in self.placed])
 
 
-def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packed:
-    """The arrays a render of `scene` under `settings` needs, and the features they imply."""
+def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
+    """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
     structs = layout.DOUBLE if settings.precision == "float64" else layout.SINGLE
-    gatherer = _Gatherer(scene, structs)
+    gatherer = _Gatherer(scene, structs, forced)
     positions, faces = gatherer.positions()
-    features = derive(scene, settings, double_positions=positions.dtype == np.float64, everything=everything)
+    features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)
+    positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
@@ -326,10 +339,10 @@ def pack(scene: Scene, settings: Settings, *, everything: bool = False) -> Packe
             index = found["uv_faces"] if found["uv_faces"] is not None else faces
             found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])
             found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
-        if features["MATERIALS"]:
+        if features["MATERIALS"] or features["SIDES"]:
             found["face_materials"] = gatherer.face_materials()
     unit = gatherer.light_unit()
-    materials = gatherer.material_table(unit if features["TINTED"] else 1.0)
+    materials = gatherer.material_table(unit if features["TINTED"] else 1.0, bool(features["CORNER_COLORS"]))
     found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)

@@ -6,6 +6,7 @@ import math
 import os
 import threading
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -72,7 +73,7 @@ class Renderer:
     scene: what is drawn. A CPU works in its arrays, which must not be changed meanwhile.
     preset, settings, and any field of Settings or `resolution=(N, M)` as keywords: see `render`.
     device: an open Device, a name for `device.open_device`, or None for the default.
-    specialize: False draws with every optional feature on (the same bits, slower): what leaving out saves.
+    forced: names in features.OPTIONAL, of work to do though the scene does not need it (the same bits, slower).
     lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device. The bits do not depend on it.
 
     Use as a context manager, or call `close`. Threads may share one; their frames are drawn one after the other.
@@ -86,14 +87,14 @@ class Renderer:
         preset: str | None = None,
         device: Device | str | None = None,
         settings: Settings | None = None,
-        specialize: bool = True,
+        forced: Collection[str] = frozenset(),
         lanes: int | None = None,
         **fields: Any,
     ) -> None:
         start = time.perf_counter()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = settle(scene, preset, settings, **fields)
-        packed = packing.pack(self.scene, self.settings, everything=not specialize)
+        packed = packing.pack(self.scene, self.settings, forced=forced)
         self.features = packed.features
         packed_at = time.perf_counter()
 
@@ -216,6 +217,7 @@ class Renderer:
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
+            image["unlit"] = self.settings.shader == "nolight"
             if self.scene.background is not None:
                 image["background"] = packing.to_real(self.scene.background, self._structs.real)
             image["unscale"] = packing.to_real(np.float64(1.0) / self._scale, self._structs.real)

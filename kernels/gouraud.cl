@@ -59,7 +59,7 @@ colors3 light_block(const Inputs *in, ints owner, int2 at, global const real4 *c
     colors3 color = {1.0f, 1.0f, 1.0f};
     Surface surface = surface_of(in->materials);
     Texels texels = no_texels();
-    ints todo = owner != NOBODY;
+    ints todo = (owner != NOBODY) & (OWNERS_DIFFER ? -1 : 0);
     while (any_lane(todo)) {
         ints mine;
         int index = next_owner(owner, todo, &mine);

@@ -8,7 +8,7 @@ colors3 light_block(const Inputs *in, ints owner, int2 at)
     colors3 color = {1.0f, 1.0f, 1.0f};
     Surface surface = surface_of(in->materials);
     Texels texels = no_texels();
-    ints todo = owner != NOBODY;
+    ints todo = (owner != NOBODY) & (OWNERS_DIFFER ? -1 : 0);
     while (any_lane(todo)) {
         ints mine;
         global const Triangle *t = in->triangles + next_owner(owner, todo, &mine);
@@ -40,8 +40,16 @@ colors3 light_block(const Inputs *in, ints owner, int2 at)
         put_texels(&texels, mine, in, t, at);
     }
     color = times_texel(color, &texels, in);
-    color = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights, in->image->to_eye);
-    return radiance_of(color, &surface, in->image->light_unit);
+#if LIT
+    colors3 lit = shade(point, normalize_or_zero(normal), color, surface, in->lights, in->image->lights,
+                        in->image->to_eye);
+    lit = radiance_of(lit, &surface, in->image->light_unit);
+    ints unlit = (ints)(-in->image->unlit);
+    WHERE(!unlit, color.r, lit.r);
+    WHERE(!unlit, color.g, lit.g);
+    WHERE(!unlit, color.b, lit.b);
+#endif
+    return color;
 }
 
 #define LIGHT_PARAMETERS

@@ -57,7 +57,7 @@ INLINE int may_cover(const Triangle *t, const Bounds *bounds, int2 at)
 int is_front_only(int face, global const int *face_materials, global const Material *materials)
 {
 #if SIDES
-    return materials[face_materials[face]].front_only;
+    return CULL || materials[face_materials[face]].front_only;
 #else
     return CULL;
 #endif

@@ -16,6 +16,7 @@ from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
 from clshade.device import Device
+from clshade.features import OPTIONAL
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
@@ -340,7 +341,7 @@ def test_parallel_projection(device):
 )
 def test_leaving_out_changes_no_bit(device, name, options):
     lean = draw(device, scene_of(name), **options)
-    full = draw(device, scene_of(name), specialize=False, **options)
+    full = draw(device, scene_of(name), forced=OPTIONAL, **options)
     assert set(full.stats["left_out"]) < set(lean.stats["left_out"])
     assert same_bits(lean, full)
 

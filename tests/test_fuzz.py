@@ -15,6 +15,7 @@ from clshade.checks import fuzz, mutations, random_scenes
 from clshade.checks.random_scenes import BLOCK, KINDS, kind_of, scene_of
 from clshade.checks.samples import samples
 from clshade.errors import InputError
+from clshade.features import OPTIONAL
 from clshade.frame import Frame
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -101,7 +102,7 @@ def test_a_block_shares_its_program():
     masks = 0
     for block in range(24):
         drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
-        packed = [packing.pack(d.scene, d.settings, everything=not d.kind.specialize) for d in drawn]
+        packed = [packing.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
         masks += len({each.features.values for each in packed})
     assert masks < 1.3 * 24
 

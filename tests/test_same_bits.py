@@ -13,6 +13,7 @@ from devices import needs_float64
 
 import clshade
 from clshade import programs
+from clshade.features import OPTIONAL
 from clshade.frame import Frame
 from clshade.renderer import Renderer
 
@@ -73,7 +74,7 @@ def test_golden_variants(device, key):
 
 @pytest.mark.long
 @pytest.mark.parametrize("key", LONG, ids="-".join)
-@pytest.mark.parametrize("options", [{"specialize": False}, *({"lanes": lanes} for lanes in (1, 4, 8))], ids=str)
+@pytest.mark.parametrize("options", [{"forced": OPTIONAL}, *({"lanes": lanes} for lanes in (1, 4, 8))], ids=str)
 def test_neither_lanes_nor_features_change_a_bit(device, key, options):
     assert digest(draw(device, *key, **options)) == GOLDEN[key]
 

@@ -15,6 +15,7 @@ import numpy as np
 from .. import oracle
 from ..device import Device, open_device
 from ..errors import InputError
+from ..features import OPTIONAL
 from ..frame import Frame
 from ..oracle import OracleFrame
 from ..renderer import Renderer
@@ -50,7 +51,7 @@ def draw(device: Device, drawn: Drawn) -> Frame:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         with Renderer(
-            drawn.scene, device=device, settings=settings, specialize=kind.specialize, lanes=lanes
+            drawn.scene, device=device, settings=settings, forced=() if kind.specialize else OPTIONAL, lanes=lanes
         ) as renderer:
             return renderer.render()
 

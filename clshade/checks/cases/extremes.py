@@ -11,6 +11,7 @@ import numpy as np
 
 from ... import layout, oracle
 from ...errors import InputError
+from ...features import OPTIONAL
 from ...frame import Frame, same_bits
 from ...scene import Mesh
 from ...validation import Array
@@ -180,7 +181,7 @@ def tiles_and_lanes(bench: Bench) -> Outcome:
         with _tile_size(size):
             others.append(bench.draw(scene))
     others += [bench.draw(scene, lanes=lanes) for lanes in (1, 4, 8, 16)]
-    others.append(bench.draw(scene, specialize=False))
+    others.append(bench.draw(scene, forced=OPTIONAL))
     return worst([different_bits(frame, first) for frame in others], "tiles 8 to 32, lanes 1 to 16, all features")
 
 
