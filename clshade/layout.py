@@ -144,9 +144,9 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "back_facing", 1, "triangles culled as seen from behind"),
         ("int", "next_tile", 1, "the tile to be handed out next"),
         ("int", "saturated", 1, "pixels with a channel beyond float32"),
-        ("int", "pad", 1, ""),
+        ("int", "empty_tiles", 1, "tiles without entries, where there is a triangle at all"),
         ("ulong", "entries", 1, "of all tile lists"),
-        ("int", "pad2", 4, ""),
+        ("int", "pad", 4, ""),
     ],
 }
 

@@ -270,7 +270,7 @@ class _Gatherer:
     def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
         parts, index = [], []
         for mesh, matrix, verts, faces, kept in self.placed:
-            if not texture_applies(mesh):
+            if mesh.uvs is None or not texture_applies(mesh):
                 own, own_faces = np.zeros((len(verts), 2)), faces
             elif mesh.uv_faces is not None:
                 own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)

@@ -392,6 +392,8 @@ class Renderer:
             "resolution": camera.resolution,
             **{name: int(counters[name]) for name in _COUNTS},
             "clipped": int(counters["to_clip"]),
+            "tiles": self._tiles,
+            "empty_tiles": int(counters["empty_tiles"]) if visible else self._tiles,
             "features": self.features.used,
             "left_out": dict(self.features.left_out),
             "ignored": ignored(self.scene, self.settings),

@@ -72,14 +72,15 @@ kernel void bin_scan(global const Image *image,   // 1
                      global const ulong *sums,    // from bin_sums, with as many work-items
                      global uint *counts,         // chunks x tiles: counts in, where each chunk's entries begin out
                      global uint *starts,         // tiles + 1: where each tile's list begins
-                     global Counters *counters,   // 1: entries
+                     global Counters *counters,   // 1: entries, empty tiles
                      int chunks)
 {
-    int part = get_global_id(0), end = part_begin(part + 1, image->tiles);
+    int part = get_global_id(0), end = part_begin(part + 1, image->tiles), empty = 0;
     ulong at = 0;
     for (int before = 0; before < part; ++before)
         at += sums[before];
     for (int tile = part_begin(part, image->tiles); tile < end; ++tile) {
+        ulong begin = at;
         starts[tile] = (uint)at;
         for (int chunk = 0; chunk < chunks; ++chunk) {
             global uint *own = counts + (long)chunk * image->tiles + tile;
@@ -87,7 +88,10 @@ kernel void bin_scan(global const Image *image,   // 1
             *own = (uint)at;
             at += count;
         }
+        empty += at == begin;
     }
+    if (empty)
+        atomic_add(&counters->empty_tiles, empty);
     if (end == image->tiles && part + 1 == get_global_size(0)) {
         starts[end] = (uint)at;
         counters->entries = at;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from devices import working_devices
 from test_cli import run
 
-from clshade import commands, features, packing, programs
+from clshade import commands, packing, programs
 from clshade.checks import explaining, timing
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.frame import Frame, same_bits
@@ -25,50 +26,66 @@ SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 
 
 def rich_scene(without: str = "") -> Scene:
-    """Sixty triangles whose image needs every optional feature but this one."""
+    """Sixty triangles whose image needs every optional feature but this one, and what makes no sense without it."""
     generator = np.random.default_rng(4)
-    texture = Texture(generator.uniform(0.2, 1, (5, 6, 3)))
-    given = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "texture": texture}
+    given = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": without != "TWO_SIDED"}
     given |= {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}.get(
         without, {}
     )
-    if without == "TEXTURED":
-        given["texture"] = None
-    materials = (Material(**given), Material(**{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]}))
+    texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)))
+    if without != "TEXTURED":
+        given |= {"texture": texture, "alpha_cutoff": None if without == "ALPHA_TEST" else 0.4}
+    sides = "both" if without == "SIDES" else "front"
+    materials = (
+        Material(**given),
+        Material(**{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]}, sides=sides),
+    )
+    faces = np.arange(90).reshape(-1, 3)
     meshes = []
     for material in materials if without != "MATERIALS" else (materials[0], materials[0]):
         colors = None if without == "VERTEX_COLORS" else generator.uniform(0.2, 1, (90, 3))
         verts, uvs = generator.uniform(-1, 1, (90, 3)), generator.uniform(0, 2, (90, 2))
-        meshes.append(Mesh(verts, np.arange(90).reshape(-1, 3), colors=colors, uvs=uvs, material=material))
+        normals = {"normals": generator.normal(size=(40, 3)), "normal_faces": generator.integers(40, size=(30, 3))}
+        meshes.append(
+            Mesh(
+                np.float32(verts) if without == "DOUBLE_POSITIONS" else verts,
+                faces,
+                colors=colors,
+                uvs=uvs,
+                uv_faces=None if without == "UV_INDICES" else faces[::-1],
+                material=material,
+                **({} if without == "NORMAL_INDICES" else normals),
+            )
+        )
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
-    return Scene(tuple(meshes), camera, (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9))), ambient=0.7)
+    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9)))
+    background = None if without == "BACKGROUND" else (0.1, 0.2, 0.3)
+    return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
 
-def plain_scene(term: str) -> Scene:
-    """Sixty white triangles of one material, lit by one term alone."""
+ALONG = {  # what is left out with a feature, for it means nothing without it
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "TWO_SIDED", "NORMAL_INDICES"},
+    "SPECULAR": {"POWER"},
+    "TEXTURED": {"UV_INDICES", "ALPHA_TEST"},
+    "MATERIALS": {"SIDES"},
+}
+
+
+def plain_scene() -> Scene:
+    """Sixty white triangles of one material, lit by one term alone, on black."""
     scene = rich_scene("VERTEX_COLORS")
-    material = Material(ka=0.5 * (term == "AMBIENT"), kd=0.6 * (term == "DIFFUSE"), ks=0.0)
-    return replace(scene, meshes=tuple(replace(mesh, material=material) for mesh in scene.meshes))
+    material = Material(ka=0.0, kd=0.6, ks=0.0)
+    meshes = [Mesh(np.float32(mesh.verts), mesh.faces, uvs=mesh.uvs, material=material) for mesh in scene.meshes]
+    return replace(scene, meshes=tuple(meshes), background=0.0)
 
 
-def with_features(monkeypatch: pytest.MonkeyPatch, on: set[str]) -> None:
-    """Renderers made from now on have exactly these optional features."""
-
-    def derive(*arguments, **options) -> Features:
-        needed = features.derive(*arguments, **options)
-        assert {name for name in OPTIONAL if needed[name]} <= on
-        return Features((*((name, needed[name]) for name in CHOICES), *((name, int(name in on)) for name in OPTIONAL)))
-
-    monkeypatch.setattr(packing, "derive", derive)
-
-
-def draw(device, scene: Scene, shader: str, layers: tuple[str, ...]) -> Frame:
-    with Renderer(scene, device=device, shader=shader, layers=layers) as renderer:
+def draw(device, scene: Scene, shader: str, layers: tuple[str, ...] = (), forced: Collection[str] = ()) -> Frame:
+    with Renderer(scene, device=device, shader=shader, layers=layers, forced=forced) as renderer:
         return renderer.render()
 
 
-def needed_by(device, scene: Scene, shader: str, layers: tuple[str, ...]) -> set[str]:
-    return set(draw(device, scene, shader, layers).stats["features"]) & set(OPTIONAL)
+def needed_by(frame: Frame) -> set[str]:
+    return set(frame.stats["features"]) & set(OPTIONAL)
 
 
 EVERY_DAY = ("TEXTURED",)  # each mask is a program to build
@@ -78,61 +95,80 @@ NAMES = [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long)
 
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_feature_turned_off_alone_changes_no_bit(device, monkeypatch, name, shader):
-    """Where a scene needs all but one, this one on or off gives the same image; and it is off by itself."""
+def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shader):
+    """It is off by itself; forced, the image is the same."""
     scene, layers = rich_scene(name), () if name == "OWNERS" else ("Z",)
+    shader = "nolight" if name == "LIT" else shader
     lean = draw(device, scene, shader, layers)
-    off = {"POWER", "SPECULAR"} if name == "SPECULAR" else {name}
-    assert set(lean.stats["left_out"]) == off
-    assert set(OPTIONAL) - set(lean.stats["features"]) == off
-    with_features(monkeypatch, set(OPTIONAL))
-    full = draw(device, scene, shader, layers)
-    assert set(OPTIONAL) <= set(full.stats["features"])
+    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set())
+    full = draw(device, scene, shader, layers, forced=OPTIONAL)
+    assert needed_by(full) == set(OPTIONAL)
     assert same_bits(lean, full)
     assert len(np.unique(lean.rgb)) > 100
 
 
-@pytest.mark.parametrize("shader", SHADERS)
+@pytest.mark.parametrize(
+    ("shader", "needed"),
+    [
+        ("nolight", set()),
+        pytest.param("phong", {"LIT", "DIFFUSE"}, marks=pytest.mark.long),
+        pytest.param("gouraud", {"LIT", "DIFFUSE"}, marks=pytest.mark.long),
+    ],
+)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_feature_turned_on_alone_changes_no_bit(device, monkeypatch, name, shader):
-    """Where a scene needs one other only, this one on or off gives the same image."""
-    term = "AMBIENT" if name == "DIFFUSE" else "DIFFUSE"
-    scene = plain_scene(term)
-    lean = draw(device, scene, shader, ())
-    assert set(lean.stats["features"]) & set(OPTIONAL) == {term}
-    with_features(monkeypatch, {term, name})
-    assert same_bits(lean, draw(device, scene, shader, ()))
+def test_alone_on_or_alone_off_a_feature_that_is_not_needed_changes_no_bit(device, name, shader, needed):
+    scene = plain_scene()
+    lean = draw(device, scene, shader)
+    assert needed_by(lean) == needed
+    on, off = (draw(device, scene, shader, forced=forced) for forced in ({name}, set(OPTIONAL) - {name}))
+    assert needed_by(on) == needed | {name}
+    assert needed_by(off) == set(OPTIONAL) - ({name} - needed)
+    assert same_bits(lean, on)
+    assert same_bits(lean, off)
     assert lean.alpha.mean() > 0.2
 
 
 def test_every_feature_can_be_needed(device):
-    assert needed_by(device, rich_scene(), "phong", ("Z",)) == set(OPTIONAL)
+    assert needed_by(draw(device, rich_scene(), "phong", ("Z",))) == set(OPTIONAL)
 
 
-def test_an_image_that_needs_a_feature_changes_without_it(device, monkeypatch):
-    """Which shows that the tests above can fail."""
-    scene = rich_scene()
-    right = draw(device, scene, "phong", ("Z",))
-    without = rich_scene("TEXTURED")
-    with_features(monkeypatch, set(OPTIONAL))
-    assert not same_bits(right, draw(device, without, "phong", ("Z",)))
+def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
+    """What is not white, forced upon white triangles, shows: which is how the tests above can fail."""
+    lean = draw(device, plain_scene(), "nolight")
+    monkeypatch.setattr(packing, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
+    grey = draw(device, plain_scene(), "nolight", forced={"TEXTURED"})
+    covered = lean.alpha > 0
+    assert (lean.rgb[covered] == 1.0).all()
+    assert (grey.rgb[covered] == 0.5).all()
+
+
+def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
+    """Ten normals and one texture coordinate, each with indices, of a mesh of 90 vertices that is lit and textured by
+    force alone."""
+    (first, second) = plain_scene().meshes
+    indices = {"normal_faces": np.full((30, 3), 9), "uv_faces": np.zeros((30, 3), int)}
+    mesh = replace(first, normals=np.eye(3)[np.arange(10) % 3], uvs=[[0.3, 0.4]], **indices)
+    scene = replace(plain_scene(), meshes=(mesh, second), lights=())
+    assert same_bits(draw(device, scene, "phong"), draw(device, scene, "phong", forced=OPTIONAL))
 
 
 # What is said
 
 
 def test_what_is_left_out_and_what_it_saves(device):
-    found = explaining.explain(plain_scene("DIFFUSE"), frames=3, device=device, shader="phong")
+    found = explaining.explain(plain_scene(), frames=3, device=device, shader="phong")
     assert found.passed
-    assert set(found.left_out) == set(OPTIONAL) - {"DIFFUSE"}
-    assert found.needed == ("DIFFUSE",)
+    assert set(found.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
+    assert found.needed == ("LIT", "DIFFUSE")
+    assert found.alone == {}
     assert found.left_out["SPECULAR"] == "ks is 0"
     assert found.frames == 3
-    assert found.bytes_saved >= 61 * 47 * 4  # the owners, at least
+    assert found.full.bytes - found.lean.bytes >= 61 * 47 * 4  # the owners, at least
     assert set(found.lean.ms) == set(found.full.ms) >= {"frame", "sort"}
-    low, saved, high = found.ms_saved
-    assert low <= saved <= high
-    assert abs(saved) < found.lean.ms["frame"] + found.full.ms["frame"]
+    assert found.lean.extra == (0.0, 0.0, 0.0)
+    low, middle, high = found.full.extra
+    assert low <= middle <= high
+    assert abs(middle) < found.lean.ms["frame"] + found.full.ms["frame"]
     text = "\n".join(found.lines())
     assert "highlights (SPECULAR): ks is 0" in text
     assert "the same bits" in text
@@ -140,48 +176,102 @@ def test_what_is_left_out_and_what_it_saves(device):
     json.dumps(found.stats())
 
 
+@pytest.mark.long
+def test_what_each_costs_alone(device):
+    found = explaining.explain(plain_scene(), frames=3, each=True, device=device)
+    assert found.passed
+    assert set(found.alone) == set(found.left_out)
+    assert found.alone["OWNERS"].bytes == found.lean.bytes + 61 * 47 * 4
+    assert found.alone["DOUBLE_POSITIONS"].bytes == found.lean.bytes + 180 * 12
+    assert all(side.ms["frame"] > 0.0 for side in found.alone.values())
+    text = "\n".join(found.lines())
+    assert text.count("on alone it costs") == len(found.left_out)
+    json.dumps(found.stats())
+
+
 def test_images_that_differ_are_a_failure(device, monkeypatch):
     monkeypatch.setattr(explaining, "same_bits", lambda *_: False)
-    found = explaining.explain(plain_scene("DIFFUSE"), frames=1, device=device)
+    found = explaining.explain(plain_scene(), frames=1, device=device)
     assert not found.passed
     assert "FAILED" in "\n".join(found.lines())
 
 
 def test_where_everything_is_needed_nothing_is_saved(device):
     found = explaining.explain(rich_scene(), device=device, layers=("Z",))
-    assert (found.frames, found.left_out, found.ms_saved, found.bytes_saved) == (0, {}, (0.0, 0.0, 0.0), 0)
+    assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
     assert "saved: nothing" in "\n".join(found.lines())
 
 
 def test_work_that_the_view_and_the_settings_do_without(device):
-    scene = plain_scene("DIFFUSE")
+    scene = plain_scene()
     spare = replace(scene.meshes[0], verts=np.concatenate([scene.meshes[0].verts, np.zeros((7, 3))]), uvs=None)
     scene = replace(scene, meshes=(spare, scene.meshes[1]), lights=(*scene.lights, PointLight((0, 0, 1), (0, 0, 0))))
     unneeded = explaining.explain(scene, frames=1, device=device).unneeded
     assert unneeded["vertices"] == "7 of 187 in no face"
     assert unneeded["lights"] == "1 of 3 of intensity 0"
-    assert "clipping" in unneeded
+    assert unneeded["clipping"].startswith("60 of 60 triangles")
+    assert unneeded["layers"] == "Z, id not asked for"
+    assert unneeded["shading"].endswith(f"of {61 * 47:,} pixels show no triangle")
     assert "perspective division" not in unneeded
     away = replace(scene, camera=replace(scene.camera, lookat=np.array([0.0, 0.0, -9.0])))
-    assert "60 behind the eye, of 60" in explaining.explain(away, frames=1, device=device).unneeded["triangles"]
+    unneeded = explaining.explain(away, frames=1, device=device).unneeded
+    assert "60 behind the eye, of 60" in unneeded["triangles"]
+    assert unneeded["tiles"] == "12 of 12 hold no triangle"
+
+
+def test_what_the_course_preset_does_without(device):
+    frame = draw(device, plain_scene(), "phong")
+    found = explaining.explain(plain_scene(), frames=1, device=device, preset="course", shader="nolight").unneeded
+    assert found["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
+    covered = np.count_nonzero(frame.alpha)
+    assert found["perspective division"] == f"interpolation affine, {covered:,} pixels"
+    assert found["shading"].startswith(f"{61 * 47 - covered:,} of")
+
+
+def test_empty_tiles_are_counted(device):
+    """One small triangle, in one of 5 x 4 tiles, in front of a camera that sees it or not."""
+    mesh = Mesh(np.array([[0.02, 0.02, 0], [0.1, 0.02, 0], [0.02, 0.1, 0]]), [[0, 1, 2]])
+    camera = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 3.0, (1.0, 1.0), (80, 64))
+    with Renderer(Scene((mesh,), camera), device=device) as renderer:
+        for seen, empty in ((camera, 19), (replace(camera, lookat=(0, 0, -9)), 20), (camera, 19)):
+            stats = renderer.render(camera=seen).stats
+            assert (stats["tiles"], stats["empty_tiles"]) == (20, empty)
 
 
 def test_no_more_frames_than_there_is_time_for(device, monkeypatch):
     monkeypatch.setattr(explaining, "SECONDS", 0.0)
-    assert explaining.explain(plain_scene("DIFFUSE"), device=device).frames == timing.FEWEST
+    assert explaining.explain(plain_scene(), device=device).frames == timing.FEWEST
 
 
 def test_programs_are_counted(device):
-    explaining.explain(plain_scene("DIFFUSE"), frames=1, device=device)
+    explaining.explain(plain_scene(), frames=1, device=device)
     before = programs.built()
-    found = explaining.explain(plain_scene("DIFFUSE"), frames=1, device=device)
+    found = explaining.explain(plain_scene(), frames=1, device=device)
     assert programs.built() == before  # the second time nothing is built
     assert found.compiled[0] + found.loaded[0] == len(before)
     assert all(program.seconds > 0.0 for program in before)
-    moved = plain_scene("DIFFUSE")
-    moved = replace(moved, camera=moved.camera.with_resolution((50, 20)), lights=(PointLight((3, 3, -3)),) * 3)
-    explaining.explain(moved, frames=1, device=device)
-    assert programs.built() == before
+
+
+def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch):
+    """Not for another size, camera, light position or number of lights, nor for other values of what is in use."""
+    monkeypatch.setattr(programs, "_built", {})
+    scene = plain_scene()
+    draw(device, scene, "phong")
+    before = programs.built()
+    assert len(before) == 2  # geometry and pixels
+    material = replace(scene.meshes[0].material, kd=0.2, n=5.0, name="other")
+    for changed in (
+        replace(scene, camera=scene.camera.with_resolution((50, 20))),
+        replace(scene, camera=replace(scene.camera, eye=(1.0, 2.0, -5.0), focal=2.0)),
+        replace(scene, lights=(PointLight((3, 3, -3)),) * 2),
+        *(replace(scene, lights=(PointLight((3, 3, -3)),) * count) for count in (1, 3, 40)),
+        replace(scene, meshes=tuple(replace(mesh, material=material) for mesh in scene.meshes)),
+        replace(scene, meshes=scene.meshes[:1]),
+    ):
+        assert draw(device, changed, "phong").alpha.any()
+        assert programs.built() == before
+    draw(device, replace(scene, lights=()), "phong")  # another mask
+    assert len(programs.built()) == len(before) + 1
 
 
 def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 
 from clshade import features
 from clshade.camera import Camera
+from clshade.errors import InputError
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))
@@ -17,7 +18,10 @@ TEXTURE = Texture(np.full((2, 2, 3), 0.5))
 PLAIN = Mesh(np.eye(3), [[0, 1, 2]])
 COLORED = replace(PLAIN, colors=np.full((3, 3), 0.5))
 TEXTURED = replace(COLORED, uvs=np.zeros((3, 2)), material=Material(texture=TEXTURE))
+INDEXED = replace(COLORED, normals=np.eye(3)[:1], normal_faces=np.zeros((1, 3), int))
+CUT_OUT = Texture(np.full((2, 2, 4), 0.5))
 COURSE = replace(TEXTURED, material=Material(texture=replace(TEXTURE, lookup="course")))
+CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(texture=CUT_OUT, alpha_cutoff=0.5))
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
 
 
@@ -54,6 +58,24 @@ CASES = [
     (scene(material(ks=0)), {}, "POWER", "no specular term: ks is 0"),
     (scene(material(n=1)), {}, "POWER", "no exponent but 1"),
     (scene(COLORED), {}, "MATERIALS", "a single material"),
+    (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
+    (scene(material(two_sided=True)), {"shader": "nolight"}, "TWO_SIDED", NOLIGHT),
+    (scene(material(two_sided=True, kd=0, ks=0)), {}, "TWO_SIDED", "kd and ks are 0"),
+    (scene(COLORED), {}, "TWO_SIDED", "no two-sided material"),
+    (scene(COLORED, lights=()), {}, "NORMAL_INDICES", "no light shines"),
+    (scene(INDEXED, preset="course"), {}, "NORMAL_INDICES", "a normal per vertex"),
+    (scene(PLAIN), {}, "UV_INDICES", "no texture"),
+    (scene(TEXTURED), {}, "UV_INDICES", "texture coordinates per vertex"),
+    (scene(PLAIN), {}, "ALPHA_TEST", "no texture"),
+    (scene(material(texture=CUT_OUT, alpha_cutoff=0.5)), {}, "ALPHA_TEST", "no texture coordinates"),
+    (scene(replace(TEXTURED, material=Material(texture=TEXTURE, alpha_cutoff=0.5))), {}, "ALPHA_TEST", "no alpha test"),
+    (scene(replace(TEXTURED, material=Material(texture=CUT_OUT))), {}, "ALPHA_TEST", "no alpha test"),
+    (scene(COLORED), {}, "SIDES", "both sides of every material are drawn"),
+    (scene(material(sides="front")), {}, "SIDES", "all that is seen from behind is culled"),
+    (scene(COLORED, material(sides="front")), {"cull": True}, "SIDES", "all that is seen from behind is culled"),
+    (scene(COLORED), {}, "DOUBLE_POSITIONS", "float32 holds the positions"),
+    (scene(COLORED, background=None), {}, "BACKGROUND", "no background"),
+    (scene(COLORED), {}, "BACKGROUND", "the background is black"),
     (scene(COLORED), {}, "OWNERS", "no layer asked for"),
 ]
 
@@ -68,14 +90,29 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
 @pytest.mark.parametrize(
     ("given", "fields", "used"),
     [
-        (scene(COLORED), {}, {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS"}),
+        (scene(COLORED), {}, {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS"}),
         (scene(material(color=0.5)), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(replace(PLAIN, material=Material(color=0.5))), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(TEXTURED), {"shader": "nolight"}, {"VERTEX_COLORS", "TEXTURED"}),
         (scene(COURSE), {"shader": "nolight"}, {"TEXTURED"}),
         (scene(COURSE, COLORED), {"shader": "nolight"}, {"TEXTURED", "VERTEX_COLORS", "MATERIALS"}),
         (scene(TEXTURED), {"shader": "nolight", **AT_VERTEX, "layers": ("Z",)}, {"OWNERS"}),
-        (scene(material(n=1, kd=0)), {}, {"AMBIENT", "SPECULAR", "VERTEX_COLORS"}),
+        (scene(material(n=1, kd=0)), {}, {"LIT", "AMBIENT", "SPECULAR", "VERTEX_COLORS"}),
+        (
+            scene(replace(INDEXED, material=Material(two_sided=True, ka=0, ks=0))),
+            {},
+            {"LIT", "DIFFUSE", "TWO_SIDED", "NORMAL_INDICES", "VERTEX_COLORS"},
+        ),
+        (
+            scene(CUT, replace(PLAIN, material=Material(sides="front")), background=0.5),
+            {"shader": "nolight"},
+            {"TEXTURED", "UV_INDICES", "ALPHA_TEST", "MATERIALS", "SIDES", "BACKGROUND"},
+        ),
+        (
+            scene(CUT),
+            {"shader": "nolight", **AT_VERTEX},
+            {"UV_INDICES", "ALPHA_TEST"},
+        ),
     ],
 )
 def test_what_is_needed_is_used_and_all_else_has_a_reason(given, fields, used):
@@ -86,12 +123,31 @@ def test_what_is_needed_is_used_and_all_else_has_a_reason(given, fields, used):
 
 
 @pytest.mark.parametrize("mesh", [COLORED, TEXTURED])
-def test_with_everything_on_only_what_the_corners_hold_is_left_out(mesh):
+def test_with_everything_forced_nothing_is_left_out(mesh):
     settings = Settings(texture_at="vertex", shader="nolight")
-    found = features.derive(scene(mesh), settings, double_positions=False, everything=True)
-    held = {"VERTEX_COLORS", "TEXTURED"} if mesh is TEXTURED else set()
-    assert {name for name, _ in found.left_out} == held
-    assert all(reason.startswith("texture_at vertex") for _, reason in found.left_out)
+    found = features.derive(scene(mesh), settings, double_positions=False, forced=features.OPTIONAL)
+    assert found.left_out == ()
+    assert set(features.OPTIONAL) <= set(found.used)
+
+
+def test_one_feature_forced_is_one_left_out_less():
+    lean = features.derive(scene(PLAIN), Settings(), double_positions=False)
+    for name in features.OPTIONAL:
+        found = features.derive(scene(PLAIN), Settings(), double_positions=False, forced={name})
+        assert dict(found.left_out) == {k: why for k, why in lean.left_out if k != name}
+
+
+def test_normals_that_are_read_keep_their_indices():
+    """Without a light nobody reads them; forced to light nevertheless, the kernels must find them."""
+    dark = scene(INDEXED, lights=())
+    assert not features.derive(dark, Settings(), double_positions=False)["NORMAL_INDICES"]
+    for name in ("DIFFUSE", "SPECULAR"):
+        assert features.derive(dark, Settings(), double_positions=False, forced={name})["NORMAL_INDICES"]
+
+
+def test_an_unknown_feature_is_refused():
+    with pytest.raises(InputError, match=r"^forced: expected names among LIT, .*, found DEPTH_TEST$"):
+        features.derive(scene(PLAIN), Settings(), double_positions=False, forced={"DEPTH_TEST"})
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from contextlib import ExitStack
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
@@ -9,23 +11,31 @@ from typing import Any
 import numpy as np
 
 from .. import programs
-from ..features import OPTIONAL, texture_applies
+from ..features import OPTIONAL
 from ..frame import Frame, same_bits
 from ..renderer import Renderer
-from ..scene import Scene
+from ..scene import LAYERS, Scene
 from .timing import Spread, in_turns, spread
 
 FRAMES = 21  # of each kernel, unless they take longer than
 SECONDS = 3.0  # altogether
 
 WORK = {
+    "LIT": "lighting",
     "AMBIENT": "ambient light",
     "DIFFUSE": "diffuse light",
     "SPECULAR": "highlights",
     "POWER": "power of highlights",
+    "TWO_SIDED": "normals turned to the side seen",
+    "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",
     "TEXTURED": "texture lookups",
+    "UV_INDICES": "indices of texture coordinates",
+    "ALPHA_TEST": "alpha test",
     "MATERIALS": "material per face",
+    "SIDES": "side of each material that is drawn",
+    "DOUBLE_POSITIONS": "positions in float64",
+    "BACKGROUND": "color of the background",
     "OWNERS": "owner of each pixel",
 }
 NOT_DRAWN = {
@@ -42,10 +52,12 @@ Times = dict[str, float]  # of one frame: milliseconds by stage
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two renderers. ms: median time of each stage and of the `frame`. bytes: what the device keeps."""
+    """One of the renderers. ms: median time of each stage and of the `frame`. bytes: what the device keeps. extra: by
+    how many ms its frames took longer than those as they are that were drawn next to them."""
 
     ms: Times
     bytes: int
+    extra: Spread
 
 
 @dataclass(frozen=True)
@@ -55,8 +67,8 @@ class Explanation:
     needed: optional features that are in the kernels. left_out: those that are not -> why. unneeded: other work that
     this scene and view did without -> why.
     frames: how many were timed of each; 0 where nothing was left out. lean, full: the kernels as they are, and with
-    everything on. ms_saved: of a frame against the one drawn next to it with everything on: the median, and between what
-    the middle half of them lies. identical: whether their images and layers are the same bits.
+    everything on. alone: with one feature on that was left out, by its name; empty unless asked for.
+    identical: whether their images and layers are all the same bits.
     compiled, loaded: how many programs this process built from source and took from the cache, and the seconds of each.
     """
 
@@ -66,7 +78,7 @@ class Explanation:
     frames: int
     lean: Side
     full: Side
-    ms_saved: Spread
+    alone: dict[str, Side]
     identical: bool
     compiled: tuple[int, float]
     loaded: tuple[int, float]
@@ -76,13 +88,16 @@ class Explanation:
         """Whether leaving out changed no bit."""
         return self.identical
 
-    @property
-    def bytes_saved(self) -> int:
-        return self.full.bytes - self.lean.bytes
+    def _saved(self, other: Side) -> str:
+        return f"{other.extra.median:.2f} ms and {(other.bytes - self.lean.bytes) / 1e6:.2f} MB"
 
     def lines(self) -> list[str]:
         """What was found, for the terminal."""
-        out = [f"left out: {WORK[name]} ({name}): {why}" for name, why in self.left_out.items()]
+        out = [
+            f"left out: {WORK[name]} ({name}): {why}"
+            + (f"; on alone it costs {self._saved(self.alone[name])}" if name in self.alone else "")
+            for name, why in self.left_out.items()
+        ]
         out += [f"unneeded: {what}: {why}" for what, why in self.unneeded.items()]
         out.append(f"needed: {', '.join(WORK[name] for name in self.needed) or 'nothing of what may be left out'}")
         (compiled, building), (loaded, loading) = self.compiled, self.loaded
@@ -92,15 +107,13 @@ class Explanation:
         ]
         if not self.frames:
             return [*out, "saved: nothing, everything is needed", *ending]
-        lean, full, saved = self.lean.ms, self.full.ms, self.ms_saved
-        stages = ", ".join(
-            f"{name} {lean[name]:.2f} ({full[name]:.2f})" for name in lean if name != "frame" and name in full
-        )
+        lean, full, extra = self.lean.ms, self.full.ms, self.full.extra
+        names = [name for name in {**lean, **full} if name != "frame"]
+        stages = ", ".join(f"{name} {lean.get(name, 0.0):.2f} ({full.get(name, 0.0):.2f})" for name in names)
         return [
             *out,
-            f"saved: {saved.median:.2f} ms (half of them {saved.low:.2f} to {saved.high:.2f}), "
-            f"{self.bytes_saved / 1e6:.2f} MB against "
-            f"everything on, medians of {self.frames} frames each, in turns",
+            f"saved: {self._saved(self.full)} against everything on (half of the frames {extra.low:.2f} to "
+            f"{extra.high:.2f} ms), medians of {self.frames} frames each, in turns",
             f"frame {lean['frame']:.2f} ms instead of {full['frame']:.2f} ms, {full['frame'] / lean['frame']:.2f} times "
             f"as fast; {self.lean.bytes / 1e6:.2f} MB instead of {self.full.bytes / 1e6:.2f} MB",
             *([f"stages, in ms (with everything on): {stages}"] if stages else []),
@@ -115,49 +128,60 @@ class Explanation:
             "left_out": self.left_out,
             "unneeded": self.unneeded,
             "frames": self.frames,
-            "lean": vars(self.lean),
-            "everything_on": vars(self.full),
-            "ms_saved": self.ms_saved._asdict(),
-            "bytes_saved": self.bytes_saved,
+            "lean": _figures(self.lean),
+            "everything_on": _figures(self.full),
+            "alone": {name: _figures(side) for name, side in self.alone.items()},
             "identical": self.identical,
             "programs_compiled": self.compiled[0],
             "programs_loaded": self.loaded[0],
         }
 
 
-def explain(scene: Scene, *, frames: int = FRAMES, **options: Any) -> Explanation:
+def _figures(side: Side) -> dict[str, Any]:
+    return {"ms": side.ms, "bytes": side.bytes, "extra_ms": side.extra._asdict()}
+
+
+def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options: Any) -> Explanation:
     """What the kernels for this scene leave out, and what that saves.
 
-    frames: how many to draw of each; fewer where that takes more than 3 s. options: what `clshade.render` takes.
+    frames: how many to draw of each; fewer where that takes more than 3 s for two renderers. each: whether to measure
+    each feature that was left out by itself too; builds a program for each. options: what `clshade.render` takes.
     Raises InputError and DeviceError.
     """
-    with Renderer(scene, **options) as lean:
-        first = lean.render()
-        left_out = {name: why for name, why in lean.features.left_out if name in OPTIONAL}
-        needed = tuple(name for name in OPTIONAL if lean.features[name])
-        timed: list[tuple[Times, ...]] = []
-        identical, sides = True, (_bytes(first), _bytes(first))
-        with Renderer(scene, **options, forced=OPTIONAL) as full:
-            if full.features.values != lean.features.values:
-                other = full.render()
-                identical, sides = same_bits(first, other), (_bytes(first), _bytes(other))
-                del other
-                sides_in_turn = [lambda _, side=side: side.render().stats["times_ms"] for side in (lean, full)]
-                timed = in_turns(sides_in_turn, frames, SECONDS)
-    lean_times, full_times = ([each[side] for each in timed] or [first.stats["times_ms"]] for side in (0, 1))
-    saved = [b["frame"] - a["frame"] for a, b in zip(lean_times, full_times, strict=True)]
+    with ExitStack() as opened:
+
+        def opening(forced: Collection[str]) -> Renderer:
+            return opened.enter_context(Renderer(scene, forced=forced, **options))
+
+        renderers = [opening(())]
+        first = renderers[0].render()
+        left_out = dict(renderers[0].features.left_out)
+        if left_out:
+            renderers += [opening(OPTIONAL), *(opening((name,)) for name in left_out if each)]
+        others = [renderer.render() for renderer in renderers[1:]]
+        identical = all(same_bits(first, other) for other in others)
+        sizes = [_bytes(frame) for frame in (first, *others)]
+        others.clear()  # their memory is the next frames'
+        draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
+        timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
+    sides = [_side(timed or [(first.stats["times_ms"],)], k, size) for k, size in enumerate(sizes)]
     return Explanation(
-        needed=needed,
+        needed=tuple(name for name in OPTIONAL if name not in left_out),
         left_out=left_out,
         unneeded=_unneeded(first),
         frames=len(timed),
-        lean=Side(_medians(lean_times), sides[0]),
-        full=Side(_medians(full_times), sides[1]),
-        ms_saved=spread(saved),
+        lean=sides[0],
+        full=sides[1] if left_out else sides[0],
+        alone=dict(zip(left_out, sides[2:], strict=True)) if each else {},
         identical=identical,
         compiled=_programs(stored=False),
         loaded=_programs(stored=True),
     )
+
+
+def _side(timed: list[tuple[Times, ...]], k: int, size: int) -> Side:
+    """Of renderer k: the first one's frames are those as they are."""
+    return Side(_medians([row[k] for row in timed]), size, spread([row[k]["frame"] - row[0]["frame"] for row in timed]))
 
 
 def _medians(times: list[Times]) -> Times:
@@ -177,28 +201,35 @@ def _programs(stored: bool) -> tuple[int, float]:
 
 
 def _unneeded(frame: Frame) -> dict[str, str]:
-    """What else this scene and view did without -> why."""
-    scene, settings, stats = frame.scene, frame.settings, frame.stats
+    """What else this scene and view did without -> why, and how much of it."""
+    scene, stats = frame.scene, frame.stats
     used, found = set(stats["features"]), {}
+    columns, rows = stats["resolution"]
+    covered = np.count_nonzero(frame.alpha)
     if "DEPTH_TEST" not in used:
-        found["depth at every pixel"] = "visibility painter"
+        found["depth at every pixel"] = f"visibility painter, {columns * rows:,} pixels"
     if "PERSPECTIVE" not in used:
         why = "parallel projection" if scene.camera.orthographic else "interpolation affine"
-        found["perspective division"] = why
-    if settings.shader == "nolight":
-        found["normals"] = "shader nolight"
-    if settings.texture_filter == "trilinear" and "MIPMAPS" not in used:
-        textured = any(map(texture_applies, scene.meshes))
-        found["mip-map levels"] = "textures of one texel or the course's lookup" if textured else "no texture"
+        found["perspective division"] = f"{why}, {covered:,} pixels"
     dark = sum(1 for light in scene.lights if not light.intensity.any())
     if dark:
         found["lights"] = f"{dark} of {len(scene.lights)} of intensity 0"
     vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
     if stats["vertices"] < vertices:
         found["vertices"] = f"{vertices - stats['vertices']:,} of {vertices:,} in no face"
-    if not stats["clipped"]:
-        found["clipping"] = "no triangle crosses the near plane or goes far beyond the image"
+    whole = stats["triangles"] - stats["clipped"]
+    if whole:
+        found["clipping"] = (
+            f"{whole:,} of {stats['triangles']:,} triangles neither cross the near plane nor go far beyond the image"
+        )
     culled = [f"{stats[name]:,} {what}" for name, what in NOT_DRAWN.items() if stats[name]]
     if culled:
         found["triangles"] = f"{', '.join(culled)}, of {stats['triangles']:,}"
+    if stats["empty_tiles"]:
+        found["tiles"] = f"{stats['empty_tiles']:,} of {stats['tiles']:,} hold no triangle"
+    if covered < columns * rows:
+        found["shading"] = f"{columns * rows - covered:,} of {columns * rows:,} pixels show no triangle"
+    absent = [name for name in LAYERS if name not in frame.layers]
+    if absent:
+        found["layers"] = f"{', '.join(absent)} not asked for"
     return found

@@ -47,6 +47,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     measured.add_argument(
         "--explain", action="store_true", help="what the kernels left out, why, and what that saves: measured"
     )
+    measured.add_argument(
+        "--explain-each",
+        action="store_true",
+        help="the same, and what each thing left out costs by itself; builds a program for each",
+    )
     limit_options(measured)
     device_option(parser)
 
@@ -85,10 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"clshade: warning: {warning}", file=sys.stderr)
     if frame.check is not None:
         found["check"] = frame.check
-    if arguments.explain:
+    if arguments.explain or arguments.explain_each:
         from ..checks.explaining import explain
 
-        found["explain"] = explain(scene, **options)
+        found["explain"] = explain(scene, each=arguments.explain_each, **options)
     _print_found(frame, found, arguments)
     return DONE if all(each.passed for each in found.values()) else FAILED
 
