@@ -212,6 +212,26 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
     return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
 
 
+def _choices(scene: Scene, settings: Settings, *, culls: bool, at_corners: bool, relit: bool) -> dict[str, bool]:
+    """Those of CHOICES. relit: whether light is forced upon shader nolight."""
+    return {
+        "FAST": settings.precision == "fast",
+        "DOUBLE": settings.precision == "float64",
+        "SAMPLES": settings.samples > 1,
+        "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
+        "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
+        # Colors that are taken as they are may be lit all the same, and then pixel by pixel.
+        "PHONG": settings.shader == "phong" or (settings.shader == "nolight" and relit),
+        "DEPTH_TEST": settings.visibility == "depth",
+        "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
+        "CENTROID": settings.lighting_at == "centroid",
+        "TINTED": settings.ambient == "tinted",
+        "CULL": culls,
+        "ORTHOGRAPHIC": scene.camera.orthographic,
+        "CORNER_COLORS": at_corners,
+    }
+
+
 def derive(
     scene: Scene, settings: Settings, *, double_positions: bool, forced: Collection[str] = frozenset()
 ) -> Features:
@@ -230,22 +250,7 @@ def derive(
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
     at_corners = any(map(texture_applies, meshes)) and settings.texture_at == "vertex"
-    choices = {
-        "FAST": settings.precision == "fast",
-        "DOUBLE": settings.precision == "float64",
-        "SAMPLES": settings.samples > 1,
-        "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
-        "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
-        # Colors that are taken as they are may be lit all the same, and then pixel by pixel.
-        "PHONG": settings.shader == "phong" or (not lit and "LIT" in forced),
-        "DEPTH_TEST": settings.visibility == "depth",
-        "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
-        "CENTROID": settings.lighting_at == "centroid",
-        "TINTED": settings.ambient == "tinted",
-        "CULL": _culls(materials, settings),
-        "ORTHOGRAPHIC": scene.camera.orthographic,
-        "CORNER_COLORS": at_corners,
-    }
+    choices = _choices(scene, settings, culls=_culls(materials, settings), at_corners=at_corners, relit="LIT" in forced)
     terms = _unneeded_terms(materials, scene.ambient, lit, shining)
     read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
     unread = (

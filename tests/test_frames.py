@@ -337,6 +337,7 @@ def test_parallel_projection(device):
         pytest.param("box_room", {"shader": "gouraud"}, marks=pytest.mark.long),
         pytest.param("quads", {"preset": "course", "shader": "phong"}, marks=pytest.mark.long),
         pytest.param("course", {"preset": "standard", "shader": "nolight"}, marks=pytest.mark.long),
+        pytest.param("course", {"preset": "standard", "samples": 4}, marks=pytest.mark.long),
     ],
 )
 def test_leaving_out_changes_no_bit(device, name, options):

@@ -41,7 +41,7 @@ WORK = {
 NOT_DRAWN = {
     "behind": "behind the eye",
     "off_screen": "off the screen",
-    "between_samples": "between the pixels' centers",
+    "between_samples": "between the samples",
     "zero_area": "without area",
     "back_facing": "seen from behind",
 }
