@@ -38,6 +38,7 @@ OPTIONAL = (
     "VERTEX_COLORS",
     "TEXTURED",
     "UV_INDICES",
+    "MIPMAPS",
     "ALPHA_TEST",
     "MATERIALS",
     "SIDES",
@@ -158,7 +159,7 @@ def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str
     }
 
 
-def _unneeded_colors(meshes: list[Mesh], at_corners: bool) -> dict[str, str]:
+def _unneeded_colors(meshes: list[Mesh], at_corners: bool, bilinear: bool) -> dict[str, str]:
     """The same for vertex colors and textures, at the pixels. at_corners: texture_at vertex."""
     textured = any(map(texture_applies, meshes))
     own = [mesh for mesh in meshes if not replaces_colors(mesh)]
@@ -176,6 +177,11 @@ def _unneeded_colors(meshes: list[Mesh], at_corners: bool) -> dict[str, str]:
         "TEXTURED": _first((at_corners, "texture_at vertex: looked up at the corners")) or no_texture,
         "UV_INDICES": no_texture
         or _first((all(mesh.uv_faces is None for mesh in meshes), "texture coordinates per vertex")),
+        "MIPMAPS": no_texture
+        or _first(
+            (bilinear, "texture_filter bilinear"),
+            (not any(map(has_levels, meshes)), "textures of one texel or with the course's lookup"),
+        ),
         "ALPHA_TEST": no_texture
         or _first((not any(tests_alpha(mesh.material) for mesh in meshes if texture_applies(mesh)), "no alpha test")),
     }
@@ -259,7 +265,7 @@ def derive(
     unneeded = {
         **terms,
         **_unneeded_normals(scene, meshes, unread),
-        **_unneeded_colors(meshes, at_corners),
+        **_unneeded_colors(meshes, at_corners, settings.texture_filter == "bilinear"),
         **_unneeded_input(scene, settings, materials, double_positions),
     }
     values = {name: int(choices[name]) for name in CHOICES}

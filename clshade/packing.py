@@ -333,7 +333,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
             if gatherer.textures:
                 found["textures"], found["texels"] = texture_tables(
-                    gatherer.textures, mipmaps=bool(features["MIPMAPS"])
+                    gatherer.textures, mipmaps=settings.texture_filter == "trilinear"
                 )
         if features["CORNER_COLORS"]:
             index = found["uv_faces"] if found["uv_faces"] is not None else faces

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,10 +63,12 @@ def rich_scene(without: str = "") -> Scene:
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
 
+# Fields of Settings that make all but one feature needed.
+NEEDS = {"LIT": {"shader": "nolight"}, "OWNERS": {"layers": ()}, "MIPMAPS": {"texture_filter": "bilinear"}}
 ALONG = {  # what is left out with a feature, for it means nothing without it
     "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "TWO_SIDED", "NORMAL_INDICES"},
     "SPECULAR": {"POWER"},
-    "TEXTURED": {"UV_INDICES", "ALPHA_TEST"},
+    "TEXTURED": {"UV_INDICES", "MIPMAPS", "ALPHA_TEST"},
     "MATERIALS": {"SIDES"},
 }
 
@@ -79,9 +81,14 @@ def plain_scene() -> Scene:
     return replace(scene, meshes=tuple(meshes), background=0.0)
 
 
-def draw(device, scene: Scene, shader: str, layers: tuple[str, ...] = (), forced: Collection[str] = ()) -> Frame:
-    with Renderer(scene, device=device, shader=shader, layers=layers, forced=forced) as renderer:
+def draw(device, scene: Scene, **options: Any) -> Frame:
+    with Renderer(scene, device=device, **options) as renderer:
         return renderer.render()
+
+
+def draw_rich(device, without: str = "", **options: Any) -> Frame:
+    fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear"}
+    return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
 
 
 def needed_by(frame: Frame) -> set[str]:
@@ -97,11 +104,9 @@ NAMES = [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long)
 @pytest.mark.parametrize("name", NAMES)
 def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shader):
     """It is off by itself; forced, the image is the same."""
-    scene, layers = rich_scene(name), () if name == "OWNERS" else ("Z",)
-    shader = "nolight" if name == "LIT" else shader
-    lean = draw(device, scene, shader, layers)
+    lean = draw_rich(device, name, shader=shader)
     assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set())
-    full = draw(device, scene, shader, layers, forced=OPTIONAL)
+    full = draw_rich(device, name, shader=shader, forced=OPTIONAL)
     assert needed_by(full) == set(OPTIONAL)
     assert same_bits(lean, full)
     assert len(np.unique(lean.rgb)) > 100
@@ -118,9 +123,9 @@ def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shad
 @pytest.mark.parametrize("name", NAMES)
 def test_alone_on_or_alone_off_a_feature_that_is_not_needed_changes_no_bit(device, name, shader, needed):
     scene = plain_scene()
-    lean = draw(device, scene, shader)
+    lean = draw(device, scene, shader=shader)
     assert needed_by(lean) == needed
-    on, off = (draw(device, scene, shader, forced=forced) for forced in ({name}, set(OPTIONAL) - {name}))
+    on, off = (draw(device, scene, shader=shader, forced=forced) for forced in ({name}, set(OPTIONAL) - {name}))
     assert needed_by(on) == needed | {name}
     assert needed_by(off) == set(OPTIONAL) - ({name} - needed)
     assert same_bits(lean, on)
@@ -129,14 +134,14 @@ def test_alone_on_or_alone_off_a_feature_that_is_not_needed_changes_no_bit(devic
 
 
 def test_every_feature_can_be_needed(device):
-    assert needed_by(draw(device, rich_scene(), "phong", ("Z",))) == set(OPTIONAL)
+    assert needed_by(draw_rich(device)) == set(OPTIONAL)
 
 
 def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     """What is not white, forced upon white triangles, shows: which is how the tests above can fail."""
-    lean = draw(device, plain_scene(), "nolight")
+    lean = draw(device, plain_scene(), shader="nolight")
     monkeypatch.setattr(packing, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
-    grey = draw(device, plain_scene(), "nolight", forced={"TEXTURED"})
+    grey = draw(device, plain_scene(), shader="nolight", forced={"TEXTURED"})
     covered = lean.alpha > 0
     assert (lean.rgb[covered] == 1.0).all()
     assert (grey.rgb[covered] == 0.5).all()
@@ -149,7 +154,7 @@ def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
     indices = {"normal_faces": np.full((30, 3), 9), "uv_faces": np.zeros((30, 3), int)}
     mesh = replace(first, normals=np.eye(3)[np.arange(10) % 3], uvs=[[0.3, 0.4]], **indices)
     scene = replace(plain_scene(), meshes=(mesh, second), lights=())
-    assert same_bits(draw(device, scene, "phong"), draw(device, scene, "phong", forced=OPTIONAL))
+    assert same_bits(draw(device, scene, shader="phong"), draw(device, scene, shader="phong", forced=OPTIONAL))
 
 
 # What is said
@@ -197,7 +202,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 
 def test_where_everything_is_needed_nothing_is_saved(device):
-    found = explaining.explain(rich_scene(), device=device, layers=("Z",))
+    found = explaining.explain(rich_scene(), device=device, layers=("Z",), texture_filter="trilinear")
     assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
     assert "saved: nothing" in "\n".join(found.lines())
 
@@ -220,7 +225,7 @@ def test_work_that_the_view_and_the_settings_do_without(device):
 
 
 def test_what_the_course_preset_does_without(device):
-    frame = draw(device, plain_scene(), "phong")
+    frame = draw(device, plain_scene(), shader="phong")
     found = explaining.explain(plain_scene(), frames=1, device=device, preset="course", shader="nolight").unneeded
     assert found["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
     covered = np.count_nonzero(frame.alpha)
@@ -256,7 +261,7 @@ def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch)
     """Not for another size, camera, light position or number of lights, nor for other values of what is in use."""
     monkeypatch.setattr(programs, "_built", {})
     scene = plain_scene()
-    draw(device, scene, "phong")
+    draw(device, scene, shader="phong")
     before = programs.built()
     assert len(before) == 2  # geometry and pixels
     material = replace(scene.meshes[0].material, kd=0.2, n=5.0, name="other")
@@ -268,9 +273,9 @@ def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch)
         replace(scene, meshes=tuple(replace(mesh, material=material) for mesh in scene.meshes)),
         replace(scene, meshes=scene.meshes[:1]),
     ):
-        assert draw(device, changed, "phong").alpha.any()
+        assert draw(device, changed, shader="phong").alpha.any()
         assert programs.built() == before
-    draw(device, replace(scene, lights=()), "phong")  # another mask
+    draw(device, replace(scene, lights=()), shader="phong")  # another mask
     assert len(programs.built()) == len(before) + 1
 
 

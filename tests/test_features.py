@@ -22,6 +22,8 @@ INDEXED = replace(COLORED, normals=np.eye(3)[:1], normal_faces=np.zeros((1, 3), 
 CUT_OUT = Texture(np.full((2, 2, 4), 0.5))
 COURSE = replace(TEXTURED, material=Material(texture=replace(TEXTURE, lookup="course")))
 CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(texture=CUT_OUT, alpha_cutoff=0.5))
+ONE_TEXEL = replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3)))))
+NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
 
 
@@ -66,6 +68,11 @@ CASES = [
     (scene(INDEXED, preset="course"), {}, "NORMAL_INDICES", "a normal per vertex"),
     (scene(PLAIN), {}, "UV_INDICES", "no texture"),
     (scene(TEXTURED), {}, "UV_INDICES", "texture coordinates per vertex"),
+    (scene(TEXTURED), {}, "MIPMAPS", "texture_filter bilinear"),
+    (scene(PLAIN), TRILINEAR, "MIPMAPS", "no texture"),
+    (scene(material(texture=TEXTURE)), TRILINEAR, "MIPMAPS", "no texture coordinates"),
+    (scene(COURSE), TRILINEAR, "MIPMAPS", NO_LEVELS),
+    (scene(ONE_TEXEL), TRILINEAR, "MIPMAPS", NO_LEVELS),
     (scene(PLAIN), {}, "ALPHA_TEST", "no texture"),
     (scene(material(texture=CUT_OUT, alpha_cutoff=0.5)), {}, "ALPHA_TEST", "no texture coordinates"),
     (scene(replace(TEXTURED, material=Material(texture=TEXTURE, alpha_cutoff=0.5))), {}, "ALPHA_TEST", "no alpha test"),
@@ -94,6 +101,7 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
         (scene(material(color=0.5)), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(replace(PLAIN, material=Material(color=0.5))), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(TEXTURED), {"shader": "nolight"}, {"VERTEX_COLORS", "TEXTURED"}),
+        (scene(TEXTURED), {"shader": "nolight", **TRILINEAR}, {"VERTEX_COLORS", "TEXTURED", "MIPMAPS"}),
         (scene(COURSE), {"shader": "nolight"}, {"TEXTURED"}),
         (scene(COURSE, COLORED), {"shader": "nolight"}, {"TEXTURED", "VERTEX_COLORS", "MATERIALS"}),
         (scene(TEXTURED), {"shader": "nolight", **AT_VERTEX, "layers": ("Z",)}, {"OWNERS"}),
@@ -148,20 +156,3 @@ def test_normals_that_are_read_keep_their_indices():
 def test_an_unknown_feature_is_refused():
     with pytest.raises(InputError, match=r"^forced: expected names among LIT, .*, found DEPTH_TEST$"):
         features.derive(scene(PLAIN), Settings(), double_positions=False, forced={"DEPTH_TEST"})
-
-
-@pytest.mark.parametrize(
-    ("mesh", "texture_filter", "needed"),
-    [
-        (TEXTURED, "trilinear", 1),
-        (TEXTURED, "bilinear", 0),
-        (COURSE, "trilinear", 0),
-        (PLAIN, "trilinear", 0),
-        (material(texture=TEXTURE), "trilinear", 0),
-        (replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3))))), "trilinear", 0),
-    ],
-    ids=["textured", "bilinear", "course lookup", "no texture", "no coordinates", "one texel"],
-)
-def test_mipmaps_where_a_level_may_be_looked_up(mesh, texture_filter, needed):
-    found = features.derive(scene(mesh), Settings(texture_filter=texture_filter), double_positions=False)
-    assert found["MIPMAPS"] == needed

@@ -31,6 +31,7 @@ WORK = {
     "VERTEX_COLORS": "colors of vertices",
     "TEXTURED": "texture lookups",
     "UV_INDICES": "indices of texture coordinates",
+    "MIPMAPS": "mip-map levels",
     "ALPHA_TEST": "alpha test",
     "MATERIALS": "material per face",
     "SIDES": "side of each material that is drawn",
