@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DIRECTIONS = 16
+PAD = 5.0  # on either side of a name, pixels
 REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side, in pixels
 
 
@@ -89,9 +90,9 @@ def label_points(
         for line in lines
         for a, b in itertools.pairwise(axes.transData.transform(line))
     ]
-    boxes = placed(points, [(e.width + 2.0, e.height + 2.0) for e in extents], inside, pieces)  # type: ignore[arg-type]
+    boxes = placed(points, [(e.width + 2.0 * PAD, e.height + 2.0) for e in extents], inside, pieces)  # type: ignore[arg-type]
     for text, box, point in zip(texts, boxes, points, strict=True):
-        text.set_position((box.left + 1.0, box.bottom + 1.0))
+        text.set_position((box.left + PAD, box.bottom + 1.0))
         near = min(max(point[0], box.left), box.right), min(max(point[1], box.bottom), box.top)
         if math.dist(near, point) > REACHES[1]:
             line = axes.plot(*zip(near, point, strict=True), color="gray", lw=0.5, transform=None, zorder=1)
