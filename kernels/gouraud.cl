@@ -31,7 +31,11 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #else
             real4 at = in->relative[in->faces[3 * face[lane] + k]];
 #endif
+#if DIFFUSE || SPECULAR
             real4 normal = side_of(in, in->triangles + taken[lane]) * in->normals[normal_index(in, face[lane], k)];
+#else
+            real4 normal = (real4)(0.0f);  // there are no normals
+#endif
 #if VERTEX_COLORS || CORNER_COLORS
             real4 color = in->colors[color_index(in, face[lane], k)];
 #else

@@ -98,6 +98,10 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
     both = lit.scene_of(front, behind, around, camera=camera)
     plain = lit.scene_of(behind, around, camera=camera, background=None)
     textured = lit.scene_of(lit.blob(12, 3, uvs=corners, material=replaced), around, camera=camera)
+    matt = Material(ka=0.5, kd=0.0, ks=0.0)
+    unlit = lit.scene_of(
+        lit.blob(12, 3, material=matt, normals=np.eye(3), normal_faces=np.zeros((12, 3), int)), camera=camera
+    )
     flat = replace(camera, orthographic=True, plane=(3.0, 4.0), principal=(0.4, 0.55))
     return [
         (both, {"shader": "phong"}),
@@ -105,6 +109,8 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
         (both, {"shader": "nolight", "texture_filter": "trilinear"}),
         (textured, {"shader": "phong", "preset": "course"}),
         (textured, {"shader": "gouraud", "preset": "course"}),
+        (unlit, {"shader": "gouraud"}),
+        (unlit, {"shader": "phong"}),
         (plain, {"shader": "nolight", "interpolation": "affine", "cull": True}),
         (replace(both, camera=flat), {"shader": "phong", "visibility": "painter"}),
         (lit.scene_of(camera=camera, meshes=()), {"shader": "phong"}),

@@ -67,7 +67,7 @@ def test_planted_errors_are_found(tmp_path):
 
 @pytest.mark.parametrize("form", ["groups", "vectors"])
 def test_no_kernel_does_anything_undefined(tmp_path, form):
-    """Seven scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
+    """Ten scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
     empty frame; the images are right too."""
     found, log = oclgrind(tmp_path, form)
     assert log.strip() == ""
