@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import errno
 import os
@@ -13,6 +12,7 @@ import time
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from . import interrupts
 from .errors import OutputError
 
 Path = str | os.PathLike[str]
@@ -120,7 +120,7 @@ def _beside(target: str) -> str:
 _under_way: set[_Replacement] = set()
 
 
-@atexit.register
+@interrupts.at_end
 def _abandon_all() -> None:
     """At the end of a process that does not wait for its threads: nothing of what they were writing stays."""
     for each in list(_under_way):

@@ -6,7 +6,6 @@ is kept on disk until the driver, or what it needs from the system, changes. Not
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import hashlib
 import importlib.util
@@ -19,7 +18,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import atomic, runtimes
+from . import atomic, interrupts, runtimes
 from .errors import DeviceError
 
 PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
@@ -137,7 +136,7 @@ def _sweep(root: Path) -> None:
 _running: set[Probe] = set()
 
 
-@atexit.register
+@interrupts.at_end
 def _abandon_all() -> None:
     """At the end of the process: what an interrupt left running."""
     for probe in list(_running):

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from . import interrupts
 from .errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a throw-away one
@@ -195,7 +196,6 @@ def _take(folder: Path) -> Slot | None:
 
 def _throw_away_slot() -> Slot:
     """A folder for this process only, removed when it exits."""
-    import atexit
     import tempfile
 
     try:
@@ -210,7 +210,7 @@ def _throw_away_slot() -> Slot:
         if os.getpid() == owner:
             shutil.rmtree(slot.folder, ignore_errors=True)
 
-    atexit.register(remove)
+    interrupts.at_end(remove)
     return slot
 
 

@@ -32,6 +32,11 @@ runpy.run_module("clshade", run_name="__main__", alter_sys=True)
 """
 BUILDING = "from clshade import programs; programs.build = stuck"
 WRITING = "import os; os.fsync = stuck"
+# What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
+WAITING = "import atexit; atexit.register(__import__('time').sleep, 60)\n" + WRITING
+CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60))\n" + WRITING
+FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0)\n" + WRITING
+THROWN_AWAY = "from clshade import runtimes; runtimes.SLOTS = 0\n" + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
@@ -70,7 +75,9 @@ def assert_kept(folder: Path) -> None:
     assert {name: (folder / name).read_text() for name in OUTPUTS} == dict.fromkeys(OUTPUTS, "earlier")
 
 
-@pytest.mark.parametrize("hook", [BUILDING, WRITING], ids=["building", "writing"])
+@pytest.mark.parametrize(
+    "hook", [BUILDING, WRITING, WAITING, FAILING], ids=["building", "writing", "waiting", "failing"]
+)
 def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, hook):
     process = start(folder, tmp_path / "cache", hook)
     assert process.stdout.readline() == "stuck\n"
@@ -80,6 +87,26 @@ def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, ho
     assert time.perf_counter() - sent < 5.0
     assert_kept(folder)
     assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
+
+
+def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
+    process = start(folder, tmp_path / "cache", CLEARING)
+    assert process.stdout.readline() == "stuck\n"
+    sent = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    assert finish(process) == (130, "clshade: interrupted\n")
+    assert time.perf_counter() - sent < 5.0
+    assert_kept(folder)
+
+
+def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
+    """As a process has one where all slots are taken."""
+    process = start(folder, tmp_path / "cache", THROWN_AWAY)
+    assert process.stdout.readline() == "stuck\n"
+    assert list((tmp_path / "cache" / "clshade").glob("once-*"))
+    process.send_signal(signal.SIGINT)
+    assert finish(process) == (130, "clshade: interrupted\n")
+    assert not list((tmp_path / "cache" / "clshade").glob("once-*"))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
