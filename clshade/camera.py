@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .validation import Array, choice, floats, integer, number, refuse, sequence, set_fields, vector
+from .validation import Array, choice, flag, floats, integer, number, refuse, sequence, set_fields, vector
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 
@@ -73,7 +73,7 @@ class Camera:
             plane=(number(who, "plane H", height, above=0.0), number(who, "plane W", width, above=0.0)),
             resolution=checked_resolution(who, self.resolution),
             principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
-            orthographic=bool(self.orthographic),
+            orthographic=flag(who, "orthographic", self.orthographic),
         )
 
     @classmethod

@@ -24,7 +24,7 @@ from .ply_files import read_ply
 from .reading import complaint, quoted, size_of
 from .scene import Scene
 from .stl_files import read_stl
-from .validation import integer, refuse
+from .validation import flag, integer, refuse
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
@@ -77,6 +77,8 @@ def load(
         raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))
     if resolution is not None:
         resolution = _resolution(resolution)
+    flat = flag("load", "flat", flat)
+    two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
     if flat and crease is not None:
         raise refuse("load", "crease", "none beside flat, which is a crease of 0", crease)
     try:

@@ -16,6 +16,7 @@ from .validation import (
     Array,
     choice,
     coefficient,
+    flag,
     floats,
     indices,
     integer,
@@ -131,6 +132,7 @@ class Material:
             self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
         )
         choice("Material", "sides", self.sides, SIDES)
+        set_fields(self, two_sided=flag("Material", "two_sided", self.two_sided))
         if self.alpha_cutoff is not None:
             set_fields(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
 
@@ -329,14 +331,14 @@ class Settings:
         choice(who, "ambient", self.ambient, AMBIENTS)
         choice(who, "precision", self.precision, PRECISIONS)
         set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))
-        set_fields(self, sample_shading=bool(self.sample_shading))
+        set_fields(self, sample_shading=flag(who, "sample_shading", self.sample_shading))
         choice(who, "resolve", self.resolve, RESOLVES)
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
             raise refuse(who, "layers", f"names of {', '.join(LAYERS)}", self.layers)
         for layer in layers:
             choice(who, "layers", layer, LAYERS)
-        set_fields(self, layers=tuple(name for name in LAYERS if name in layers), cull=bool(self.cull))
+        set_fields(self, layers=tuple(name for name in LAYERS if name in layers), cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
 

@@ -32,6 +32,13 @@ def choice(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
     return value
 
 
+def flag(owner: str, name: str, value: Any) -> bool:
+    """True or False, of Python or NumPy: any other value, "no" and 0 too, may mean either."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise refuse(owner, name, "True or False", value)
+    return bool(value)
+
+
 def sequence(value: Any) -> tuple | None:
     """The items of what can be iterated over; None for anything else."""
     try:

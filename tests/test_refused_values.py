@@ -7,6 +7,7 @@ import pytest
 
 from clshade.camera import Camera
 from clshade.errors import InputError
+from clshade.loading import load
 from clshade.renderer import settle
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -21,6 +22,14 @@ CASES = {
     "layers=5": (lambda: Settings(layers=5), "Settings: layers: expected names of Z, id, found 5"),
     "layers=None": (lambda: Settings(layers=None), "Settings: layers: expected names of Z, id, found None"),
     "layers=(5,)": (lambda: Settings(layers=(5,)), "Settings: layers: expected one of Z, id, found 5"),
+    "cull": (lambda: Settings(cull="false"), "Settings: cull: expected True or False, found 'false'"),
+    "cull=0": (lambda: Settings(cull=0), "Settings: cull: "),
+    "sample_shading": (lambda: Settings(sample_shading=np.array([0, 1])), "Settings: sample_shading: "),
+    "two_sided": (lambda: Material(two_sided="no"), "Material: two_sided: expected True or False, found 'no'"),
+    "two_sided=None": (lambda: Material(two_sided=None), "Material: two_sided: "),
+    "orthographic": (lambda: Camera(*EYE, 1.0, (1, 1), orthographic="no"), "Camera: orthographic: "),
+    "load flat": (lambda: load("a.obj", flat="no"), "load: flat: expected True or False, found 'no'"),
+    "load two_sided": (lambda: load("a.obj", two_sided=np.ones(2)), "load: two_sided: "),
     "near": (lambda: Settings(near="far"), "Settings: near: "),
     "preset": (lambda: Settings.from_preset(""), "Settings: preset: expected one of course, standard, found ''"),
     "preset=5": (lambda: Settings.from_preset(5), "Settings: preset: expected one of course, standard, found 5"),
@@ -71,3 +80,9 @@ def test_refused_in_one_line(call, message):
     assert "\n" not in text
     assert "expected" in text
     assert "found" in text
+
+
+def test_flags_of_numpy_are_taken():
+    settings = Settings(cull=np.bool_(True), sample_shading=np.array([False])[0])
+    assert (settings.cull, settings.sample_shading) == (True, False)
+    assert isinstance(settings.cull, bool)
