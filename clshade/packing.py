@@ -13,7 +13,7 @@ from . import layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
 from .geometry import vertex_normals
 from .layout import Structs
-from .mipmaps import smaller_levels
+from .mipmaps import levels_below
 from .scene import Material, Mesh, Scene, Settings, Texture
 from .validation import Array
 
@@ -193,7 +193,7 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[A
         row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
         levels = [texture.image]
         if mipmaps and texture.lookup == "standard":
-            levels += smaller_levels(texture.image[..., :3])
+            levels += levels_below(texture)
         row["levels"] = len(levels)
         for number, level in enumerate(levels):
             row["offset"][number] = offset

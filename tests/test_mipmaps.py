@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
+import weakref
+
 import numpy as np
 import pytest
 
 from clshade import layout
-from clshade.mipmaps import smaller_levels
+from clshade.mipmaps import BAND, levels_below, smaller_levels
 from clshade.oracle import texture
 from clshade.packing import texture_tables
 from clshade.scene import Texture
@@ -66,6 +70,42 @@ def test_a_constant_stays_the_same_to_the_last_bit(size):
         assert (level == color).all()
     for level in smaller_levels(np.broadcast_to(color, (1, 32767, 3))):
         assert (level == color).all()
+
+
+@pytest.mark.parametrize("size", [(2 * BAND // 30, 11), (BAND // 6 - 1, 12), (700, 900), (901, 701)])
+def test_bands_of_rows_change_no_bit(monkeypatch, size):
+    """One row to a band, some, or all at once; of images that take several bands as it is."""
+    image = image_of(size)
+    found = smaller_levels(image)
+    for band in (1, 1 << 40):
+        monkeypatch.setattr("clshade.mipmaps.BAND", band)
+        for level, same in zip(found, smaller_levels(image), strict=True):
+            assert level.tobytes() == same.tobytes()
+
+
+@pytest.mark.parametrize("side", [2048, 2047])
+def test_a_large_image_takes_little_memory(side):
+    """Of the image's bytes, float32: the first level in float64 1/2, all in float32 1/3, the next in float64 1/8 while it
+    is made; and a few bands."""
+    image = np.ones((side, side, 3), np.float32)
+    tracemalloc.start()
+    try:
+        smaller_levels(image)
+        assert tracemalloc.get_traced_memory()[1] < 1.0 * image.nbytes + 4 * 8 * BAND
+    finally:
+        tracemalloc.stop()
+
+
+def test_levels_are_kept_as_long_as_their_texture():
+    texture = Texture(image_of((16, 9), 4))
+    levels = levels_below(texture)
+    assert levels_below(texture) is levels
+    assert levels_below(Texture(texture.image)) is not levels
+    assert [level.shape[2] for level in levels] == [3] * 4
+    kept = weakref.ref(levels[0])
+    del texture, levels
+    gc.collect()
+    assert kept() is None
 
 
 def test_levels_lie_behind_their_texture():
