@@ -314,6 +314,14 @@ def test_explain_in_the_figures_as_json(tmp_path, capsys):
 
 
 @needs_device
+@pytest.mark.long
+def test_explain_each_tells_what_each_costs_alone(tmp_path, capsys):
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain-each")
+    assert code == 0
+    assert out.count("on alone it costs") == out.count("left out: ") > 5
+
+
+@needs_device
 def test_images_that_differ_are_an_exit_code(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(explaining, "same_bits", lambda *_: False)
     assert run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")[0] == commands.FAILED

@@ -90,7 +90,8 @@ class Explanation:
         return self.identical
 
     def _saved(self, other: Side) -> str:
-        return f"{other.extra.median:.2f} ms and {(other.bytes - self.lean.bytes) / 1e6:.2f} MB"
+        low, middle, high = other.extra
+        return f"{middle:.2f} ms ({low:.2f} to {high:.2f}) and {(other.bytes - self.lean.bytes) / 1e6:.2f} MB"
 
     def lines(self) -> list[str]:
         """What was found, for the terminal."""
@@ -108,13 +109,13 @@ class Explanation:
         ]
         if not self.frames:
             return [*out, "saved: nothing, everything is needed", *ending]
-        lean, full, extra = self.lean.ms, self.full.ms, self.full.extra
+        lean, full = self.lean.ms, self.full.ms
         names = [name for name in {**lean, **full} if name != "frame"]
         stages = ", ".join(f"{name} {lean.get(name, 0.0):.2f} ({full.get(name, 0.0):.2f})" for name in names)
         return [
             *out,
-            f"saved: {self._saved(self.full)} against everything on (half of the frames {extra.low:.2f} to "
-            f"{extra.high:.2f} ms), medians of {self.frames} frames each, in turns",
+            f"saved: {self._saved(self.full)} against everything on: medians of {self.frames} frames each, in turns, and "
+            "between what half of them lie",
             f"frame {lean['frame']:.2f} ms instead of {full['frame']:.2f} ms, {full['frame'] / lean['frame']:.2f} times "
             f"as fast; {self.lean.bytes / 1e6:.2f} MB instead of {self.full.bytes / 1e6:.2f} MB",
             *([f"stages, in ms (with everything on): {stages}"] if stages else []),
