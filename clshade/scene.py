@@ -146,7 +146,8 @@ class Mesh:
     colors: (V, 3) linear RGB per vertex, or None for white.
     normals: (K, 3) directions of any length, or None to compute them from the faces (`geometry.vertex_normals`).
     normal_faces: (F, 3) indices into normals, or None for `faces`.
-    uvs: (T, 2) texture coordinates, v = 0 at row 0 of the texture's image, or None.
+    uvs: (T, 2) texture coordinates, v = 0 at row 0 of the texture's image, or None. What is NaN or infinite counts as 0,
+        what is beyond 2^40 as that.
     uv_faces: (F, 3) indices into uvs, or None for `faces`.
     instances: (K, 4, 4) affine placements, object to world, column vectors; default one identity.
     nonfinite: what a vertex that is NaN or infinite means: `refuse` the mesh, or `drop` the triangles that use it. A
@@ -179,7 +180,6 @@ class Mesh:
         if colors is not None and len(colors) != len(verts):
             raise refuse(who, "colors", f"one row per vertex ({len(verts)})", colors)
         normals = None if self.normals is None else rows(who, "normals", self.normals, 3)
-        # A texture coordinate that is NaN or infinite gives a defined texel (texel 0): accepted.
         uvs = None if self.uvs is None else rows(who, "uvs", self.uvs, 2, finite=False)
         set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs)
         for name, attribute in (("normal", normals), ("uv", uvs)):

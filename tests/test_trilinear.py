@@ -118,9 +118,13 @@ def test_whole_levels_are_exact(device):
 
 
 def test_undefined_and_endless_slopes(device):
-    """Of NaN, of infinity and of 1e30 the last level; of 0 and what squares to nothing level 0."""
+    """Of NaN, of infinity and of 1e30 the last level; of 0 and what squares to nothing level 0. So in the oracle."""
     for value, level in ((np.nan, LAST), (np.inf, LAST), (1e30, LAST), (-1e30, LAST), (0.0, 0), (1e-30, 0)):
-        assert details(device, np.full((1, 4), value)).tolist() == [[level, 0.0]]
+        for count in (1, 4):  # of the four, the last ones
+            slopes = np.zeros((1, 4))
+            slopes[:, -count:] = value
+            assert details(device, slopes).tolist() == [[level, 0.0]]
+            assert reference.level_of_detail(slopes[:, :2], slopes[:, 2:], SIZE, LAST).tolist() == [level]
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
@@ -194,6 +198,22 @@ def floor(repeats: float, image: np.ndarray, resolution: tuple[int, int] = (61, 
     mesh = Mesh(corners, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image)))
     camera = Camera((0, 0, 3.0), (0.1, -0.1, 0), (0.02, 1, 0), 1.0, (1.0, resolution[0] / resolution[1]), resolution)
     return Scene((mesh,), camera)
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1e30, 1e300])
+def test_a_texture_coordinate_beyond_all_texels(device, value):
+    """At one corner. Undefined it counts as 0 there; huge, with 2^40 textures from corner to corner, every pixel has the
+    last level's one texel."""
+    uvs = UNIT.copy()
+    uvs[2, 0] = value
+    material = Material(texture=Texture(noise(37, 53)))
+    scene = lit.scene_of(Mesh(CORNERS, QUAD, uvs=uvs, material=material))
+    frame = draw(device, scene)
+    assert_equals_oracle(frame)
+    colors = np.unique(frame.rgb[frame.alpha > 0], axis=0)
+    assert (len(colors) == 1) == (value >= 1e30)
+    uvs[2, 0] = 2.0**40 if value >= 1e30 else 0.0
+    assert same_bits(frame, draw(device, replace(scene, meshes=(replace(scene.meshes[0], uvs=uvs),))))
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

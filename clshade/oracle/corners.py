@@ -13,13 +13,15 @@ from .texture import bilerp, brightest, levels, trilinear
 from .transform import world_vertices
 from .vectors import Array
 
+MOST_UV = 2.0**40  # whole numbers beyond 2^24 have no texel of their own left in float32
+
 
 @dataclass(frozen=True, eq=False)
 class Corners:
     """What the corners of each face carry. F faces.
 
     world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. colors: (F, 3, 3) vertex colors, white where
-    the mesh has none. uvs: (F, 3, 2), 0 where the mesh has none. mesh: (F,) index into scene.meshes.
+    the mesh has none. uvs: (F, 3, 2), `held`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
     world: Array
@@ -41,6 +43,11 @@ def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Ar
     return verts[mesh.faces], normals
 
 
+def held(uvs: Array) -> Array:
+    """Texture coordinates as they count, float64: those that are NaN or infinite as 0, and none beyond MOST_UV."""
+    return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
+
+
 def gather(scene: Scene) -> Corners:
     """All faces of a scene, instances placed. Scenes of the preset `course` have their normals computed always."""
     world, normals, colors, uvs, owner = [], [], [], [], []
@@ -50,7 +57,7 @@ def gather(scene: Scene) -> Corners:
         if mesh.uvs is None:
             mesh_uvs = np.zeros((count, 3, 2))
         else:
-            mesh_uvs = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces].astype(np.float64)
+            mesh_uvs = held(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors turns the corners' order round: what was the front stays the front.

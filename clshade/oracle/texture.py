@@ -97,11 +97,11 @@ def level_of_detail(right: Array, up: Array, size: tuple[int, int], last: int) -
     """lambda (...) of OpenGL 4.6, section 8.14, held to the levels 0 to `last`.
 
     right, up: (..., 2) by how much u and v change from pixel to pixel. size: columns and rows of the image.
-    rho, the larger of the two distances in texels, is what a pixel spans; lambda is log2(rho).
+    rho, the larger of the two distances in texels, is what a pixel spans; lambda is log2(rho). Where one is NaN or infinite
+    the last level is right: of changes beyond all numbers, the mean of the texture.
     """
     rho = np.maximum(np.hypot(*np.moveaxis(right * size, -1, 0)), np.hypot(*np.moveaxis(up * size, -1, 0)))
-    rho = np.where(np.isfinite(rho), np.clip(rho, 1.0, 2.0**last), 1.0)
-    return np.log2(rho)
+    return np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last))
 
 
 def trilinear(uv: Array, right: Array, up: Array, mipmap: list[Array], wrap: tuple[str, str]) -> tuple[Array, Array]:
