@@ -41,18 +41,23 @@ def within_budget(priced: Sequence[P], budget: float) -> P:
     return affordable[-1]
 
 
-def within_tolerance(priced: Sequence[P], tolerance: float) -> P:
-    """The fastest whose error is at most `tolerance`. Raises InputError, naming the most exact, where none is."""
+def within_tolerance(priced: Sequence[P], tolerance: float, known: float = 0.0) -> P:
+    """The fastest whose error is at most `tolerance`. Raises InputError, naming the most exact, where none is, and where
+    the errors are not known so well: only to within `known`."""
+    best = min(priced, key=lambda p: p.error)
+    if tolerance < known:
+        expected = f"at least {known:.3g}, which is what the reference is good to (the best, {best.name}, has"
+        raise InputError(f"--tolerance: expected {expected} {best.error:.3g}), found {tolerance:g}")
     exact = [each for each in front(priced) if each.error <= tolerance]
     if not exact:
-        best = min(priced, key=lambda p: p.error)
         expected = f"an error that some variant reaches: the best, {best.name}, has {best.error:.3g}"
         raise InputError(f"--tolerance: expected {expected}, found {tolerance:g}")
     return exact[0]
 
 
-def chosen(priced: Sequence[P], budget: float | None, tolerance: float | None) -> P | None:
-    """By whichever of the two is given; None where neither is. Raises InputError as `within_...` do."""
+def chosen(priced: Sequence[P], budget: float | None, tolerance: float | None, known: float) -> P | None:
+    """By whichever of the two is given; None where neither is. known: how well the errors are. Raises InputError as
+    `within_...` do."""
     if budget is not None:
         return within_budget(priced, budget)
-    return None if tolerance is None else within_tolerance(priced, tolerance)
+    return None if tolerance is None else within_tolerance(priced, tolerance, known)

@@ -50,7 +50,7 @@ def run(
     found = study(scene, opened, variants, frames)
     used, unkept = None, None
     try:
-        used = chosen(found.measured, budget, tolerance)
+        used = chosen(found.measured, budget, tolerance, found.reference.error)
     except InputError as error:
         unkept = error
     print("\n".join(report_tables.lines(found)), file=stream)

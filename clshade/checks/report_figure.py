@@ -94,7 +94,9 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
         low, median, high = each.frame_ms
         color = figures.OURS if each in best else figures.OTHER
         axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=color, lw=0.8)
-    axes.axhline(study.reference.error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error is below")
+    axes.axhline(
+        study.reference.error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error, estimated"
+    )
     axes.set(xscale="log", yscale="log", xlabel="time of a frame, ms", ylabel="RMSE against the reference")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))

@@ -73,7 +73,7 @@ def select(
     with ExitStack() as stack:
         tried = draw(scene, candidates, base, opened, converged, stack)
         measured = timed(worth_timing(tried, budget, tolerance), FRAMES, checked=False)
-    used = chosen(measured, budget, tolerance)
+    used = chosen(measured, budget, tolerance, converged.error)
     assert used is not None, "either budget or tolerance"
     names = tuple(each.variant.name for each in tried)
     return Selection(used, used.variant.settings(base), names, converged, time.perf_counter() - start)

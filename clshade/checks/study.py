@@ -40,15 +40,17 @@ class Study:
 
     def sampling(self) -> dict[str, tuple[float, float]]:
         """Of samples shaded once and each: the fitted power of their number by which the RMSE falls, and how many times
-        as large as with most samples it is with one. Empty without the variants that tell."""
+        as large as with most samples it is with one. Without errors that the reference is not good enough for; empty
+        without the variants that tell."""
         found = {}
         for family in FAMILIES:
             errors = {
                 each.variant.changes.get("samples", 1): each.error
                 for each in self.measured
                 if each.name == BASE or each.name.startswith(family)
+                if each.error > self.reference.error
             }
-            if len(errors) > 2 and 1 in errors and all(errors.values()):
+            if len(errors) > 2 and 1 in errors:
                 counts = sorted(errors)
                 slope = loglog_slope(counts, [errors[count] for count in counts])
                 found[family.rstrip("-")] = slope, errors[1] / errors[counts[-1]]
@@ -67,7 +69,7 @@ class Study:
             "resolution": self.scene.camera.resolution,
             "device": self.device,
             "machine": self.machine,
-            "reference": {"samples": self.reference.samples, "error_below": self.reference.error},
+            "reference": {"samples": self.reference.samples, "estimated_error": self.reference.error},
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
             "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
