@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade import layout
+from clshade import layout, scene
 from kernels import Probe
 
 
@@ -49,6 +49,10 @@ def test_sizes_and_offsets(probes, kind, name):
 def test_constants(probes):
     """As float32, which holds every one of them exactly."""
     assert single(probes[0], "constants", len(layout.CONSTANTS), np.float32) == list(layout.CONSTANTS.values())
+
+
+def test_settings_allow_as_many_samples_as_the_structs_hold():
+    assert scene.MAX_SAMPLES == layout.MOST_SAMPLES
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
