@@ -35,9 +35,11 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
     """Whether a finished queue leaves host memory given to a buffer up to date, both ways, without mapping it.
 
     OpenCL promises it for mapped memory only; on a CPU it is so where the runtime works in that memory itself. Found
-    out by trying, because each mapping of a small table costs as much as a small kernel.
+    out by trying, because each mapping of a small table costs as much as a small kernel: with memory that begins where
+    NumPy's may, at a multiple of 16 bytes and not of more.
     """
-    array = np.zeros(1024, np.uint32)
+    array = _aligned((4 + 1024,), np.dtype(np.uint32))[4:]
+    array[:] = 0
     memory = cl.Buffer(context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=array)
     cl.enqueue_fill_buffer(queue, memory, np.uint32(7), 0, array.nbytes)
     queue.finish()
@@ -66,7 +68,7 @@ class Buffer:
         self._queue = device.queue
         self._shared = device.is_cpu and _coherent(device.context, device.queue)
         array = np.ascontiguousarray(array)
-        if array.dtype == np.float64 and array.shape[-1] == 4 and array.ctypes.data % _ALIGNMENT:
+        if array.dtype == np.float64 and array.ctypes.data % _ALIGNMENT:
             array, given = _aligned(array.shape, array.dtype), array
             array[:] = given
         self.array = array

@@ -10,6 +10,7 @@ import threading
 from dataclasses import replace
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from processes import PEAK
 
@@ -20,11 +21,36 @@ from clshade.errors import ClshadeError, DeviceError, InputError
 from clshade.memory import Pool
 from clshade.renderer import Renderer
 from clshade.scene import Mesh, Scene
-from clshade.stages import Stages
+from clshade.stages import Buffer, Stages, _aligned
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
 TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
 SCENE = Scene((TRIANGLE,), CAMERA)
+
+
+@pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])
+def test_float64_in_a_buffer_is_aligned(device, shape):
+    """Kernels read four float64 at once, whatever the array's rows hold; NumPy aligns to 16 bytes."""
+    count = int(np.prod(shape))
+    given = _aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
+    given[:] = np.arange(count).reshape(shape)
+    assert given.ctypes.data % 64 == 16
+    buffer = Buffer(device, given)
+    assert buffer.array.ctypes.data % 64 == 0
+    assert np.array_equal(buffer.to_host(), given)
+
+
+def test_memory_that_is_hardly_aligned_is_shared_as_other_is(device):
+    """What the host writes the device sees, and the reverse, in arrays at multiples of 16 bytes alone."""
+    given = _aligned((4 + 1000,), np.dtype(np.uint32))[4:]
+    given[:] = 5
+    buffer = Buffer(device, given)
+    with buffer.writing() as rows:
+        rows[:] = np.arange(1000)
+    cl.enqueue_copy(device.queue, seen := np.zeros(1000, np.uint32), buffer.memory)
+    assert np.array_equal(seen, np.arange(1000))
+    cl.enqueue_fill_buffer(device.queue, buffer.memory, np.uint32(9), 0, given.nbytes)
+    assert (buffer.to_host() == 9).all()
 
 
 def test_a_closed_renderer_says_so_and_its_frames_stay(device):
