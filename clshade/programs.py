@@ -21,7 +21,7 @@ from .errors import ClshadeError, DeviceError
 from .features import Features
 from .layout import header
 
-# Exact division and square root where the device has them optional; contraction is set by a pragma in every source.
+# Exact division and square root where the device has them optional; contraction is off by a pragma in every source.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
@@ -108,9 +108,8 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     double = bool(features["DOUBLE"])
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
-    contraction = "ON" if features["FAST"] else "OFF"
     declared = header(double_reals=double, with_double=device.has_fp64)
-    source = f"#pragma OPENCL FP_CONTRACT {contraction}\n{declared}{flat}"
+    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}"
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)

@@ -218,6 +218,7 @@ class Renderer:
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
             image["unlit"] = self.settings.shader == "nolight"
+            image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
                 image["background"] = packing.to_real(self.scene.background, self._structs.real)
             image["unscale"] = packing.to_real(np.float64(1.0) / self._scale, self._structs.real)

@@ -293,13 +293,15 @@ class Settings:
     cull: leave out triangles that are seen from behind (clockwise in the image).
     near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
     precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
-        and contracted operations, right to about 1e-5. `float64`: the image is float64 then; not every device has it.
+        and plain texture coordinates, right to about 3e-5, the same bits too. `float64`: the image is float64 then; not
+        every device has it.
     samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
         pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Z and id
         are those of the place nearest the center.
     sample_shading: light every sample.
     resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
-        bright samples from standing out but makes edges of bright surfaces darker than they are.
+        bright samples from standing out but makes edges of bright surfaces darker than they are. Without a background
+        the covered samples are weighed against each other, and their mean is premultiplied.
     """
 
     shader: str = "phong"

@@ -258,6 +258,27 @@ def test_weighted_keeps_bright_samples_from_standing_out(device):
     assert weighted == pytest.approx(1000.0 / 1001.0 / (1.0 / 1001.0 + 1.0), rel=1e-5)
 
 
+def test_weighted_over_nothing_is_premultiplied(device):
+    """One color stays itself, however bright: only the share of it changes."""
+    points, faces = star()
+    scene = replace(flat(points, faces, material=Material(color=100.0)), background=None)
+    frame = draw(device, scene, shader="nolight", samples=16, resolve="weighted")
+    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    assert np.allclose(frame.rgb, 100.0 * frame.alpha[..., None], rtol=1e-5)
+
+
+def test_pixels_with_a_saturated_sample_are_counted(device):
+    """Two lights beyond float32 on one half of a pixel: its mean is not the largest number, but it is counted."""
+    points, faces = star()
+    material = Material(ka=0.0, kd=1.0, ks=0.0, color=3e38)
+    scene = replace(
+        flat(points, faces, material=material), lights=(clshade.PointLight((30, 23, -50), (10.0, 10.0, 10.0)),)
+    )
+    for options in ({}, {"resolve": "weighted"}):
+        frame = draw(device, scene, samples=8, **options)
+        assert frame.stats["saturated"] == np.count_nonzero(frame.alpha)
+
+
 def test_the_brightest_colors_stay_finite(device):
     most = float(np.finfo(np.float32).max)
     points, faces = star()

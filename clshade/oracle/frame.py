@@ -27,7 +27,7 @@ Drawn = Callable[[Array, Array], Iterator[tuple[Array, Array, Array]]]
 class OracleFrame:
     """The image and what its error is measured by. Leading axes (M, N), row 0 at the TOP; float64 unless stated.
 
-    rgb: (M, N, 3) linear, over the background. alpha: (M, N) 1 where covered, else 0.
+    rgb: (M, N, 3) linear, over the background. alpha: (M, N) share of the samples covered.
     id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
     budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
         its own absolute value.
@@ -244,6 +244,10 @@ def _resolved(
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
         rgb[lit] += weight[:, None] * part.rgb
+    alpha = (owner >= 0).sum(axis=0) / len(views)
+    if settings.resolve == "weighted" and scene.background is None:
+        # Nothing has no color to be weighed: the mean of what is covered, premultiplied.
+        whole = np.where(alpha > 0.0, (whole - weights[0]) / np.maximum(alpha, 1e-9), 1.0)
     rgb /= whole[:, None]
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         most = part.budget
@@ -256,7 +260,6 @@ def _resolved(
         for name, worst in measures.items():
             worst[lit] = np.maximum(worst[lit], getattr(part, name))
     nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
-    alpha = (owner >= 0).sum(axis=0) / len(views)
     return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, **measures)
 
 
