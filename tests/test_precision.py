@@ -112,6 +112,18 @@ def test_built_in_scenes(device, name, precision, shader):
     assert not np.array_equal(frame.rgb, alone.rgb)
 
 
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
+    """Cut along different diagonals, so that the depths of a pixel differ by roundings alone."""
+    corners = np.array([[-1.0, -1.0, 0.3], [1.0, -1.0, -0.2], [1.0, 1.0, -0.3], [-1.0, 1.0, 0.2]])
+    meshes = [Mesh(corners, faces) for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])]
+    scene = Scene(tuple(meshes), CAMERA.with_resolution((160, 120)), LIGHTS)
+    for samples in (1, 4):
+        frame = draw(device, scene, precision=precision, samples=samples)
+        assert frame.alpha.any()
+        assert set(np.unique(frame["id"])) <= {0, 3, 4}
+
+
 def lit(n: float) -> Scene:
     mesh = replace(blob(), material=replace(MATERIAL, n=n))
     return Scene((mesh,), CAMERA.with_resolution(RESOLUTION), LIGHTS)
