@@ -201,7 +201,7 @@ def test_without_layers_coverage_and_colors_are_checked():
 
 
 @pytest.mark.parametrize("layers", [LAYERS, ()])
-@pytest.mark.parametrize(("apart", "tied"), [(1e-7, True), (1e-3, False)])
+@pytest.mark.parametrize(("apart", "tied"), [(1e-12, True), (1e-7, False)])
 def test_either_of_two_faces_at_one_depth_may_own_a_pixel(layers, apart, tied):
     frame = frame_of(two_cards(apart), Settings(layers=layers))
     assert clshade.check(frame, "all").passed

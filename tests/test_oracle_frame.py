@@ -338,17 +338,21 @@ def test_comparators_find_planted_errors(case, message, plant):
         compare.assert_frame(frame, *case)
 
 
-def test_depth_ties_are_excepted_only_with_proof():
-    scene = Scene((quad(), quad(z=-1e-7), quad(z=-0.01)), CAMERA)
-    settings = Settings()
+@pytest.mark.parametrize(
+    ("precision", "near", "far"), [("float32", 1e-12, 3e-11), ("float64", 1e-12, 3e-11), ("fast", 1e-6, 1e-5)]
+)
+def test_depth_ties_are_excepted_only_with_proof(precision, near, far):
+    """The eye is 4 away: 2^-38 of it is 1.5e-11, 17 * 2^-24 are 4.1e-6."""
+    scene = Scene((quad(), quad(z=-near), quad(z=-far)), CAMERA)
+    settings = Settings(precision=precision)
     expected = oracle.render(scene, settings)
     frame = rounded(expected)
     at = np.nonzero(expected.id == 1)
-    frame.layers["id"][at[0][:5], at[1][:5]] = 3  # the twin 1e-7 behind: half a float32 ulp of 4
+    frame.layers["id"][at[0][:5], at[1][:5]] = 3  # the twin just behind
     assert compare.assert_same_ids(frame, expected, scene, settings).sum() == 5
     with pytest.raises(AssertionError, match="ids differ: 5"):
         compare.assert_same_ids(frame, expected, scene, replace(settings, visibility="painter"))
-    frame.layers["id"][at[0][7], at[1][7]] = 5  # 0.01 behind
+    frame.layers["id"][at[0][7], at[1][7]] = 5  # the one farther behind
     with pytest.raises(AssertionError, match="ids differ: 1 of"):
         compare.assert_same_ids(frame, expected, scene, settings)
 

@@ -17,7 +17,10 @@ from ..scene import Scene, Settings
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # below it a device may flush to zero
-DEPTH_TIE_ULP = 4  # two faces whose depths are this close may own the pixel either way
+# Two faces whose depths are this close, relative, may own the pixel either way. Kernels take 1/depths for equal that are
+# within 2^-40 as pairs, which are right to 2^-43, so that an owner is at most 1.25 * 2^-40 behind the nearest face; 2^-38
+# for chains of three such. fast has no pairs: two 1/depths, each right to 8 roundings, and one of their difference.
+DEPTH_TIE = {"float32": 2.0**-38, "fast": 17 * HALF_ULP, "float64": 2.0**-38}
 # Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
 # with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
 DEPTH_ROUNDINGS = 8
@@ -46,11 +49,11 @@ def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, fini
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 
 
-def tied(first: np.ndarray, second: np.ndarray, ulp: int = DEPTH_TIE_ULP) -> np.ndarray:
-    """Are two finite depths within `ulp` float32 ulp of the larger?"""
-    with np.errstate(invalid="ignore", over="ignore"):
-        spacing = np.spacing(np.maximum(np.abs(first), np.abs(second)).astype(np.float32)).astype(np.float64)
-        return np.isfinite(first) & np.isfinite(second) & (np.abs(first - second) <= ulp * spacing)
+def tied(first: np.ndarray, second: np.ndarray, precision: str = "float32") -> np.ndarray:
+    """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
+    with np.errstate(invalid="ignore"):
+        close = np.abs(first - second) <= DEPTH_TIE[precision] * np.maximum(np.abs(first), np.abs(second))
+        return np.isfinite(first) & np.isfinite(second) & close
 
 
 def different_ids(
@@ -62,7 +65,7 @@ def different_ids(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
 
-    With visibility `depth` a pixel may have another owner where both faces cover it at depths within 4 float32 ulp.
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
     where: rows and columns of the pixels that `ids` and `oracle` hold, if these are not the whole image.
     """
     different = ids != oracle.id
@@ -74,14 +77,14 @@ def different_ids(
     pixels = at if where is None else tuple(index[at] for index in where)
     depths = [depth_at(scene, settings, face, *pixels) for face in faces]
     unproven = np.zeros_like(different)
-    unproven[at] = ~tied(depths[0], depths[1])
+    unproven[at] = ~tied(depths[0], depths[1], settings.precision)
     return different, unproven
 
 
 def depth_ties(
     scene: Scene, settings: Settings, suspects: np.ndarray, where: tuple[np.ndarray, np.ndarray] | None = None
 ) -> np.ndarray:
-    """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within 4 float32 ulp; same shape.
+    """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within DEPTH_TIE; same shape.
 
     where: rows and columns of the pixels, if these are not the whole image.
     """
@@ -90,7 +93,7 @@ def depth_ties(
     if settings.visibility == "depth" and len(at[0]):
         pixels = at if where is None else tuple(index[at] for index in where)
         depths = nearest_depths(scene, settings, *pixels)
-        ties[at] = tied(depths[:, 0], depths[:, 1]).any(axis=0)
+        ties[at] = tied(depths[:, 0], depths[:, 1], settings.precision).any(axis=0)
     return ties
 
 
@@ -99,7 +102,7 @@ def assert_same_ids(
 ) -> np.ndarray:
     """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
 
-    With visibility `depth` a pixel may have another owner where both faces cover it at depths within 4 float32 ulp.
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
     """
     ids, expected = frame["id"], oracle.id
     assert_array("id", ids, expected.shape, np.uint32)
