@@ -54,6 +54,11 @@ class Device:
     setup_run: int
     profiling: bool
 
+    @property
+    def title(self) -> str:
+        """Platform and name."""
+        return f"{self.platform}: {self.name}"
+
 
 # Finding
 

@@ -398,7 +398,7 @@ class Renderer:
             "features": self.features.used,
             "left_out": dict(self.features.left_out),
             "ignored": ignored(self.scene, self.settings),
-            "device": f"{self.device.platform}: {self.device.name}",
+            "device": self.device.title,
             "lanes": self.stages.lanes,
             "bytes": {
                 "scene": self._scene_bytes,

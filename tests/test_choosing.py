@@ -49,13 +49,13 @@ def test_the_limits_are_kept_and_nothing_better_keeps_them(some, limit):
         used = within_budget(some, limit)
         assert used in affordable
         assert used.error == min(each.error for each in affordable)
-        assert chosen(some, limit, None) == used
+        assert chosen(some, limit, None, 9.0) == used
     if exact:
         used = within_tolerance(some, limit)
         assert used in exact
         assert used.cost == min(each.cost for each in exact)
-        assert chosen(some, None, limit) == used
-    assert chosen(some, None, None) is None
+        assert chosen(some, None, limit, limit) == used
+    assert chosen(some, None, None, 0.0) is None
 
 
 def test_limits_that_nothing_keeps_name_the_best():
@@ -64,6 +64,15 @@ def test_limits_that_nothing_keeps_name_the_best():
         within_budget(some, 1.5)
     with pytest.raises(InputError, match=r"--tolerance: .*the best, slow, has 0\.001, found 0\.0001"):
         within_tolerance(some, 1e-4)
+
+
+def test_a_tolerance_below_what_is_known_is_refused():
+    """Though some error that was measured is less."""
+    some = [Priced("slow", 9.0, 0.001), Priced("quick", 2.0, 0.1)]
+    assert within_tolerance(some, 0.01, 0.01).name == "slow"
+    expected = r"--tolerance: expected at least 0\.02, which is .*the best, slow, has 0\.001\), found 0\.01"
+    with pytest.raises(InputError, match=expected):
+        within_tolerance(some, 0.01, 0.02)
 
 
 @pytest.mark.parametrize(

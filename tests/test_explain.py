@@ -171,9 +171,7 @@ def test_what_is_left_out_and_what_it_saves(device):
     assert found.full.bytes - found.lean.bytes >= 61 * 47 * 4  # the owners, at least
     assert set(found.lean.ms) == set(found.full.ms) >= {"frame", "sort"}
     assert found.lean.extra == (0.0, 0.0, 0.0)
-    low, middle, high = found.full.extra
-    assert low <= middle <= high
-    assert abs(middle) < found.lean.ms["frame"] + found.full.ms["frame"]
+    assert found.full.extra.low != 0.0
     text = "\n".join(found.lines())
     assert "highlights (SPECULAR): ks is 0" in text
     assert "the same bits" in text

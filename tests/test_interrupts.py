@@ -84,7 +84,7 @@ def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, ho
     sent = time.perf_counter()
     process.send_signal(signal.SIGINT)
     assert finish(process) == (130, "clshade: interrupted\n")
-    assert time.perf_counter() - sent < 5.0
+    assert time.perf_counter() - sent < 15.0
     assert_kept(folder)
     assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
 
@@ -95,7 +95,7 @@ def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
     sent = time.perf_counter()
     process.send_signal(signal.SIGINT)
     assert finish(process) == (130, "clshade: interrupted\n")
-    assert time.perf_counter() - sent < 5.0
+    assert time.perf_counter() - sent < 15.0
     assert_kept(folder)
 
 

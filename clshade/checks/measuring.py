@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,7 +14,6 @@ from ..device import Device
 from ..frame import Frame
 from ..renderer import Renderer
 from ..scene import Scene, Settings
-from ..validation import Array
 from .checking import Check, check
 from .image_errors import ImageError, image_error
 from .reference import Reference
@@ -28,21 +27,20 @@ STEP = 0.05  # degrees that the camera goes on from frame to frame
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A variant on one scene and device.
+    """A variant on one scene and device. settings: that it was drawn with.
 
     frame_ms: of frames of the scene that stays on the device. build_ms, upload_ms: before the first of them: programs
     built or loaded from the cache, and the scene packed and uploaded.
-    arithmetic: against the float64 oracle with the same settings, if it was looked at. approximation: against the reference.
-    rgb: the image, (M, N, 3).
+    arithmetic: against the float64 oracle with the same settings. approximation: against the reference.
     """
 
     variant: Variant
+    settings: Settings
     frame_ms: Spread
     build_ms: float
     upload_ms: float
-    arithmetic: Check | None
+    arithmetic: Check
     approximation: ImageError
-    rgb: Array = field(repr=False)
 
     @property
     def name(self) -> str:
@@ -67,64 +65,57 @@ class Measured:
             "frame_ms": self.frame_ms._asdict(),
             "build_ms": self.build_ms,
             "upload_ms": self.upload_ms,
-            "arithmetic": self.arithmetic and self.arithmetic.stats(),
+            "arithmetic": self.arithmetic.stats(),
             "approximation": self.approximation.stats(),
         }
 
 
-class Drawn(NamedTuple):
-    """A variant whose first frame is drawn; renderer: which will draw others of it."""
+class _Drawn(NamedTuple):
+    """A variant whose first frame is drawn; its image is gone: those of all variants may be too many."""
 
     variant: Variant
     renderer: Renderer
-    image: Frame
+    build_ms: float
+    upload_ms: float
+    arithmetic: Check
     approximation: ImageError
-
-    def frame_ms(self, camera: Camera | None = None) -> float:
-        """Milliseconds of one more frame. The first would be none to go by: runtimes may compile at it."""
-        return self.renderer.render(camera=camera).stats["times_ms"]["frame"]
-
-
-def draw(
-    scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, stack: ExitStack
-) -> list[Drawn]:
-    """The variants' images. base: what the variants change. stack: closes the renderers."""
-    found = []
-    for variant in variants:
-        renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
-        image = renderer.render()
-        found.append(Drawn(variant, renderer, image, image_error(image.rgb, reference.rgb)))
-    return found
-
-
-def timed(drawn: Sequence[Drawn], frames: int, *, checked: bool = True) -> list[Measured]:
-    """Times of further frames, drawn in turns while the camera moves; the variants that were drawn, measured.
-
-    frames: of each; fewer where all of them take more than SECONDS. checked: whether the arithmetic is looked at too.
-    """
-    if not drawn:
-        return []
-    cameras = [viewpoint.moved(drawn[0].image.scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
-    turns = in_turns([partial(_next, each, cameras) for each in drawn], frames, SECONDS)
-    found = []
-    for each, ms in zip(drawn, zip(*turns, strict=True), strict=True):
-        image, once = each.image, each.image.stats["times_ms"]
-        arithmetic = check(image, _pixels_to_check(image)) if checked else None
-        costs = spread(ms), once["build"], once["pack"] + once["upload"]
-        found.append(Measured(each.variant, *costs, arithmetic, each.approximation, image.rgb))
-    return found
-
-
-def _next(drawn: Drawn, cameras: Sequence[Camera], number: int) -> float:
-    return drawn.frame_ms(cameras[number])
 
 
 def measure(
     scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, *, frames: int
 ) -> list[Measured]:
-    """The costs and both errors of all variants; see `draw` and `timed`."""
+    """The costs and both errors of all variants. base: what they change. frames: timed of each; see `frame_times`."""
     with ExitStack() as stack:
-        return timed(draw(scene, variants, base, device, reference, stack), frames)
+        drawn = []
+        for variant in variants:
+            renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
+            image = renderer.render()
+            once = image.stats["times_ms"]
+            errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
+            drawn.append(_Drawn(variant, renderer, once["build"], once["pack"] + once["upload"], *errors))
+        times = frame_times([each.renderer for each in drawn], frames)
+        return [
+            Measured(each.variant, each.renderer.settings, ms, *each[2:]) for each, ms in zip(drawn, times, strict=True)
+        ]
+
+
+def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
+    """Milliseconds of each renderer's frames, drawn in turns while the camera moves. Each must have drawn one before:
+    runtimes may compile at it. frames: of each; fewer where all of them take more than SECONDS."""
+    if not renderers:
+        return []
+    cameras = [viewpoint.moved(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+    turns = in_turns([partial(_next_ms, each, cameras) for each in renderers], frames, SECONDS)
+    return [spread(ms) for ms in zip(*turns, strict=True)]
+
+
+def _next_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> float:
+    return frame_ms(renderer, cameras[number])
+
+
+def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
+    """Milliseconds of one frame."""
+    return renderer.render(camera=camera).stats["times_ms"]["frame"]
 
 
 def _pixels_to_check(image: Frame) -> int | str:

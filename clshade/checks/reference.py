@@ -48,6 +48,10 @@ class Reference:
             f"{self.error:.2g}, half of what an image of a quarter of the samples is away"
         )
 
+    def stats(self) -> dict[str, float]:
+        """The figures, as JSON takes them."""
+        return {"samples": self.samples, "estimated_error": self.error}
+
 
 def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[str] = ()) -> Reference:
     """As many samples as MOST allows, 256 a pixel at most and 4 at least.

@@ -61,5 +61,5 @@ def run(
     if unkept is not None:
         raise unkept
     if used is not None:
-        print(report_tables.used_line(used), file=stream)
-    return all(report_tables.checked(each).passed for each in found.measured)
+        print(report_tables.used_line(used, found.scene), file=stream)
+    return all(each.arithmetic.passed for each in found.measured)

@@ -12,13 +12,12 @@ from ..tonemap import tonemap
 from ..validation import Array
 from . import figures
 from .labels import label_points
-from .measuring import Measured
-from .study import Study
+from .study import SHOWN, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PICTURES = 5  # the reference and four differences
+PICTURES = 1 + SHOWN  # the reference and differences to it
 LEAST, MOST = 1e-3, 1.0  # differences from black to the brightest color
 
 
@@ -38,9 +37,11 @@ def plot(study: Study, path: Path) -> None:
     pictures[0].imshow(tonemap(study.reference.rgb, default_tonemap(study.scene)))
     pictures[0].set_title("reference", fontsize=9)
     shown = None
-    for axes, each in zip(pictures[1:], shown_differences(study), strict=False):
-        shown = axes.imshow(difference(each, study), cmap="magma", norm=LogNorm(LEAST, MOST, clip=True))
-        axes.set_title(f"{each.name}, off by", fontsize=9)
+    for axes, (name, picture) in zip(pictures[1:], study.pictures.items(), strict=False):
+        shown = axes.imshow(
+            difference(picture, study.reference.rgb), cmap="magma", norm=LogNorm(LEAST, MOST, clip=True)
+        )
+        axes.set_title(f"{name}, off by", fontsize=9)
     if shown is not None:
         figure.colorbar(shown, ax=pictures, shrink=0.8, pad=0.01, aspect=12)
     figure.suptitle(f"Error against run time: {study.title}\n{study.device}\n{study.machine}", fontsize=9)
@@ -55,18 +56,10 @@ def plot(study: Study, path: Path) -> None:
     figures.save(figure, path, colors=256)
 
 
-def difference(each: Measured, study: Study) -> Array:
-    """(M, N) largest difference of a channel to the reference, not below LEAST."""
-    apart = np.abs(np.asarray(each.rgb, np.float64) - study.reference.rgb).max(axis=2)
+def difference(picture: Array, reference: Array) -> Array:
+    """(M, N) largest difference of a channel, not below LEAST."""
+    apart = np.abs(np.asarray(picture, np.float64) - reference).max(axis=2)
     return np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
-
-
-def shown_differences(study: Study) -> list[Measured]:
-    """The first variant, the ends of the Pareto front and what is in its middle: four that differ, fastest first."""
-    best = study.front
-    middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
-    picked = [study.measured[0], best[0], best[-1], *middle, *study.measured]
-    return sorted(list(dict.fromkeys(picked))[: PICTURES - 1], key=lambda each: each.cost)
 
 
 def _drawn(study: Study) -> list[float]:

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 from .. import atomic
+from ..scene import PRESETS, Scene, Settings
 from . import tables
-from .checking import Check
 from .image_errors import has_flip
 from .measuring import Measured
 from .study import Study
-from .tables import figure
+from .tables import digits
 
 VARIANTS = (
     *("variant", "ms", "half of them", "RMSE", "relMSE", "PSNR", "FLIP"),
@@ -22,28 +22,21 @@ NO_FLIP = (
 )
 
 
-def checked(each: Measured) -> Check:
-    """A study looks at the arithmetic of every variant."""
-    assert each.arithmetic is not None
-    return each.arithmetic
-
-
 def _variant(each: Measured, on_front: bool) -> tables.Row:
     low, median, high = each.frame_ms
-    close, exact = each.approximation, checked(each)
-    of = "" if exact.complete else f" of {exact.pixels:,}"
+    close, exact = each.approximation, each.arithmetic
     return (
         f"{each.name}{' *' if on_front else ''}",
         f"{median:.2f}",
         f"{low:.2f} to {high:.2f}",
-        figure(close.rmse),
-        figure(close.relmse),
+        digits(close.rmse),
+        digits(close.relmse),
         f"{close.psnr:.1f}",
-        figure(close.flip),
-        figure(exact.error, 2),
-        figure(exact.rms, 2),
-        f"{figure(exact.bounds, 2)} of {exact.allowed:g}",
-        f"{exact.wrong}{of}",
+        digits(close.flip),
+        digits(exact.error, 2),
+        digits(exact.rms, 2),
+        f"{digits(exact.bounds, 2)} of {exact.allowed:g}",
+        f"{exact.wrong} of {exact.pixels:,}",
         f"{each.build_ms:.0f}",
         f"{each.upload_ms:.0f}",
     )
@@ -59,8 +52,8 @@ def _formats(study: Study) -> list[tables.Row]:
             f"{each.write_ms.median:.1f}",
             f"{each.write_ms.low:.1f} to {each.write_ms.high:.1f}",
             f"{each.bytes / 1e3:.0f}",
-            figure(each.rmse),
-            figure(each.largest),
+            digits(each.rmse),
+            digits(each.largest),
         )
         for each in study.kept
     ]
@@ -70,7 +63,7 @@ def _tessellation(study: Study) -> tuple[tables.Row, list[tables.Row]]:
     found = study.tessellation
     errors = zip(*found.errors.values(), strict=True)
     rows: list[tables.Row] = [
-        (f"{count:,}", *map(figure, each)) for count, each in zip(found.triangles, errors, strict=True)
+        (f"{count:,}", *map(digits, each)) for count, each in zip(found.triangles, errors, strict=True)
     ]
     rows.append(("slope", *(f"{found.slope(shader):.2f}" for shader in found.errors)))
     return ("triangles", *found.errors), rows
@@ -94,7 +87,8 @@ NOTES = (
     "* marks the Pareto front: nothing else is both as fast and as right",
     "RMSE to FLIP: approximation, against the reference; display white is 1",
     "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
-    "the largest in bounds, and how many are allowed; pixels of wrong coverage, of those looked at",
+    "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
+    "sample, the smaller the more samples each pixel has, so that largest and RMS of two variants may be of other pixels",
 )
 SPHERE = (
     "RMSE of a sphere against one of {:,} triangles, where both cover a pixel; slope: power of the number of triangles"
@@ -189,12 +183,12 @@ def csv_rows(study: Study) -> list[tables.Row]:
     rows: list[dict[str, object]] = []
     for each in study.measured:
         low, median, high = each.frame_ms
-        exact = checked(each)
+        exact = each.arithmetic
         rows.append(
             {
                 "study": "variant",
                 "name": each.name,
-                "settings": " ".join(f"{name}={value}" for name, value in each.variant.changes.items()),
+                "settings": each.variant.changed(),
                 **{"ms": median, "ms_low": low, "ms_high": high},
                 **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
                 **{
@@ -224,14 +218,30 @@ def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
     texts = {
         "report.csv": tables.as_csv(CSV, csv_rows(study)),
         "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
-        "report.md": markdown(study, used_line(used) if used else ""),
+        "report.md": markdown(study, used_line(used, study.scene) if used else ""),
     }
     for name, text in texts.items():
         atomic.write_bytes(folder / name, text.encode())
     return [folder / name for name in texts]
 
 
-def used_line(used: Measured) -> str:
-    options = {f"--{name.replace('_', '-')}": value for name, value in used.variant.changes.items()}
-    changes = " ".join(name if value is True else f"{name} {value}" for name, value in options.items())
-    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} (render {changes or 'as it is'})"
+def used_line(used: Measured, scene: Scene) -> str:
+    """With the options that make `render` draw the same image as was measured."""
+    options = " ".join(render_options(used.settings, scene))
+    given = f"render with the same scene and camera options and {options}"
+    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} ({given})"
+
+
+def render_options(settings: Settings, scene: Scene) -> list[str]:
+    """The image's size, and what of the settings differs from the scene's preset, or another if that is nearer."""
+    columns, rows = scene.camera.resolution
+
+    def options(preset: str) -> list[str]:
+        before = vars(Settings.from_preset(preset))
+        changes = {name: value for name, value in vars(settings).items() if value != before[name]}
+        parts = [] if preset == scene.preset else ["--preset", preset]
+        for name, value in changes.items():
+            parts += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+        return parts
+
+    return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]

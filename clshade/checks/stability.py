@@ -47,10 +47,6 @@ def devices(name: str | None) -> list[Device]:
     return found
 
 
-def title(device: Device) -> str:
-    return f"{device.platform}: {device.name}"
-
-
 def run_case(case: Case, bench: Bench) -> Result:
     """The case's result; an exception is one too."""
     start = time.perf_counter()
@@ -59,7 +55,7 @@ def run_case(case: Case, bench: Bench) -> Result:
         outcome = case.run(bench)
     except Exception as error:  # whatever a case meets must not keep the others from running
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    return Result(case, title(bench.device), outcome, time.perf_counter() - start, problem)
+    return Result(case, bench.device.title, outcome, time.perf_counter() - start, problem)
 
 
 def compared(result: Result, earlier: Sequence[Result]) -> Result:
@@ -94,7 +90,7 @@ def run(
     found: list[Result] = []
     written: list[Path] = []
     for each in opened:
-        print(f"{title(each)}\n{results.HEADER}", file=stream, flush=True)
+        print(f"{each.title}\n{results.HEADER}", file=stream, flush=True)
         bench = Bench(each, folder, triangles=triangles)
         for case in cases:
             result = compared(run_case(case, bench), found)
@@ -110,6 +106,6 @@ def run(
     written += results.write(found, notes, folder)
     if not names:
         written.append(folder / "stability.png")
-        curves.plot(curves.measure(Bench(opened[0], folder)), written[-1], title(opened[0]))
+        curves.plot(curves.measure(Bench(opened[0], folder)), written[-1], opened[0].title)
     print("\n".join([*notes, *(f"wrote {path}" for path in written)]), file=stream)
     return failed == 0

@@ -11,6 +11,7 @@ from typing import Any
 from ..device import Device
 from ..renderer import render
 from ..scene import Scene
+from ..validation import Array
 from .choosing import front
 from .formats import Kept, formats
 from .measuring import Measured, measure
@@ -18,18 +19,20 @@ from .reference import Reference, reference
 from .tessellation import Tessellation, loglog_slope, tessellation
 from .variants import BASE, Variant, base_settings
 
+SHOWN = 4  # variants whose pictures are kept
 FAMILIES = ("samples-", "shaded-")  # of variants that differ in the number of samples alone
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What was measured. device, machine: in words."""
+    """What was measured. device, machine: in words. pictures: of SHOWN variants, by name, (M, N, 3)."""
 
     scene: Scene
     device: str
     machine: str
     reference: Reference
     measured: tuple[Measured, ...]
+    pictures: dict[str, Array]
     tessellation: Tessellation
     kept: tuple[Kept, ...]
 
@@ -69,7 +72,7 @@ class Study:
             "resolution": self.scene.camera.resolution,
             "device": self.device,
             "machine": self.machine,
-            "reference": {"samples": self.reference.samples, "estimated_error": self.reference.error},
+            "reference": self.reference.stats(),
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
             "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
@@ -83,9 +86,19 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
     base = base_settings(scene)
     converged = reference(scene, base, device)
     measured = measure(scene, variants, base, device, converged, frames=frames)
+    pictures = {each.name: render(scene, settings=each.settings, device=device).rgb for each in worth_showing(measured)}
     kept = formats(render(scene, settings=base, device=device))
-    named = f"{device.platform}: {device.name}"
-    return Study(scene, named, machine(), converged, tuple(measured), tessellation(device), tuple(kept))
+    return Study(
+        scene, device.title, machine(), converged, tuple(measured), pictures, tessellation(device), tuple(kept)
+    )
+
+
+def worth_showing(measured: Sequence[Measured]) -> list[Measured]:
+    """The first variant, the ends of the Pareto front and what is in its middle: those that differ, fastest first."""
+    best = front(measured)
+    middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
+    picked = [*measured[:1], *best[:1], *best[-1:], *middle, *measured]
+    return sorted(list(dict.fromkeys(picked))[:SHOWN], key=lambda each: each.cost)
 
 
 def machine() -> str:

@@ -12,9 +12,9 @@ from ..errors import OutputError
 Row = Sequence[str]
 
 
-def figure(value: float | None, digits: int = 3) -> str:
+def digits(value: float | None, count: int = 3) -> str:
     """A number with so many digits; a dash for none."""
-    return "-" if value is None else f"{value:.{digits}g}"
+    return "-" if value is None else f"{value:.{count}g}"
 
 
 def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,18 +44,20 @@ def loglog_slope(x: Any, y: Any) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def tessellation(device: Device, resolution: tuple[int, int] = (256, 256)) -> Tessellation:
+def tessellation(
+    device: Device, resolution: tuple[int, int] = (256, 256), *, levels: Iterable[int] = LEVELS, finest: int = FINEST
+) -> Tessellation:
     """Measured on the built-in icosphere."""
-    finest = builtin("icosphere", level=FINEST, resolution=resolution)
-    truth = render(finest, device=device, shader="phong")
+    fine = builtin("icosphere", level=finest, resolution=resolution)
+    truth = render(fine, device=device, shader="phong")
     triangles: list[int] = []
     errors: dict[str, list[float]] = {shader: [] for shader in SHADERS}
-    for level in LEVELS:
+    for level in levels:
         scene = builtin("icosphere", level=level, resolution=resolution)
         triangles.append(scene.face_count)
         for shader, found in errors.items():
             found.append(_shading_error(render(scene, device=device, shader=shader), truth))
-    return Tessellation(tuple(triangles), finest.face_count, {name: tuple(each) for name, each in errors.items()})
+    return Tessellation(tuple(triangles), fine.face_count, {name: tuple(each) for name, each in errors.items()})
 
 
 def _shading_error(frame: Frame, truth: Frame) -> float:

@@ -25,6 +25,9 @@ class Variant:
     def settings(self, base: Settings) -> Settings:
         return replace(base, **self.changes)
 
+    def changed(self) -> str:
+        return " ".join(f"{name}={value}" for name, value in self.changes.items())
+
 
 def _samples(count: int, **more: Any) -> dict[str, Any]:
     return {"samples": count, **more}
@@ -91,9 +94,17 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
 
 def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
-    """Those of the names; all without any. Raises InputError for an unknown one."""
+    """Those of the names; all without any. Raises InputError for an unknown one, and for one that is not among
+    `variants`, those for a scene and a device."""
     known = {each.name: each for each in variants}
     for name in names:
         if name not in known:
-            raise InputError(f"report: --only: expected names of {', '.join(known)}, found {name!r}")
+            why = next((f", which {_left_out(each)}" for each in VARIANTS if each.name == name), "")
+            raise InputError(f"report: --only: expected names of {', '.join(known)}, found {name!r}{why}")
     return [known[name] for name in dict.fromkeys(names)] if names else list(variants)
+
+
+def _left_out(variant: Variant) -> str:
+    """Why `variants_for` leaves it out."""
+    needs_float64 = variant.changes.get("precision") == "float64"
+    return "needs a device with float64" if needs_float64 else "changes nothing of this scene"
