@@ -81,9 +81,11 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> 
     return Buffer(device, view)
 
 
-def image_of(device: Device, resolution: tuple[int, int], **fields: Any) -> Buffer:
-    """layout.SINGLE.Image of a resolution (N, M); `fields` set its other members."""
-    image = np.zeros(1, layout.SINGLE.Image)
+def image_of(
+    device: Device, resolution: tuple[int, int], structs: layout.Structs = layout.SINGLE, **fields: Any
+) -> Buffer:
+    """structs.Image of a resolution (N, M); `fields` set its other members."""
+    image = np.zeros(1, structs.Image)
     image["light_unit"] = 1.0
     columns, rows = resolution
     image["columns"], image["rows"] = columns, rows
@@ -107,23 +109,40 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
     return vertices
 
 
-def vertices_at(device: Device, xy: Array, z: Array, relative: Array | None = None) -> VertexBuffers:
+def samples_at(places: Array) -> dict[str, Any]:
+    """The members of structs.Image that say where pixels are sampled: places (S, 2), 1/256 px."""
+    kept = np.zeros((2, layout.MOST_SAMPLES), np.int32)
+    kept[:, : len(places)] = places.T
+    rest = {"least": places.min(axis=0), "most": places.max(axis=0)}
+    return {"samples": len(places), "sample_x": kept[0], "sample_y": kept[1], **rest}
+
+
+def vertices_at(
+    device: Device,
+    xy: Array,
+    z: Array,
+    relative: Array | None = None,
+    *,
+    structs: layout.Structs = layout.SINGLE,
+    orthographic: bool = False,
+) -> VertexBuffers:
     """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
-    projected = np.zeros(len(z), layout.SINGLE.Vertex)
+    projected = np.zeros(len(z), structs.Vertex)
     projected["x"], projected["y"] = np.asarray(xy).T
     projected["depth"] = z
     with np.errstate(divide="ignore", over="ignore"):
-        projected["w"], projected["w_low"] = split(1.0 / np.asarray(z, np.float64))
+        w = -np.asarray(z, np.float64) if orthographic else 1.0 / np.asarray(z, np.float64)
+        projected["w"], projected["w_low"] = split(w) if structs is layout.SINGLE else (w, 0.0)
     made = VertexBuffers(device, 0)
     made.projected = Buffer(device, projected)
-    made.relative = Buffer(device, four(np.zeros((len(z), 3)) if relative is None else relative))
+    made.relative = Buffer(device, four(np.zeros((len(z), 3)) if relative is None else relative).astype(structs.real))
     return made
 
 
 class Pipeline:
     """The stages from set-up on. Each method runs one and keeps its buffers for the next.
 
-    files: the kernel files to build. resolution: (N, M). image: further members of layout.SINGLE.Image.
+    files: the kernel files to build. resolution: (N, M). image: further members of the struct Image.
     """
 
     def __init__(
@@ -138,15 +157,15 @@ class Pipeline:
     ) -> None:
         self.device, self.features = device, mask(**features)
         self.stages = Stages(device, build(device, self.features, files, lanes=lanes))
-        self.resolution = resolution
-        self.image = image_of(device, resolution, **(image or {}))
+        self.resolution, self.structs = resolution, self.stages.structs
+        self.image = image_of(device, resolution, self.structs, **(image or {}))
         self.tiles = int(self.image.array["tiles"][0])
 
     def set_up(self, vertices: VertexBuffers, faces: Array, near: float = 0.0) -> Any:
         """Runs `setup`; returns the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
-        self.made = TriangleBuffers(self.device, len(faces), 0)
-        table = np.zeros(1, layout.SINGLE.View)
+        self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
+        table = np.zeros(1, self.structs.View)
         table["near"] = near
         view = Buffer(self.device, table)
         self.stages.setup(self.faces, vertices, view, self.image, self.made, len(faces))
@@ -174,7 +193,7 @@ class Pipeline:
         chunks = -(-self.visible // chunk)
         if not self.visible:
             self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
-            self.lists = Buffer.empty(self.device, 0, layout.SINGLE.Entry)
+            self.lists = Buffer.empty(self.device, 0, self.structs.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
         counts = self.counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
@@ -189,7 +208,7 @@ class Pipeline:
         assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
         assert self.made.counters.to_host()["entries"] == begin[-1]
-        self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, layout.SINGLE.Entry)
+        self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
         self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
@@ -211,7 +230,7 @@ class Pipeline:
         """Runs the pixel stage: (M, N, 4) rgba and, with OWNERS, (M, N) triangles, both with row 0 at the TOP."""
         columns, rows = self.resolution
         # A row of guards before and behind: what is written out of bounds shows.
-        around = np.full((rows + 2, columns, 4), np.nan, np.float32), np.full((rows + 2, columns), -2, np.int32)
+        around = np.full((rows + 2, columns, 4), np.nan, self.structs.real), np.full((rows + 2, columns), -2, np.int32)
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.made.counters.writing() as table:
             table["next_tile"] = table["saturated"] = 0

@@ -82,11 +82,11 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
     )
 
 
-def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str) -> Array:
+def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str, orthographic: bool = False) -> Array:
     """The oracle's owner of each pixel, -1 for none: (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3, 2)."""
     pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
     prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
-    return frame.owners(prepared, visibility, resolution)
+    return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
 
 
 def as_kernels_see(z: Array) -> Array:

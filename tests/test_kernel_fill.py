@@ -4,28 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from devices import needs_float64
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade import layout
 from clshade.oracle import coverage, transform
-from kernels import OTHER_LANES, Pipeline, vertices_at
+from clshade.sampling import positions
+from kernels import OTHER_LANES, Pipeline, samples_at, vertices_at
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 GUARD = layout.GUARD_PIXELS * 256
 
 
-def fill(device, xy, z, resolution, *, lanes=None, **features) -> np.ndarray:
-    """Owners (M, N), row 0 at the BOTTOM, of triangles that share no vertex: snapped xy (F, 3, 2), depths z (F, 3)."""
-    pipeline = Pipeline(device, FILES, resolution, lanes=lanes, OWNERS=1, **features)
-    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
+def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> np.ndarray:
+    """Owners (M, N), row 0 at the BOTTOM, of triangles that share no vertex: snapped xy (F, 3, 2), depths z (F, 3).
+
+    places: (S, 2), with SAMPLES, where pixels are sampled; the owners are those of the first.
+    """
+    image = None if places is None else samples_at(places)
+    pipeline = Pipeline(device, FILES, resolution, lanes=lanes, image=image, OWNERS=1, **features)
+    kind = {"structs": pipeline.structs, "orthographic": bool(features.get("ORTHOGRAPHIC"))}
+    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1), **kind)
     pipeline.set_up(vertices, np.arange(3 * len(xy)).reshape(-1, 3))
     face_of_index = np.arange(len(xy))
     pipeline.sort(lambda index: (transform.painter_depth(z[index]), face_of_index[index]))
     pipeline.bin(max(1, -(-pipeline.visible // 3)))
     rgba, owners = pipeline.draw()
-    assert np.array_equal(rgba[..., 3], owners >= 0)
-    assert (rgba[owners >= 0, :3] == 1.0).all()
-    assert not rgba[owners < 0].any()
+    if places is None:
+        assert np.array_equal(rgba[..., 3], owners >= 0)
+        assert (rgba[owners >= 0, :3] == 1.0).all()
+        assert not rgba[owners < 0].any()
     return owners[::-1].copy()
 
 
@@ -137,13 +145,21 @@ def test_depth_owners(device):
 
 
 @pytest.mark.parametrize("apart", [2.0**-18, 2.0**-21, 2.0**-24])
-def test_depths_that_float32_hardly_tells_apart(device, apart):
+@pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC", "DOUBLE", "SAMPLES"])
+def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     """Triangles nearly in one slanted plane, their corners off it by up to `apart` of their depths."""
+    if feature == "DOUBLE":
+        needs_float64(device)
     xy, _ = overlapping(10)
-    plane = 1.0 / (1.0 + (xy @ [1.0, 0.3]) / (256 * 20_000.0))
+    orthographic, places = feature == "ORTHOGRAPHIC", positions(3) if feature == "SAMPLES" else None
+    slope = 1.0 + (xy @ [1.0, 0.3]) / (256 * 20_000.0)
+    plane = slope if orthographic else 1.0 / slope
     z = plane * (1.0 + apart * np.random.default_rng(11).uniform(-1.0, 1.0, plane.shape))
-    found, expected = fill(device, xy, z, RESOLUTION, DEPTH_TEST=1), owners_of(xy, z, RESOLUTION, "depth")
-    assert (found != owners_of(xy, plane, RESOLUTION, "depth")).mean() > 0.1  # what is `apart` decides
+    found = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
+    if places is not None:  # what the first sample sees is what the center sees of triangles moved the other way
+        xy = xy + (coverage.HALF - places[0])
+    expected = owners_of(xy, z, RESOLUTION, "depth", orthographic)
+    assert (found != owners_of(xy, plane, RESOLUTION, "depth", orthographic)).mean() > 0.1  # what is `apart` decides
     assert np.array_equal(found, expected)
 
 
