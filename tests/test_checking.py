@@ -357,6 +357,13 @@ def test_the_scene_may_stand_after_check(tmp_path, capsys):
     assert "quads" in out
 
 
+@pytest.mark.parametrize("value", ["1e4", "0.5"])
+def test_a_number_after_check_is_no_scene(capsys, value):
+    code, out, err = run(capsys, "render", "--check", value)
+    assert (code, out, len(err)) == (2, "", 1)
+    assert f"--check: expected a number of pixels or all, found '{value}'" in err[0]
+
+
 @needs_device
 def test_a_failed_check_is_an_exit_code(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(compare, "HALF_ULP", 2.0**-40)

@@ -15,7 +15,7 @@ from clshade.errors import InputError
 
 
 @dataclass(frozen=True)
-class Priced:
+class Alternative:
     name: str
     cost: float
     error: float
@@ -24,11 +24,11 @@ class Priced:
 # Few values, so that many are equal.
 VALUES = st.sampled_from([0.5, 1.0, 2.0, 3.0, 7.0])
 SOME = st.lists(st.tuples(VALUES, VALUES), min_size=1, max_size=12).map(
-    lambda pairs: [Priced(str(k), *pair) for k, pair in enumerate(pairs)]
+    lambda pairs: [Alternative(str(k), *pair) for k, pair in enumerate(pairs)]
 )
 
 
-def beats(a: Priced, b: Priced) -> bool:
+def beats(a: Alternative, b: Alternative) -> bool:
     return a.cost <= b.cost and a.error <= b.error and (a.cost, a.error) != (b.cost, b.error)
 
 
@@ -59,7 +59,7 @@ def test_the_limits_are_kept_and_nothing_better_keeps_them(some, limit):
 
 
 def test_limits_that_nothing_keeps_name_the_best():
-    some = [Priced("slow", 9.0, 0.001), Priced("quick", 2.0, 0.1)]
+    some = [Alternative("slow", 9.0, 0.001), Alternative("quick", 2.0, 0.1)]
     with pytest.raises(InputError, match=r"--budget: .*the fastest, quick, takes 2 ms, found 1\.5 ms"):
         within_budget(some, 1.5)
     with pytest.raises(InputError, match=r"--tolerance: .*the best, slow, has 0\.001, found 0\.0001"):
@@ -68,7 +68,7 @@ def test_limits_that_nothing_keeps_name_the_best():
 
 def test_a_tolerance_below_what_is_known_is_refused():
     """Though some error that was measured is less."""
-    some = [Priced("slow", 9.0, 0.001), Priced("quick", 2.0, 0.1)]
+    some = [Alternative("slow", 9.0, 0.001), Alternative("quick", 2.0, 0.1)]
     assert within_tolerance(some, 0.01, 0.01).name == "slow"
     expected = r"--tolerance: expected at least 0\.02, which is .*the best, slow, has 0\.001\), found 0\.01"
     with pytest.raises(InputError, match=expected):

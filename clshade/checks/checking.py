@@ -18,8 +18,8 @@ from ..frame import Frame
 from ..oracle import OracleFrame
 from ..validation import Array, refuse
 from . import compare
+from .defaults import PIXELS
 
-PIXELS = 4096
 STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
 SHARES = (16, 4, 5, 3, 3, 1)  # of the sample, in proportion; what a stratum is too small for goes to the others
 BRIGHTEST = 0.05  # of the covered pixels are taken for highlights

@@ -12,10 +12,9 @@ from ..errors import InputError
 from ..scene import Scene
 from . import report_figure, report_tables, tables
 from .choosing import chosen
+from .defaults import FRAMES
 from .study import study
 from .variants import VARIANTS, base_settings, named, variants_for
-
-FRAMES = 15  # of each variant
 
 
 def listing() -> str:

@@ -54,7 +54,7 @@ class Selection:
         changed = f" ({used.variant.changed()})" if used.variant.changes else ""
         kept = ", ".join(f"{name}={getattr(self.settings, name)}" for name in self.kept)
         return [
-            f"{used.name}{changed}: {used.cost:.3g} ms a frame, RMSE {used.error:.3g}",
+            f"{used.name}{changed}: {used.cost:.3g} ms a frame after the first, RMSE {used.error:.3g}",
             *([f"kept as they are: {kept}"] if kept else []),
             f"of {len(self.tried)} ways tried in {self.seconds:.1f} s: {', '.join(self.tried)}",
             f"reference: {self.reference.about()}",

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-CHECKED = 4096  # pixels of --check
+from ..checks.defaults import PIXELS
 
 
 def numbers(kind: type, count: int | None, form: str) -> Any:
@@ -77,14 +77,26 @@ def device_option(parser: argparse.ArgumentParser) -> None:
 
 def with_values(arguments: Sequence[str]) -> list[str]:
     """The arguments with `--up -x` as `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes what begins
-    with a dash, and is not one number, for an option. And `--check SCENE` as `--check=4096 SCENE`."""
+    with a dash, and is not one number, for an option. And `--check SCENE` as `--check=4096 SCENE`, unless it is a number."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] == "--check" and not re.fullmatch(r"all|\d+|-.*", argument):
-            joined[-1] = f"--check={CHECKED}"  # what follows is the scene
+        if (
+            joined
+            and joined[-1] == "--check"
+            and not (argument == "all" or argument.startswith("-") or _is_number(argument))
+        ):
+            joined[-1] = f"--check={PIXELS}"  # what follows is the scene
             joined.append(argument)
         elif joined and re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", joined[-1]):
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)
     return joined
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

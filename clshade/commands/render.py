@@ -6,8 +6,9 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ..checks.defaults import PIXELS
 from . import DONE, FAILED
-from .arguments import CHECKED, device_option, limit_options
+from .arguments import device_option, limit_options
 from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
 
 if TYPE_CHECKING:
@@ -38,10 +39,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     measured.add_argument(
         "--check",
         nargs="?",
-        const=CHECKED,
+        const=PIXELS,
         type=_checked,
         metavar="PIXELS|all",
-        help=f"the error of this image, of some pixels (default: {CHECKED}) or all, computed again in float64; "
+        help=f"the error of this image, of some pixels (default: {PIXELS}) or all, computed again in float64; "
         "adds the layers Z and id, with `all` also `error`",
     )
     measured.add_argument(
@@ -156,7 +157,7 @@ def summary(frame: Frame, output: str) -> str:
             f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
             f"device  {stats['device']}",
             f"once    {listed(fixed)} ms",
-            f"frame   {whole:.2f} ms: {listed(times)}",
+            f"frame   {whole:.2f} ms, the first: {listed(times)}",
             f"wrote   {shown}",
         ]
     )

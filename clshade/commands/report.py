@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
+from ..checks.defaults import FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, limit_options
 from .scene_options import camera_options, load_scene, scene_options
@@ -19,7 +20,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     study.add_argument("--out", default="report", metavar="DIR", help="folder for tables and figure (default: report)")
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
-    study.add_argument("--frames", type=int, metavar="N", help="of each variant (default: 15)")
+    study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
     device_option(parser)
 

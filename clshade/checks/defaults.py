@@ -1,0 +1,4 @@
+"""How much is measured unless it is said, for those who name it before they load what measures."""
+
+PIXELS = 4096  # that `check` computes again
+FRAMES = 15  # of each variant that `report` draws
