@@ -89,6 +89,18 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
 
 
+def seen_from(xy: Array, places: Array) -> list[Array]:
+    """Snapped corners (F, 3, 2) as each of a pixel's places (S, 2) sees them: moved the other way, so that the place is
+    where the center is."""
+    return [xy + (coverage.HALF - place) for place in places]
+
+
+def hull(xy: Array, places: Array, resolution: tuple[int, int]) -> Array:
+    """(F, 4) the boxes of `coverage.setup` over all places of the pixels."""
+    boxes = np.array([coverage.setup(moved, *resolution).box for moved in seen_from(xy, places)])
+    return np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
+
+
 def as_kernels_see(z: Array) -> Array:
     """Depths whose reciprocals are float32, as the kernels get them."""
     return 1.0 / float32(1.0 / z).astype(np.float64)

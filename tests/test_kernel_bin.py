@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stage_oracle import hull, seen_from
 
 from clshade import layout
 from clshade.camera import Camera
 from clshade.oracle import coverage
 from clshade.renderer import Renderer, render
+from clshade.sampling import positions
 from clshade.scene import Mesh, Scene
-from kernels import Pipeline, vertices_at
+from kernels import Pipeline, samples_at, vertices_at
 
 TILE = layout.TILE_SIZE
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
@@ -62,6 +64,46 @@ def test_lists_hold_what_is_drawn_and_keep_the_order(device, resolution):
         assert set(found.tolist()) <= set(boxed.tolist()), tile
         assert needed <= set(found.tolist()), tile
     assert any(drawn)
+
+
+def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[int, int]]:
+    """Tiles (column, row) of a box that a triangle (3, 2) is listed in: all of at most 2 x 2; of more those all over
+    which none of its edges leaves it outside, at any point from the least to the most of the places."""
+    (left, low, right, high), ends = box // TILE, (places.min(axis=0), places.max(axis=0))
+    tiles = {(x, y) for x in range(left, right + 1) for y in range(low, high + 1)}
+    if right - left < 2 and high - low < 2:
+        return tiles
+    met = set()
+    for x, y in tiles:
+        corners = []
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            moved = xy + (coverage.HALF - np.array([ends[i][0], ends[j][1]]))
+            corners.append(coverage.edge_functions(moved, x * TILE + i * (TILE - 1), y * TILE + j * (TILE - 1)))
+        most = np.max(corners, axis=0)
+        if ((most > 0) | ((most == 0) & coverage.top_left(xy))).all():
+            met.add((x, y))
+    return met
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 16, 64])
+def test_lists_of_several_samples(device, count):
+    """Each triangle is in the lists of exactly the tiles of its hull that none of its edges excludes; and in those of all
+    tiles with a pixel that it covers at any sample."""
+    xy, resolution, places = triangles(6, 500), (163, 119), positions(count)
+    pipeline = Pipeline(device, FILES, resolution, image=samples_at(places), OWNERS=1, SAMPLES=1)
+    z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
+    pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
+    order, boxes, across = pipeline.sort(), hull(xy, places, resolution), -(-resolution[0] // TILE)
+    lists = [set(found.tolist()) for found in pipeline.bin()]
+    expected: list[set[int]] = [set() for _ in lists]
+    for k in order.tolist():
+        for x, y in tiles_met(xy[k], boxes[k], places):
+            expected[y * across + x].add(k)
+    assert lists == expected
+    for moved in seen_from(xy, places):
+        alive = order[~coverage.setup(moved, *resolution).culled[order]]
+        needed = tiles_drawn(moved, coverage.setup(moved, *resolution).box, alive, resolution)
+        assert all(some <= found for some, found in zip(needed, lists, strict=True))
 
 
 def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):

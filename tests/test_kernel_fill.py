@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from devices import needs_float64
-from stage_oracle import as_kernels_see, owners_of
+from stage_oracle import as_kernels_see, owners_of, seen_from
 
 from clshade import layout
 from clshade.oracle import coverage, transform
@@ -157,7 +157,7 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     z = plane * (1.0 + apart * np.random.default_rng(11).uniform(-1.0, 1.0, plane.shape))
     found = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
     if places is not None:  # what the first sample sees is what the center sees of triangles moved the other way
-        xy = xy + (coverage.HALF - places[0])
+        xy = seen_from(xy, places)[0]
     expected = owners_of(xy, z, RESOLUTION, "depth", orthographic)
     assert (found != owners_of(xy, plane, RESOLUTION, "depth", orthographic)).mean() > 0.1  # what is `apart` decides
     assert np.array_equal(found, expected)

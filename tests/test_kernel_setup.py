@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stage_oracle import hull, seen_from
 
 from clshade import layout
 from clshade.oracle import coverage, transform
+from clshade.sampling import positions
 from clshade.sorting import front_to_back
 from clshade.stages import Buffer, TriangleBuffers
-from kernels import Pipeline, vertices_at
+from kernels import Pipeline, samples_at, vertices_at
 
 COLUMNS, ROWS = 61, 43
 LIMIT = layout.SNAP_LIMIT
@@ -79,6 +81,28 @@ def test_areas_boxes_and_culls(device, cull):
     assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
     assert np.array_equal(made["face"], visible)
     assert (made["piece"] == -1).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 16, 64])
+def test_boxes_and_culls_of_several_samples(device, count):
+    """The box is the hull of all samples' boxes, and visible is what has a pixel at any of them, of what is about one
+    pixel nothing else."""
+    (xy, z), places = triangles(), positions(count)
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=samples_at(places), OWNERS=1, SAMPLES=1)
+    counters = separate(device, pipeline, xy, z)
+    visible = np.sort(pipeline.sort())
+    is_visible = np.isin(np.arange(len(xy)), visible)
+    box, covers = hull(xy, places, (COLUMNS, ROWS)), np.zeros(len(xy), bool)
+    for moved in seen_from(xy, places):
+        covers |= drawn(moved, *coverage.setup(moved, COLUMNS, ROWS)[1:])
+    culled = (coverage.signed_area(xy) == 0) | (box[:, 2:] < box[:, :2]).any(axis=1)
+    assert not (covers & ~is_visible).any()
+    assert not (is_visible & culled).any()
+    one_pixel = (box[:, :2] == box[:, 2:]).all(axis=1) & ~culled & (np.ptp(xy, axis=1) < 256).all(axis=1)
+    assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
+    assert 0 < covers[one_pixel].sum() < one_pixel.sum()
+    assert np.array_equal(pipeline.made.bounds.to_host()["box"][visible], box[visible])
+    assert counters["visible"] + counters["between_samples"] + counters["off_screen"] + counters["zero_area"] == len(xy)
 
 
 @pytest.mark.parametrize("cull", [0, 1])
