@@ -38,7 +38,7 @@ def lit_at(owner: Array, every: bool) -> Array:
 
 
 def weight(rgb: Array, resolve: str) -> Array:
-    """How much colors (K, 3) count in the mean, (K,): 1, or with `weighted` 1/(1 + luminance), luminance held to 2^100."""
+    """How much colors (K, 3) count in the mean, (K,): 1, or with `weighted` 1/(1 + luminance), luminance held to 2^96."""
     if resolve == "mean":
         return np.ones(len(rgb))
-    return 1.0 / (1.0 + np.clip(rgb @ [0.2126, 0.7152, 0.0722], 0.0, 2.0**100))
+    return 1.0 / (1.0 + np.clip(rgb @ [0.2126, 0.7152, 0.0722], 0.0, 2.0**96))
