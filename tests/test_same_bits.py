@@ -37,6 +37,13 @@ VARIANTS = {
     ("box_room", "precision", "float64"): "5b6582138bb71d2a",
     ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
 }
+# The same of several fields together: (scene, the fields' names and values).
+COMBINED = {
+    ("torus_knot", ("samples", 5), ("resolve", "weighted")): "adda6330caeb4c96",
+    ("torus_knot", ("samples", 7), ("sample_shading", True)): "259491f30b381eef",
+    ("box_room", ("samples", 3), ("precision", "float64")): "b008318580b76089",
+    ("teapot", ("samples", 4), ("texture_filter", "trilinear")): "b059ee709aced3d8",
+}
 LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
 
 
@@ -70,6 +77,18 @@ def test_golden_variants(device, key):
     frame = draw(device, name, "standard", "phong", **{field: value})
     assert frame.alpha.any()
     assert digest(frame) == VARIANTS[key]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("key", COMBINED, ids=str)
+def test_golden_combinations(device, key):
+    name, *fields = key
+    options = dict(fields)
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    frame = draw(device, name, "standard", "phong", **options)
+    assert frame.alpha.any()
+    assert digest(frame) == COMBINED[key]
 
 
 @pytest.mark.long
