@@ -86,7 +86,11 @@ def test_scenes_are_of_all_sorts():
         "cull",
     ):
         assert len({getattr(kind.settings, name) for kind in kinds}) == (3 if name == "shader" else 2), name
-    scenes = [scene_of(number).scene for number in range(0, 50 * BLOCK, 10)]
+    assert {kind.settings.precision for kind in kinds} == {"fast", "float32", "float64"}
+    drawn = [scene_of(number) for number in range(0, 50 * BLOCK, 10)]
+    scenes = [each.scene for each in drawn]
+    assert {1, 2, 16} < {each.settings.samples for each in drawn}
+    assert 16 < max(each.settings.samples for each in drawn) <= 64
     sizes = {scene.camera.resolution for scene in scenes}
     assert min(min(size) for size in sizes) == 1
     assert {len(scene.lights) for scene in scenes} >= {0, 1, 2, 3, 4, 5}

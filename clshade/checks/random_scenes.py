@@ -113,6 +113,10 @@ def kind_of(seed: int, block: int) -> Kind:
         finer |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
     if textured and settings.texture_at == "pixel" and often(0.4):
         finer["texture_filter"] = "trilinear"
+    # Last, as whatever is drawn in addition, so that numbers keep their meaning. Texture coordinates of any size are more
+    # than fast allows for, see `compare.allowed`.
+    if often(0.3) and finer["precision"] == "float32" and not textured:
+        finer["precision"] = "fast"
     return replace(kind, settings=replace(settings, **finer))
 
 
@@ -155,6 +159,8 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
     )
     near = None if rng.random() < 0.75 else scale * 10.0 ** rng.uniform(-6, 0.5)
     samples = int(rng.integers(2, 17)) if kind.sampled else 1
+    if kind.sampled and rng.random() < 0.05:
+        samples = int(rng.integers(17, model.MAX_SAMPLES + 1))
     return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples))
 
 
