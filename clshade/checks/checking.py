@@ -38,8 +38,8 @@ class Check:
     worst: row (from the top) and column of that pixel.
     strata: stratum -> (pixels looked at, their largest error in bounds).
     wrong: pixels whose owner or coverage is not the oracle's, or whose values are not finite.
-    ties: pixels with another owner at a depth within 2^-38 of its own, 17 * 2^-24 of fast, which either may own; not
-        counted as wrong. With several samples also pixels of the same id, if of any: those whose color is off, where one
+    ties: pixels with another owner at a depth within 2^-38 of its own, which either may own; not counted as
+        wrong. With several samples also pixels of the same id, if of any: those whose color is off, where one
         of the samples has two nearest faces as close as that; nor do they count in `bounds`.
     gates: pixels more bounds off than allowed where a highlight may be decided either way; not counted in `bounds`.
     depth: the largest relative error of Z, in 2^-24; 8 are allowed (2^-53 and 16 of float64). None without the layer Z.

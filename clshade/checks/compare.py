@@ -19,8 +19,8 @@ FLOAT32_MAX = float(np.finfo(np.float32).max)
 FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # below it a device may flush to zero
 # Two faces whose depths are this close, relative, may own the pixel either way. Kernels take 1/depths for equal that are
 # within 2^-40 as pairs, which are right to 2^-43, so that an owner is at most 1.25 * 2^-40 behind the nearest face; 2^-38
-# for chains of three such. fast has no pairs: two 1/depths, each right to 8 roundings, and one of their difference.
-DEPTH_TIE = {"float32": 2.0**-38, "fast": 17 * HALF_ULP, "float64": 2.0**-38}
+# for chains of three such.
+DEPTH_TIE = 2.0**-38
 # Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
 # with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
 DEPTH_ROUNDINGS = 8
@@ -49,10 +49,10 @@ def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, fini
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 
 
-def tied(first: np.ndarray, second: np.ndarray, precision: str = "float32") -> np.ndarray:
+def tied(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
     with np.errstate(invalid="ignore"):
-        close = np.abs(first - second) <= DEPTH_TIE[precision] * np.maximum(np.abs(first), np.abs(second))
+        close = np.abs(first - second) <= DEPTH_TIE * np.maximum(np.abs(first), np.abs(second))
         return np.isfinite(first) & np.isfinite(second) & close
 
 
@@ -77,7 +77,7 @@ def different_ids(
     pixels = at if where is None else tuple(index[at] for index in where)
     depths = [depth_at(scene, settings, face, *pixels) for face in faces]
     unproven = np.zeros_like(different)
-    unproven[at] = ~tied(depths[0], depths[1], settings.precision)
+    unproven[at] = ~tied(depths[0], depths[1])
     return different, unproven
 
 
@@ -93,7 +93,7 @@ def depth_ties(
     if settings.visibility == "depth" and len(at[0]):
         pixels = at if where is None else tuple(index[at] for index in where)
         depths = nearest_depths(scene, settings, *pixels)
-        ties[at] = tied(depths[:, 0], depths[:, 1], settings.precision).any(axis=0)
+        ties[at] = tied(depths[:, 0], depths[:, 1]).any(axis=0)
     return ties
 
 
