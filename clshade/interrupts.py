@@ -24,10 +24,17 @@ _late = threading.Event()
 def at_end(clear: Callable[[], None]) -> Callable[[], None]:
     """Has `clear` called when the process ends, even if an interrupt ends it that its main thread cannot handle.
 
-    For what would stay on the disk otherwise. It may be called twice, and in another thread while the main one goes on.
+    For what would stay on the disk otherwise. It may be called twice, and in another thread while the main one goes on;
+    where it fails there is nobody left to tell.
     """
-    _at_end.append(clear)
-    return atexit.register(clear)
+
+    def quietly() -> None:
+        with contextlib.suppress(Exception):
+            clear()
+
+    _at_end.append(quietly)
+    atexit.register(quietly)
+    return clear
 
 
 def tell() -> None:
@@ -58,8 +65,7 @@ def _watch(reader: int) -> NoReturn:
         tell()
         sys.stdout.flush()
     for clear in reversed(_at_end):
-        with contextlib.suppress(Exception):
-            clear()
+        clear()
     os._exit(INTERRUPTED)
 
 
