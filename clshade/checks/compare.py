@@ -97,20 +97,28 @@ def depth_ties(
     return ties
 
 
+def real_of(settings: Settings) -> type[np.floating]:
+    """The type of a frame's image and depths."""
+    return np.float64 if settings.precision == "float64" else np.float32
+
+
 def assert_same_ids(
-    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, dtype: Any = np.float32
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: np.ndarray | None = None
 ) -> np.ndarray:
     """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
 
-    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE. skip:
+    (M, N) further pixels to except.
     """
-    ids, expected = frame["id"], oracle.id
+    ids, expected, dtype = frame["id"], oracle.id, real_of(settings)
     assert_array("id", ids, expected.shape, np.uint32)
     assert_array("alpha", frame.alpha, expected.shape, dtype)
     different, unproven = different_ids(ids, oracle, scene, settings)
+    bad = frame.alpha != oracle.alpha.astype(dtype)
+    if skip is not None:
+        different, unproven, bad = different | skip, unproven & ~skip, bad & ~skip
     if unproven.any():
         raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
-    bad = frame.alpha != oracle.alpha.astype(dtype)
     if bad.any():
         raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
     return different
@@ -226,16 +234,20 @@ def assert_frame(
     settings: Settings,
     factor: float | None = None,
     *,
-    dtype: Any = None,
+    gate_fraction: float = 0.01,
+    skip: np.ndarray | None = None,
 ) -> float:
     """Ids, coverage, depths and colors of a frame. Returns the largest color error, in bounds.
 
-    factor, dtype: None: what the settings' precision means.
+    factor: None: what the settings' precision means. gate_fraction: see `assert_colors_within`. skip: (M, N) pixels not
+    to look at.
     """
-    dtype = dtype or (np.float64 if settings.precision == "float64" else np.float32)
+    dtype, precision = real_of(settings), settings.precision
     factor = allowed(scene, settings) if factor is None else factor
-    ties = assert_same_ids(frame, oracle, scene, settings, dtype=dtype)
+    ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
     assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
     if settings.samples > 1:
-        ties = ties | depth_ties(scene, settings, color_errors(frame.rgb, oracle, settings.precision)[1] > factor)
-    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, dtype=dtype, precision=settings.precision)
+        off = color_errors(frame.rgb, oracle, precision)[1] > factor
+        ties = ties | depth_ties(scene, settings, off & ~ties)
+    options: dict[str, Any] = {"dtype": dtype, "precision": precision, "gate_fraction": gate_fraction}
+    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, **options)
