@@ -1,0 +1,30 @@
+"""A small scene, and a small study of it, which several tests read."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from clshade.checks import study
+from clshade.checks.tessellation import tessellation
+from clshade.checks.variants import BASE, base_settings, named, variants_for
+from clshade.device import Device
+from clshade.scene import Scene
+from clshade.scenes import builtin
+
+SMALL = (64, 48)
+
+
+def sphere(level: int = 2) -> Scene:
+    return builtin("icosphere", level=level, resolution=SMALL)
+
+
+@cache
+def small_study(device: Device) -> study.Study:
+    """A study of two variants; of the sphere's levels only three."""
+    scene = sphere()
+    chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "tessellation", lambda device: tessellation(device, SMALL, levels=range(3), finest=4))
+        return study.study(scene, device, chosen, 3)

@@ -1,0 +1,117 @@
+"""The reference of `report`: how near it comes, in tiles, apart from every variant's samples."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clshade import sampling
+from clshade.camera import Camera
+from clshade.checks import reference as reference_module
+from clshade.checks import variants
+from clshade.checks.image_errors import rmse
+from clshade.checks.measuring import measure
+from clshade.checks.reference import STEPS, _fits, averaged, reference, tiles
+from clshade.checks.tessellation import loglog_slope
+from clshade.checks.variants import BASE, base_settings, named, variants_for
+from clshade.renderer import render
+from clshade.scene import Material, Mesh, Scene, Settings
+from clshade.scenes import builtin
+
+
+def triangle() -> Scene:
+    """White, unlit, over black; covers 0.4 * 0.7 / 2 of the image, no edge along the pixels."""
+    verts = np.array([[-0.2, -0.35, -1.0], [0.2, -0.31, -1.0], [-0.17, 0.35, -1.0]])
+    camera = Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (40, 40))
+    material = Material(ka=1.0, kd=0.0, ks=0.0, n=1.0)
+    mesh = Mesh(verts, np.array([[0, 1, 2]]), material=material)
+    return Scene((mesh,), camera, (), np.ones(3), np.zeros(3), name="triangle")
+
+
+def area(scene: Scene) -> float:
+    """Of the triangle, as a share of the image: its plane is one unit away and one unit wide."""
+    (ax, ay, _), (bx, by, _), (cx, cy, _) = scene.meshes[0].verts
+    return abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)) / 2.0
+
+
+def test_the_reference_approaches_the_covered_area(device):
+    scene = triangle()
+    found = reference(scene, base_settings(scene), device)
+    assert found.rgb.shape == (40, 40, 3)
+    assert found.samples == 256
+    # About 60 pixels hold an edge; 1/256 px is what vertices are snapped to, and 1/256 a pixel's coverage.
+    assert found.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
+    assert 0.0 < found.error < 0.02
+
+
+def test_more_samples_are_nearer_to_the_reference(device):
+    """Points of low discrepancy cover an edge's pixel right to about samples^-0.75: 1/23 from 1 to 64."""
+    scene = triangle()
+    base = base_settings(scene)
+    chosen = named(variants_for(scene, base_settings(scene), device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
+    measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
+    errors = [each.error for each in measured]
+    assert all(later < earlier for earlier, later in itertools.pairwise(errors))
+    assert loglog_slope((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
+    assert errors[0] > 12 * errors[-1]
+    assert all(each.arithmetic.passed for each in measured)
+
+
+def test_the_mean_of_a_larger_image_is_the_mean_of_samples_on_a_grid(device):
+    scene = triangle()
+    base = base_settings(scene)
+    found = averaged(scene, device, base, 4, 1)
+    large = render(scene, settings=base, device=device, resolution=(160, 160)).rgb
+    assert found[17, 12] == pytest.approx(large[68:72, 48:52].mean(axis=(0, 1)), rel=1e-6)
+    assert rmse(found, reference(scene, base, device).rgb) < 0.05
+
+
+def test_tiles_make_the_same_image(device, monkeypatch):
+    """A moved principal point and a smaller plane: only the rounding of vertices to 1/256 px may differ, which moves edges,
+    and by so little that none passes a sample's place here."""
+    scene = triangle()
+    scene = replace(scene, camera=replace(scene.camera, principal=(0.45, 0.6), plane=(1.1, 0.9)))
+    whole = averaged(scene, device, base_settings(scene), 2, 4)
+    monkeypatch.setattr(reference_module, "TILE", 32)
+    assert len(list(tiles(scene.camera, 2))) == 9
+    assert whole.std() > 0.1
+    assert averaged(scene, device, base_settings(scene), 2, 4) == pytest.approx(whole, abs=1e-12)
+
+
+def places(scale: int, samples: int) -> set[tuple[float, float]]:
+    """Where in a pixel the samples lie of scale x scale pixels in its place."""
+    cells = itertools.product(range(scale), repeat=2)
+    own = sampling.positions(samples) / 256.0
+    return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in own.tolist()}
+
+
+def test_the_reference_samples_where_no_variant_does():
+    of_variants = set().union(*(places(1, each.changes.get("samples", 1)) for each in variants.VARIANTS))
+    assert len(of_variants) == 1 + 4 + 16 + 64
+    for step in STEPS[:-1]:
+        assert len(places(*step)) == step[0] ** 2 * step[1]
+        assert not places(*step) & of_variants
+    assert places(*STEPS[-1]) <= of_variants  # only the last step's error is estimated by it
+
+
+def test_images_too_large_for_many_samples_have_few():
+    """Of the largest image that there is, 4 samples; of a screen's, 64 and more."""
+
+    def steps(resolution):
+        scene = builtin("quads", resolution=resolution)
+        return [_fits(scene, *step) for step in STEPS[:-1]]
+
+    assert steps((640, 480)) == [True] * 4
+    assert steps((1920, 1080)) == [False, True, True, True]
+    assert steps((4096, 4096)) == [False, False, False, True]
+    assert not any(steps((16384, 16384)))
+
+
+def test_the_reference_keeps_what_belongs_to_the_scene(device):
+    base = Settings.from_preset("course", shader="nolight", cull=True, near=0.5)
+    found = reference_module.best_settings(base, device)
+    assert (found.ambient, found.shader, found.cull, found.near) == ("plain", "nolight", True, 0.5)
+    assert (found.visibility, found.interpolation, found.texture_at) == ("depth", "perspective", "pixel")

@@ -1,0 +1,56 @@
+"""The variants of `report`: which there are, which change something of a scene, which the device can draw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from studies import SMALL, sphere
+
+from clshade.checks import variants
+from clshade.checks.variants import BASE, base_settings, named, possible, variants_for
+from clshade.errors import InputError
+from clshade.scene import Settings
+from clshade.scenes import builtin
+
+
+def test_every_variant_is_another_way_and_names_are_unique():
+    names = [each.name for each in variants.VARIANTS]
+    assert len(set(names)) == len(names)
+    changes = [tuple(sorted(each.changes.items())) for each in variants.VARIANTS]
+    assert len(set(changes)) == len(changes)
+    assert set(variants.SHORT) <= set(names)
+
+
+def test_variants_are_those_that_change_something(device):
+    plain, textured = (
+        {each.name for each in variants_for(builtin(name, resolution=SMALL), Settings(), device)}
+        for name in ("quads", "course")
+    )
+    assert {BASE, "gouraud", "painter", "affine", "course"} <= plain
+    assert textured - plain == {"vertex-texture", "trilinear", "trilinear-4", "trilinear-16"}
+
+
+def test_what_settings_or_device_refuse_is_left_out(device):
+    assert possible({"shader": "gouraud"}, Settings(), device)
+    assert not possible({"texture_filter": "trilinear"}, Settings(texture_at="vertex"), device)
+    assert not possible({"shader": "flat"}, Settings(), device)
+    assert not possible({"precision": "float64"}, Settings(), replace(device, has_fp64=False))
+
+
+def test_the_base_keeps_the_ambient_term():
+    assert base_settings(builtin("course")).ambient == "plain"
+    assert base_settings(builtin("quads")) == Settings()
+
+
+def test_unknown_variants(device):
+    known = variants_for(sphere(), Settings(), device)
+    assert named(known, []) == known
+    assert [each.name for each in named(known, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
+    with pytest.raises(InputError, match=r"--only: expected names of standard, .*gouraud.* found 'guro'$"):
+        named(known, ["guro"])
+    with pytest.raises(InputError, match=r"--only: .*found 'vertex-texture', which changes nothing of this scene"):
+        named(known, ["vertex-texture"])
+    without = variants_for(sphere(), Settings(), replace(device, has_fp64=False))
+    with pytest.raises(InputError, match=r"--only: .*found 'float64', which needs a device with float64"):
+        named(without, ["float64"])
