@@ -1,12 +1,29 @@
-"""`python -m clshade`."""
+"""`python -m clshade`, and the console script."""
+
+from __future__ import annotations
 
 import sys
 
-if __name__ == "__main__":
-    try:
-        from .cli import entry
+try:
+    from . import interrupts
+except KeyboardInterrupt:
+    print("clshade: interrupted", file=sys.stderr)
+    sys.exit(130)
 
-        entry()
-    except KeyboardInterrupt:  # while Python was still importing
-        print("clshade: interrupted", file=sys.stderr)
-        sys.exit(130)
+
+def entry() -> None:
+    code = interrupts.INTERRUPTED
+    try:
+        interrupts.leave_soon()
+        from .cli import main
+
+        code = main()
+    except KeyboardInterrupt:
+        interrupts.tell()
+    if code == interrupts.INTERRUPTED:
+        interrupts.ignore()  # what is left is clearing up
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    entry()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -135,15 +134,3 @@ def _run(arguments: Sequence[str]) -> int:
             raise
         print(f"clshade: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED
-
-
-def entry() -> NoReturn:
-    """The console script."""
-    try:
-        interrupts.leave_soon()
-        code = main()
-    except KeyboardInterrupt:  # once more
-        code = INTERRUPTED
-    if code == INTERRUPTED:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is clearing up
-    sys.exit(code)

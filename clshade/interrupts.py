@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import contextlib
 import os
@@ -9,8 +10,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from typing import NoReturn
+
+TYPE_CHECKING = False  # `typing` takes long to import, and an interrupt meanwhile goes unnoticed
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+    from typing import NoReturn
 
 INTERRUPTED = 130  # exit code
 GRACE = 0.3  # seconds that Python has to end the process in its own way
@@ -45,20 +50,35 @@ def tell() -> None:
 
 def leave_soon() -> None:
     """From now on an interrupt ends the process even if its main thread does not get to handle it. For the main thread
-    of a process that runs a command."""
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)  # told at once of every signal that Python handles
-    if hasattr(signal, "siginterrupt"):  # compilers complain of reads that a signal ends
-        signal.siginterrupt(signal.SIGINT, False)
+    of a process that runs a command, before it starts others."""
+    signal.signal(signal.SIGINT, _raise)
+    if not hasattr(signal, "pthread_sigmask"):
+        return
+    # For a thread that waits for it, as nobody else may see the signal: LLVM, which compiles for some runtimes, handles it
+    # by removing the file that it is writing, and then complains of the loss.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     # Both started now: a process that is ending can't start threads.
-    threading.Thread(target=_watch, args=(reader,), daemon=True).start()
+    threading.Thread(target=_wait, daemon=True).start()
     threading.Thread(target=_end_by_force, daemon=True).start()
 
 
-def _watch(reader: int) -> NoReturn:
-    while signal.SIGINT not in os.read(reader, 64):
-        pass
+def ignore() -> None:
+    """From now on interrupts do nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    """As Python does, but not during an import: one of a module in C may abort the process where it gets an exception."""
+    while frame is not None:
+        if frame.f_globals.get("__name__") == "importlib._bootstrap":
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _wait() -> NoReturn:
+    signal.sigwait({signal.SIGINT})
+    _thread.interrupt_main(signal.SIGINT)
     time.sleep(GRACE)
     _late.set()
     with contextlib.suppress(Exception):

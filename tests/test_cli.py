@@ -273,7 +273,7 @@ def test_interrupted(capsys, monkeypatch):
 
 
 def interrupted(code: str, cwd: Path) -> tuple[int, str]:
-    """Exit code and standard error of `python -m clshade render` where `code` runs first and raises SIGINT."""
+    """Exit code and standard error of `python -m clshade render` where `code` runs first and sends SIGINT."""
     (cwd / "sitecustomize.py").write_text(code)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(cwd), str(ROOT)])}
     command = [sys.executable, "-m", "clshade", "render", "quads"]
@@ -284,15 +284,19 @@ def interrupted(code: str, cwd: Path) -> tuple[int, str]:
 @pytest.mark.parametrize("module", ["argparse", "clshade.errors", "clshade.cli", "clshade.scene", "numpy", "_signal"])
 def test_interrupted_while_importing(tmp_path, module):
     code = f"""
-import signal, sys
+import os, signal, sys
+def interrupt(*arguments):
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1_000_000_000):  # until the interrupt comes
+        pass
 class Interrupt:
     def find_spec(self, name, path=None, target=None):
         if name == {module!r}:
-            signal.raise_signal(signal.SIGINT)
+            interrupt()
 sys.meta_path.insert(0, Interrupt())
 if {module!r} == "_signal":  # not imported any more: between the imports and the scene
     import clshade.cli
-    clshade.cli._parser = lambda arguments: signal.raise_signal(signal.SIGINT)
+    clshade.cli.with_values = interrupt
 """
     status, err = interrupted(code, tmp_path)
     assert status == 130, err

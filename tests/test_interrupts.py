@@ -26,17 +26,21 @@ def stuck(*arguments, **options):
     import hashlib
     print("stuck", file=sys.__stdout__, flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 60_000_000)
-{hook}
-import runpy
-runpy.run_module("clshade", run_name="__main__", alter_sys=True)
+from clshade import __main__, cli
+run = cli.main
+def main():
+    {hook}
+    return run()
+cli.main = main
+__main__.entry()
 """
 BUILDING = "from clshade import programs; programs.build = stuck"
 WRITING = "import os; os.fsync = stuck"
 # What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
-WAITING = "import atexit; atexit.register(__import__('time').sleep, 60)\n" + WRITING
-CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60))\n" + WRITING
-FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0)\n" + WRITING
-THROWN_AWAY = "from clshade import runtimes; runtimes.SLOTS = 0\n" + BUILDING
+WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
+CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
+FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
+THROWN_AWAY = "from clshade import runtimes; runtimes.SLOTS = 0; " + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
