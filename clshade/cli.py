@@ -21,6 +21,7 @@ COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
     "devices": "what OpenCL devices were found, and which work",
     "report": "error against run time: which way of drawing a scene is worth its time",
+    "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
     "stability": "stiff and extreme cases, each with its measured error",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "inspect": "statistics per channel of an EXR, and an exposure ladder",

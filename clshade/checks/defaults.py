@@ -2,3 +2,4 @@
 
 PIXELS = 4096  # that `check` computes again
 FRAMES = 15  # of each variant that `report` draws
+BENCH_FRAMES = 21  # of each workload that `bench` draws

@@ -1,0 +1,141 @@
+"""`bench`: how fast frames are, stage by stage, beside other renderers of the same picture."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TextIO, TypeVar
+
+from .. import atomic
+from ..camera import Camera
+from ..device import Device, open_device
+from ..errors import ClshadeError, InputError
+from ..renderer import render
+from ..scene import Scene
+from ..validation import Array
+from . import bench_tables, starting
+from .children import draw_apart
+from .defaults import BENCH_FRAMES
+from .drawing import PATH, SECONDS, cameras, draw, warm_renderer
+from .peaks import best, peaks
+from .peers import DEFAULT, PEERS, MissingPeer, Peer, open_peer
+from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
+from .scaling import scaling
+from .speed import Compared, Result, Speed
+from .starting import start_up
+from .study import machine
+from .timing import Spread, in_turns, spread
+from .workloads import WORKLOADS, Workload, pick
+
+T = TypeVar("T")
+NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
+
+
+def listing() -> str:
+    """All workloads and peers, and what they are."""
+    rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
+    peers = [f"  {name:<14} {about}" for name, (_, about) in PEERS.items()]
+    return "\n".join([*(f"{name:<16} {about}" for name, about in rows), "", "peers", *peers])
+
+
+def run(
+    device: str | None = None,
+    *,
+    names: Sequence[str] = (),
+    peers_named: Sequence[str] | None = None,
+    frames: int = BENCH_FRAMES,
+    with_scaling: bool = False,
+    out: str | None = None,
+    stream: TextIO | None = None,
+) -> bool:
+    """Measures, prints the tables, writes the files. True if every peer that is here draws the same pictures.
+
+    names: of workloads; default all. peers_named: default those in peers.DEFAULT. frames: of each, fewer where they take
+    more than drawing.SECONDS. with_scaling: draw growing scenes and images too. out: what the files' names begin with;
+    None: no files. Raises InputError, DeviceError and OutputError.
+    """
+    stream = stream or sys.stdout
+    if frames < 1:
+        raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
+    # Scaling alone is asked for without naming workloads.
+    chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
+    others = pick(peers_named, tuple(PEERS), "--peers") if peers_named else DEFAULT if peers_named is None else ()
+    if out is not None:
+        for path in bench_tables.paths(out):
+            atomic.check(path)
+    opened = open_device(device, profiling=True)
+    found = Speed(opened.title, machine(), peaks(opened), ())
+    say = partial(print, file=stream, flush=True)
+    say("\n".join(bench_tables.facts(found)))
+    results = []
+    for workload in (each for each in WORKLOADS if each.name in chosen):
+        results.append(measure(workload, opened, others, frames))
+        say(bench_tables.progress(results[-1]))
+    started = start_up(opened.index) if starting.NAME in chosen else None
+    series = scaling(lambda name: draw_apart(name, opened.index, frames)) if with_scaling else ()
+    found = replace(
+        found, peaks=best(found.peaks, peaks(opened)), results=tuple(results), started=started, series=series
+    )
+    say("\n".join(["", *bench_tables.lines(found)]))
+    if out is not None:
+        from . import bench_figure
+
+        written = bench_tables.write(found, out)
+        bench_figure.plot(found, written[-1])
+        say("\n".join(["", *(f"wrote {path}" for path in written)]))
+    return found.passed
+
+
+def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
+    """Our frames alone, then in turns with each peer's that can draw the workload and that is named."""
+    try:
+        if workload.apart:
+            return Result(workload, draw_apart(workload.name, device.index, frames))
+        scene = workload.make()
+        drawn = draw(scene, device, frames)
+    except ClshadeError as error:
+        return Result(workload, None, failed=str(error))
+    compared, missing = [], []
+    for name in (name for name in workload.peers if name in names):
+        try:
+            compared.append(compare(name, scene, device, frames))
+        except MissingPeer as error:
+            missing.append((name, str(error)))
+    return Result(workload, drawn, tuple(compared), tuple(missing))
+
+
+def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
+    """Raises MissingPeer."""
+    peer = open_peer(name, scene)
+    try:
+        theirs, first = _timed(peer.draw, scene.camera)
+        same = _agreement(peer, theirs, device)
+        path = cameras(scene.camera)
+
+        def turn(draw_one: Callable[[Camera], object], number: int) -> float:
+            return _timed(draw_one, path[number % PATH])[1]
+
+        with warm_renderer(peer.scene, device) as renderer:
+            draws = [partial(turn, renderer.render), *([] if peer.once else [partial(turn, peer.draw)])]
+            times = list(zip(*in_turns(draws, frames, SECONDS), strict=True))
+        alone = Spread(first, first, first)
+        return Compared(
+            name, peer.title, spread(times[0]), alone if peer.once else spread(times[1]), len(times[0]), same
+        )
+    finally:
+        peer.close()
+
+
+def _timed(draw_one: Callable[[Camera], T], camera: Camera) -> tuple[T, float]:
+    start = time.perf_counter()
+    drawn = draw_one(camera)
+    return drawn, (time.perf_counter() - start) * 1e3
+
+
+def _agreement(peer: Peer, theirs: Array, device: Device) -> Agreement:
+    frame = render(peer.scene, device=device, layers=("id",))
+    textured = any(mesh.material.texture is not None for mesh in peer.scene.meshes)
+    return agreement(frame.rgb, frame["id"], theirs, TEXTURED if textured else TOLERANCE)
