@@ -41,6 +41,11 @@ NOTES = (
 )
 
 
+def _large(value: float | None) -> str:
+    """Three digits or more, without a power of ten."""
+    return digits(value) if value is None or abs(value) < 1000.0 else f"{value:,.0f}"
+
+
 def _percent(part: float, whole: float) -> str:
     return f"{100.0 * part / whole:.1f} %"
 
@@ -87,8 +92,8 @@ def _peer(result: Result, each: Compared) -> tables.Row:
         f"{each.theirs.median:.2f}",
         f"{each.ours.median:.2f}",
         str(each.rounds),
-        digits(each.ratio),
-        digits(bar),
+        _large(each.ratio),
+        _large(bar),
         f"{100.0 * same.interior:.1f} %",
         f"{digits(same.largest, 2)} of {digits(same.tolerance, 2)}",
         f"{100.0 * same.others:.3f} %",
@@ -98,7 +103,7 @@ def _peer(result: Result, each: Compared) -> tables.Row:
 
 def _verdict(each: Verdict) -> tables.Row:
     word = {True: "yes", False: "NO", None: "-"}[each.kept]
-    return (each.workload, each.what, digits(each.value), f"{'>=' if each.at_least else '<='} {each.bar:.4g}", word)
+    return (each.workload, each.what, _large(each.value), f"{'>=' if each.at_least else '<='} {_large(each.bar)}", word)
 
 
 def facts(speed: Speed) -> list[str]:
@@ -115,7 +120,7 @@ def progress(result: Result) -> str:
         return f"{result.workload.name}: not drawn: {result.failed}"
     parts = [f"{result.workload.name}: {result.drawn.ms:.2f} ms"]
     parts += [
-        f"{each.peer} {each.theirs.median:.2f} ms, {digits(each.ratio)} times"
+        f"{each.peer} {each.theirs.median:.2f} ms, {_large(each.ratio)} times"
         if each.agreement.same
         else f"{each.peer} draws another picture"
         for each in result.compared
