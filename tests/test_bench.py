@@ -16,7 +16,7 @@ from test_cli import assert_refused, run
 from clshade import png
 from clshade.checks import bench, bench_figure, bench_tables, children, peaks, scaling, speed, starting, workloads
 from clshade.checks.drawing import LIGHT_FLOPS, PIXEL_FLOPS, Drawn, draw
-from clshade.checks.peers import PEERS, MissingPeer, agreement, open_peer, write
+from clshade.checks.peers import PEERS, MissingPeer, agreement, gl, open_peer, write
 from clshade.checks.peers.agreement import TEXTURED, TOLERANCE
 from clshade.checks.peers.arrays import mesh_arrays
 from clshade.checks.timing import Spread
@@ -65,8 +65,8 @@ def test_the_object_fills_a_third_of_the_image(opened):
 
 
 def test_scaling_has_a_workload_for_each_size():
-    assert [SCALING[f"triangles-{n}"].make().face_count for n in (1000, 64_000)] == [1000, 64_000]
-    assert SCALING["triangles-fixed"].make().face_count == 1
+    assert [SCALING[f"triangles-{n}"].make().face_count for n in (4000, 64_000)] == [4000, 64_000]
+    assert SCALING["triangles-fixed"].make().face_count == 1000
     assert SCALING["pixels-512"].make().camera.resolution == (512, 512)
 
 
@@ -157,6 +157,23 @@ def test_a_peer_that_is_not_installed_is_named_once_and_the_rest_goes_on(opened,
     assert found.missing() == ["llvmpipe: moderngl is not installed (pip install moderngl, or clshade's extra `peers`)"]
     assert found.passed
     assert found.verdicts() == []
+
+
+def test_a_peer_that_cannot_draw_this_size_is_missing(monkeypatch):
+    moderngl = pytest.importorskip("moderngl")
+    released = []
+
+    class Context:
+        release = staticmethod(lambda: released.append(True))
+
+    def refuse(context, scene):
+        raise moderngl.Error("the framebuffer is\nnot complete")
+
+    monkeypatch.setattr(gl, "_context", lambda name: Context)
+    monkeypatch.setattr(gl, "OpenGL", refuse)
+    with pytest.raises(MissingPeer, match=r"^llvmpipe: the framebuffer is not complete$"):
+        open_peer("llvmpipe", SMALL["object"]())
+    assert released == [True]
 
 
 # Whether pictures agree
@@ -317,12 +334,12 @@ def test_powers():
     fixed = 40.0
     linear = [fixed + 0.5 * n for n in sizes]
     assert scaling.power(sizes, linear) < 0.9
-    assert scaling.power_beyond(sizes, linear, fixed) == pytest.approx(1.0)
-    # Of points that are hardly above the fixed cost nothing is concluded.
-    noisy = [fixed - 1.0, *linear[1:]]
-    assert scaling.power_beyond(sizes, noisy, fixed) == pytest.approx(1.0)
-    assert scaling.power_beyond(sizes[:2], linear[:2], fixed) is None
-    assert scaling.power_beyond(sizes, [None, 1.0, 2.0, 3.0], fixed) is None
+    assert scaling.power_beyond(sizes, linear, fixed, 0.1) == pytest.approx(1.0)
+    # Of points that are hardly above the fixed cost nothing is concluded, nor of smaller ones.
+    noisy = [3.0 * fixed, fixed - 1.0, *linear[1:]]
+    assert scaling.power_beyond([1.0, *sizes], noisy, fixed, 0.1) == pytest.approx(1.0)
+    assert scaling.power_beyond(sizes, linear, fixed, 2.0) is None  # but two of them are less than two times it above
+    assert scaling.power_beyond(sizes, [*linear[:3], None], fixed, 0.1) is None
 
 
 def drawn_with(triangles=100, ms=2.0, side=10, peak=None):
@@ -343,11 +360,11 @@ def test_series_are_drawn_from_small_to_large():
         kind, size = name.split("-")
         count = 0 if size == "fixed" else int(size)
         if kind == "triangles":
-            return drawn_with(max(count, 1), 1.0 + 1e-3 * count, peak=100.0 + 1e-2 * count)
+            return drawn_with(count, 1.0 + 1e-3 * count, peak=100.0 + 1e-2 * count)
         return drawn_with(side=max(count, 16), ms=1.0 + 1e-4 * count**2, peak=50.0)
 
     triangles, pixels = series_of(measure)
-    assert asked == list(SCALING)
+    assert asked == ["triangles-fixed", *list(SCALING)[:8], "pixels-fixed", *list(SCALING)[8:]]
     assert triangles.sizes == sorted(triangles.sizes)
     assert triangles.exponents()["time beyond the fixed cost"] == pytest.approx(1.0, abs=1e-6)
     assert triangles.exponents()["memory beyond the fixed cost"] == pytest.approx(1.0, abs=1e-6)
@@ -429,7 +446,10 @@ def no_constants(text):
 
 @pytest.fixture
 def small_workloads(monkeypatch):
-    made = tuple(Workload(name, f"small {name}", make) for name, make in SMALL.items() if name != "lights")
+    made = (
+        *(Workload(name, f"small {name}", make) for name, make in SMALL.items() if name != "lights"),
+        Workload("empty", "a small empty image", lambda: workloads.empty(8), peers=("write",), ratios={"write": 1e-9}),
+    )
     monkeypatch.setattr(bench, "WORKLOADS", made)
     monkeypatch.setattr(bench, "NAMES", (*(each.name for each in made), starting.NAME))
 
@@ -458,6 +478,9 @@ def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
     assert (code, list(tmp_path.iterdir())) == (0, [])
     assert "quads" in out
     assert "its ms" not in out
+    code, out, _ = run(capsys, "bench", "empty", "--device", opened.index, "--frames", "1", "--peers", "numpy")
+    assert code == 0
+    assert "times as fast as write" in out  # what writing takes is measured whatever peers are named
     monkeypatch.setattr(bench, "draw_apart", lambda name, device, frames: drawn_with(len(name), frames))
     code, out, _ = run(capsys, "bench", "--scaling", "--frames", "3", "--device", opened.index)
     assert code == 0

@@ -19,9 +19,9 @@ from ..validation import Array
 from . import bench_tables, starting
 from .children import draw_apart
 from .defaults import BENCH_FRAMES
-from .drawing import PATH, SECONDS, cameras, draw, warm_renderer
+from .drawing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
 from .peaks import best, peaks
-from .peers import DEFAULT, PEERS, MissingPeer, Peer, open_peer
+from .peers import DEFAULT, PEERS, YARDSTICKS, MissingPeer, Peer, open_peer
 from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
 from .scaling import scaling
 from .speed import Compared, Result, Speed
@@ -45,7 +45,7 @@ def run(
     device: str | None = None,
     *,
     names: Sequence[str] = (),
-    peers_named: Sequence[str] | None = None,
+    peers_named: Sequence[str] = DEFAULT,
     frames: int = BENCH_FRAMES,
     with_scaling: bool = False,
     out: str | None = None,
@@ -53,7 +53,7 @@ def run(
 ) -> bool:
     """Measures, prints the tables, writes the files. True if every peer that is here draws the same pictures.
 
-    names: of workloads; default all. peers_named: default those in peers.DEFAULT. frames: of each, fewer where they take
+    names: of workloads; default all. peers_named: empty for none. frames: of each, fewer where they take
     more than drawing.SECONDS. with_scaling: draw growing scenes and images too. out: what the files' names begin with;
     None: no files. Raises InputError, DeviceError and OutputError.
     """
@@ -62,7 +62,7 @@ def run(
         raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
     # Scaling alone is asked for without naming workloads.
     chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
-    others = pick(peers_named, tuple(PEERS), "--peers") if peers_named else DEFAULT if peers_named is None else ()
+    others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
     if out is not None:
         for path in bench_tables.paths(out):
             atomic.check(path)
@@ -75,7 +75,13 @@ def run(
         results.append(measure(workload, opened, others, frames))
         say(bench_tables.progress(results[-1]))
     started = start_up(opened.index) if starting.NAME in chosen else None
-    series = scaling(lambda name: draw_apart(name, opened.index, frames)) if with_scaling else ()
+
+    def draw_point(name: str) -> Drawn:
+        drawn = draw_apart(name, opened.index, frames)
+        say(f"{name}: {drawn.ms:.2f} ms")
+        return drawn
+
+    series = scaling(draw_point) if with_scaling else ()
     found = replace(
         found, peaks=best(found.peaks, peaks(opened)), results=tuple(results), started=started, series=series
     )

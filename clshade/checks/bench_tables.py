@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .. import atomic
 from . import tables
+from .drawing import LIGHT_FLOPS, PIXEL_FLOPS
 from .speed import Compared, Result, Speed, Verdict
 from .tables import digits
 
@@ -33,11 +34,11 @@ NOTES = (
     "little before every frame",
     "bytes: what cannot be avoided, a lower bound: the scene's arrays as they lie on the device read once, the image "
     "written once; of copy: share of what a kernel that copies memory reaches on the device, reads and writes counted",
-    "flops: Phong's model at the covered pixels, an fma counted as two (86 and 71 a light); of peak: share of what "
-    "independent fma reach on the device",
+    f"flops: Phong's model at the covered pixels, an fma counted as two ({PIXEL_FLOPS} and {LIGHT_FLOPS} a light), textures "
+    "not counted; of peak: share of what independent fma reach on the device",
     "inside: share of covered pixels whose neighbors show the same triangle; off by: largest difference there, of the "
     "largest value, and what is allowed; others: share of the other pixels whose color lies within the range of our 3x3 "
-    "pixels around; rounds: frames of both in turns (a peer that draws once: ours)",
+    "pixels around; rounds: frames of both in turns; the scanline loop draws once, so of it: ours",
 )
 
 
@@ -152,7 +153,8 @@ def _series(speed: Speed) -> list[tables.Row]:
 def _notes(speed: Speed) -> list[str]:
     titles = dict.fromkeys(f"{c.peer}: {c.title}" for result in speed.results for c in result.compared)
     failed = [f"{each.workload.name}: {each.failed}" for each in speed.results if each.failed]
-    return [*NOTES, *titles, *speed.missing(), *failed]
+    notes = NOTES if speed.results else NOTES[:1]
+    return [*notes, *titles, *speed.missing(), *failed]
 
 
 def lines(speed: Speed) -> list[str]:

@@ -11,13 +11,14 @@ from .tessellation import loglog_slope
 from .workloads import SCALING
 
 EXPONENT = 1.05  # the bar
+LEAST_TIME, LEAST_MEMORY = 1.0, 0.15  # of the fixed cost, that is more than noise
 FEWEST_POINTS = 3  # of a fit
 NAMES = ("triangles", "pixels")
 
 
 @dataclass(frozen=True)
 class Series:
-    """name: what grows. fixed: drawn without any of it. points: by growing size, see `sizes`."""
+    """name: what grows. fixed: drawn with few of them. points: by growing size, see `sizes`."""
 
     name: str
     fixed: Drawn
@@ -37,8 +38,8 @@ class Series:
         memory = [each.peak_mib for each in self.points]
         return {
             "time": power(self.sizes, times),
-            "time beyond the fixed cost": power_beyond(self.sizes, times, self.fixed.ms),
-            "memory beyond the fixed cost": power_beyond(self.sizes, memory, self.fixed.peak_mib),
+            "time beyond the fixed cost": power_beyond(self.sizes, times, self.fixed.ms, LEAST_TIME),
+            "memory beyond the fixed cost": power_beyond(self.sizes, memory, self.fixed.peak_mib, LEAST_MEMORY),
         }
 
     def stats(self) -> dict[str, Any]:
@@ -58,19 +59,26 @@ def power(sizes: Sequence[float], values: Sequence[float]) -> float | None:
     return loglog_slope(sizes, values) if len(sizes) >= FEWEST_POINTS else None
 
 
-def power_beyond(sizes: Sequence[float], values: Sequence[float | None], fixed: float | None) -> float | None:
-    """The same of what the values are above `fixed`, of the points where that is at least as much again: a difference of
-    nearly equal times is noise. Smaller sizes would only make the plain power smaller."""
-    if fixed is None or None in values:
+def power_beyond(
+    sizes: Sequence[float], values: Sequence[float | None], fixed: float | None, least: float
+) -> float | None:
+    """The same of what the values are above `fixed`, from the size on from which that is at least `least` of it: the
+    difference of nearly equal values is noise."""
+    if fixed is None:
         return None
-    kept = [(size, value - fixed) for size, value in zip(sizes, values, strict=True) if value and value >= 2.0 * fixed]
-    return power(*zip(*kept, strict=True)) if len(kept) >= FEWEST_POINTS else None
+    kept: list[tuple[float, float]] = []
+    for size, value in zip(reversed(sizes), reversed(values), strict=True):
+        if value is None or value - fixed < least * fixed:
+            break
+        kept.append((size, value - fixed))
+    return power(*zip(*kept, strict=True)) if kept else None
 
 
 def scaling(measure: Callable[[str], Drawn]) -> tuple[Series, ...]:
     """measure: draws the workload of a name in SCALING."""
     found = []
     for name in NAMES:
+        measure(f"{name}-fixed")  # what compiling the kernels takes of memory is not the scene's
         fixed, *points = (measure(each) for each in SCALING if each.startswith(name))
         found.append(Series(name, fixed, tuple(points)))
     return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Material, Mesh, PointLight, Scene
+from ..scene import Mesh, PointLight, Scene
 from ..scenes import Resolution, builtin
 
 EXPONENT = 20.0  # of the highlight, everywhere
@@ -89,13 +89,6 @@ def empty(size: int) -> Scene:
     return replace(thing(size, level=2), meshes=())
 
 
-def lone_triangle(resolution: Resolution) -> Scene:
-    """What of a frame's time no number of triangles changes."""
-    scene = knot(18, resolution)
-    mesh = Mesh(np.eye(3, dtype=np.float32) * 0.01, np.array([[0, 1, 2]]), material=Material(n=EXPONENT))
-    return replace(scene, meshes=(mesh,))
-
-
 TIME = Limit("ms", "ms a frame", 1200.0)
 MEMORY = Limit("peak_mib", "MiB at most in memory", 4096.0)
 FILL_RATE = Limit("mpix_s", "Mpix/s lit", 150.0, at_least=True)
@@ -153,15 +146,16 @@ WORKLOADS = (
     ),
 )
 
-TRIANGLES = (1000, 4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
+FEW_TRIANGLES = 1000  # that take no time beside the pixels they cover
+TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
 SIDES = (256, 512, 1024, 2048, 4096)
 FIXED_SIDE = 16  # of an image whose pixels take no time
 
-# What --scaling draws: name -> workload. `-fixed` is what a frame takes before the first triangle, or pixel.
+# What --scaling draws: name -> workload. `-fixed` is the same picture of few triangles, or in few pixels.
 SCALING = {
     each.name: each
     for each in (
-        Workload("triangles-fixed", "one triangle, 1920x1080", partial(lone_triangle, HD), apart=True),
+        Workload("triangles-fixed", "few triangles, 1920x1080", partial(knot, FEW_TRIANGLES), apart=True),
         *(Workload(f"triangles-{n}", f"{n:,} triangles, 1920x1080", partial(knot, n), apart=True) for n in TRIANGLES),
         Workload("pixels-fixed", "the object at 16x16", partial(thing, FIXED_SIDE), apart=True),
         *(Workload(f"pixels-{n}", f"the object at {n}x{n}", partial(thing, n), apart=True) for n in SIDES),
@@ -169,7 +163,7 @@ SCALING = {
 }
 
 
-def pick(names: Sequence[str], known: Sequence[str], what: str) -> list[str]:
+def pick(names: Collection[str], known: Collection[str], what: str) -> list[str]:
     """The names, each once; all known ones without any. Raises InputError, which names the nearest, for an unknown one."""
     for name in names:
         if name not in known:

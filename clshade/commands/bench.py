@@ -27,12 +27,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from ..checks import bench
+    from ..checks.peers import DEFAULT
 
     if arguments.list:
         print(bench.listing())
         return DONE
-    given = arguments.peers
-    peers = None if given is None else [] if given == "none" else [name.strip() for name in given.split(",")]
+    named = [name.strip() for name in (arguments.peers or "").split(",")]
+    peers = DEFAULT if arguments.peers is None else () if named == ["none"] else tuple(named)
     passed = bench.run(
         arguments.device,
         names=arguments.workloads,

@@ -45,7 +45,8 @@ PEERS = {
     "scanline": ("plain", "loops over triangles, scanlines and pixels in Python"),
     "write": ("write", "the image's background written by NumPy"),
 }
-DEFAULT = ("llvmpipe", "numpy", "scanline", "write")
+DEFAULT = ("llvmpipe", "numpy", "scanline")
+YARDSTICKS = ("write",)  # drawn with whatever others
 
 
 def open_peer(name: str, scene: Scene) -> Peer:

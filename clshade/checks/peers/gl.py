@@ -117,15 +117,14 @@ class OpenGL:
 
     once = False
 
-    def __init__(self, name: str, scene: Scene) -> None:
+    def __init__(self, context: Any, scene: Scene) -> None:
         self.scene = scene
         self._mesh = mesh_arrays(scene)
-        self._context = _context(name)
+        self._context = context
         info = self._context.info
         self.title = f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
         columns, rows = scene.camera.resolution
         self._image = np.zeros((rows, columns, 4), np.float32)
-        context = self._context
         self._target = context.framebuffer(
             [context.renderbuffer((columns, rows), 4, dtype="f4")], context.depth_renderbuffer((columns, rows))
         )
@@ -201,4 +200,13 @@ class OpenGL:
 
 
 def open_for(name: str, scene: Scene) -> OpenGL:
-    return OpenGL(name, scene)
+    context = _context(name)
+    try:
+        return OpenGL(context, scene)
+    except Exception as error:
+        context.release()
+        import moderngl
+
+        if isinstance(error, moderngl.Error):  # an image or a texture that is too large, or no float target
+            raise MissingPeer(f"{name}: {' '.join(str(error).split())}") from None
+        raise
