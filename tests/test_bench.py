@@ -283,8 +283,9 @@ def test_a_scene_too_large_for_the_device_is_reported(opened):
     assert any(result.failed in line for line in bench_tables.lines(made_up(result)))
 
 
-def test_peaks(opened):
-    found = peaks.peaks(opened)
+@pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
+def test_peaks(opened, changes):
+    found = peaks.peaks(replace(opened, **changes))
     assert found.copy > 1e7  # a device that copies 10 MB a second is none
     assert found.flops > 1e7
     assert peaks.best(peaks.Peaks(1.0, 5.0), peaks.Peaks(2.0, 3.0)) == (2.0, 5.0)

@@ -67,24 +67,8 @@ def run(
         for path in bench_tables.paths(out):
             atomic.check(path)
     opened = open_device(device, profiling=True)
-    found = Speed(opened.title, machine(), peaks(opened), ())
     say = partial(print, file=stream, flush=True)
-    say("\n".join(bench_tables.facts(found)))
-    results = []
-    for workload in (each for each in WORKLOADS if each.name in chosen):
-        results.append(measure(workload, opened, others, frames))
-        say(bench_tables.progress(results[-1]))
-    started = start_up(opened.index) if starting.NAME in chosen else None
-
-    def draw_point(name: str) -> Drawn:
-        drawn = draw_apart(name, opened.index, frames)
-        say(f"{name}: {drawn.ms:.2f} ms")
-        return drawn
-
-    series = scaling(draw_point) if with_scaling else ()
-    found = replace(
-        found, peaks=best(found.peaks, peaks(opened)), results=tuple(results), started=started, series=series
-    )
+    found = measure_all(opened, chosen, others, frames, with_scaling, say)
     say("\n".join(["", *bench_tables.lines(found)]))
     if out is not None:
         from . import bench_figure
@@ -93,6 +77,28 @@ def run(
         bench_figure.plot(found, written[-1])
         say("\n".join(["", *(f"wrote {path}" for path in written)]))
     return found.passed
+
+
+def measure_all(
+    device: Device, names: Sequence[str], others: Sequence[str], frames: int, with_scaling: bool, say: Callable
+) -> Speed:
+    """Workloads and peers by name; a line to `say` as soon as each is measured."""
+    found = Speed(device.title, machine(), peaks(device), ())
+    say("\n".join(bench_tables.facts(found)))
+    results = []
+    for workload in (each for each in WORKLOADS if each.name in names):
+        results.append(measure(workload, device, others, frames))
+        say(bench_tables.progress(results[-1]))
+    started = start_up(device.index) if starting.NAME in names else None
+
+    def draw_point(name: str) -> Drawn:
+        drawn = draw_apart(name, device.index, frames)
+        say(f"{name}: {drawn.ms:.2f} ms")
+        return drawn
+
+    series = scaling(draw_point) if with_scaling else ()
+    most = best(found.peaks, peaks(device))
+    return replace(found, peaks=most, results=tuple(results), started=started, series=series)
 
 
 def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
