@@ -8,7 +8,7 @@ import numpy as np
 
 from .stages import Buffer, Stages, TriangleBuffers
 
-_LEAST_CHUNK = 512  # triangles
+_LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _MOST_CHUNKS = 16
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the counters: 16 MiB
 _SCAN_RUN = 1 << 13  # counters that a work-item of the scan takes at least
@@ -60,10 +60,10 @@ class TileLists:
             events["bin_sums"] = self._stages.bin_sums(image, self._counts, self._sums, self._chunks)
         events["bin_scan"] = self._stages.bin_scan(image, self._sums, self._counts, self.starts, made, self._chunks)
 
-    def fill(self, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:
+    def fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:
         """Writes the lists."""
         if visible:
-            arguments = (made, image, self._counts, self.entries, self._chunk, visible)
+            arguments = (order, made, image, self._counts, self.entries, self._chunk, visible)
             events["bin_fill"] = self._stages.bin_fill(*arguments)
 
     def make_room(self, entries: int) -> None:

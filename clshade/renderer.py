@@ -305,7 +305,7 @@ class Renderer:
         return depth, face
 
     def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
-        self._lists.fill(self._made, self._image, visible, events)
+        self._lists.fill(self._order, self._made, self._image, visible, events)
         triangles = self._made.triangles
         geometry = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
         surface = (*geometry, *self._attributes, self._lights, self._image)

@@ -228,7 +228,7 @@ def _draw(
     lists.make_room(int(made.counters.to_host()["entries"][0]))
     with image.writing() as rows_of_image:
         rows_of_image["list_capacity"] = lists.room
-    lists.fill(made, image, visible, {})
+    lists.fill(order, made, image, visible, {})
     normals, colors = attributes
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     # All corners lie at the one point, so that the triangle's centroid does.

@@ -163,9 +163,9 @@ class Stages:
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
-    def _per_item(self, name: str, count: int, *arguments: Any) -> cl.Event:
-        """One work-item per element, in groups of 64."""
-        return self._launch(name, (-(-count // 64) * 64,), (64,), *arguments, count)
+    def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
+        """A work-item for `each` so many elements, in groups of 64."""
+        return self._launch(name, (-(-count // (64 * each)) * 64,), (64,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """On a device without float64 the host does it, and there is no event."""
@@ -207,8 +207,10 @@ class Stages:
         count: int,
         sides: Sides = (None, None),
     ) -> cl.Event:
+        inputs = (pieces, *sides, image)
         outputs = (made.triangles, made.bounds, made.keys, made.counters)
-        return self._per_item("setup_pieces", count, pieces, *sides, image, *outputs, face_count)
+        each = self._programs["setup_pieces"].lanes
+        return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, each=each)
 
     def bin_count(
         self, order: Buffer, made: TriangleBuffers, image: Buffer, counts: Buffer, chunk: int, count: int
@@ -226,9 +228,16 @@ class Stages:
         return self._launch("bin_scan", sums.array.shape, (1,), *arguments)
 
     def bin_fill(
-        self, made: TriangleBuffers, image: Buffer, cursors: Buffer, lists: Buffer, chunk: int, count: int
+        self,
+        order: Buffer,
+        made: TriangleBuffers,
+        image: Buffer,
+        cursors: Buffer,
+        lists: Buffer,
+        chunk: int,
+        count: int,
     ) -> cl.Event:
-        arguments = (made.triangles, image, made.sorted_bounds, cursors, lists, made.counters, chunk, count)
+        arguments = (order, made.triangles, image, made.sorted_bounds, cursors, lists, made.counters, chunk, count)
         return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
 
     def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:

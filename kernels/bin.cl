@@ -2,27 +2,48 @@
 // each chunk counts its entries per tile, the counts are summed up, then each chunk writes behind those before it.
 #include "samples.clh"
 
-// Whether an edge function is negative all over the tile, so that the triangle misses it.
-int misses_tile(global const Triangle *t, global const Image *image, int column, int row)
+// A triangle's edge tests, as edge_test without its limits, at their most within a tile: where one is negative the
+// triangle misses it.
+typedef struct {
+    long most[3];          // in the first tile of its box
+    long right[3], up[3];  // change from tile to tile
+} TileTests;
+
+INLINE TileTests tile_tests(global const Triangle *t, global const Image *image, int tile_x, int tile_y)
 {
-    int2 least = ((int2)(column, row) << SUBPIXEL_BITS) + (int2)(LEAST_X(image), LEAST_Y(image));
+    int2 least = ((int2)(tile_x, tile_y) * TILE_SIZE << SUBPIXEL_BITS) + (int2)(LEAST_X(image), LEAST_Y(image));
+    TileTests tests;
     for (int k = 0; k < 3; ++k) {
         Edge e = edge_at(t, k, least);
-        e.value += (long)(MOST_X(image) - LEAST_X(image)) * max(e.a, 0) + (long)(MOST_Y(image) - LEAST_Y(image)) * max(e.b, 0);
-        int most = edge_test(e) + (TILE_SIZE - 1) * (max(e.a, 0) + max(e.b, 0));
-        if (most < 0)
-            return 1;
+        long right = max(e.a, 0), up = max(e.b, 0);
+        e.value += (MOST_X(image) - LEAST_X(image)) * right + (MOST_Y(image) - LEAST_Y(image)) * up;
+        tests.most[k] = ((e.value - e.bias) >> SUBPIXEL_BITS) + (TILE_SIZE - 1) * (right + up);
+        tests.right[k] = (long)e.a * TILE_SIZE;
+        tests.up[k] = (long)e.b * TILE_SIZE;
     }
-    return 0;
+    return tests;
 }
 
-#define FOR_TILES_OF(b, tile)                                                                         \
-    int4 box = convert_int4(vload4(0, (b).box));                                                      \
-    int4 span = convert_int4(convert_uint4(box) / TILE_SIZE);                                         \
-    int whole = span.z - span.x < 2 && span.w - span.y < 2;                                           \
-    for (int tile_y = span.y; tile_y <= span.w; ++tile_y)                                             \
-        for (int tile_x = span.x, tile = tile_y * image->tiles_x + tile_x; tile_x <= span.z; ++tile_x, ++tile) \
-            if (whole || !misses_tile(triangles + (b).index, image, tile_x * TILE_SIZE, tile_y * TILE_SIZE))
+INLINE int misses_tile(const TileTests *tests, int right, int up)
+{
+    long least = 0;
+    for (int k = 0; k < 3; ++k)
+        least |= tests->most[k] + right * tests->right[k] + up * tests->up[k];
+    return least < 0;
+}
+
+// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of.
+#define FOR_TILES_OF(b, index, tile)                                                                  \
+    uint left = (b).box & 0xffff, low = (b).box >> 16 & 0xffff, right = (b).box >> 32 & 0xffff, high = (b).box >> 48; \
+    int first_x = left / TILE_SIZE, first_y = low / TILE_SIZE;                                        \
+    int last_x = right / TILE_SIZE, last_y = high / TILE_SIZE;                                        \
+    TileTests tests;                                                                                  \
+    int whole = last_x - first_x < 2 && last_y - first_y < 2;                                         \
+    if (!whole)                                                                                       \
+        tests = tile_tests(triangles + (index), image, first_x, first_y);                           \
+    for (int tile_y = first_y; tile_y <= last_y; ++tile_y)                                            \
+        for (int tile_x = first_x, tile = tile_y * image->tiles_x + tile_x; tile_x <= last_x; ++tile_x, ++tile) \
+            if (whole || !misses_tile(&tests, tile_x - first_x, tile_y - first_y))
 
 kernel void bin_count(global const uint *order,           // T, triangles, nearest first
                       global const Triangle *triangles,   // F + C, from setup
@@ -39,9 +60,10 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
     int end = min((chunk + 1) * chunk_size, count);
     for (int i = chunk * chunk_size; i < end; ++i) {
         PREFETCH(bounds + order[min(i + 16, end - 1)]);
-        Bounds b = bounds[order[i]];
+        uint index = order[i];
+        Bounds b = bounds[index];
         sorted[i] = b;
-        FOR_TILES_OF(b, tile)
+        FOR_TILES_OF(b, index, tile)
             own[tile] += 1;
     }
 }
@@ -98,7 +120,8 @@ kernel void bin_scan(global const Image *image,   // 1
     }
 }
 
-kernel void bin_fill(global const Triangle *triangles,   // F + C
+kernel void bin_fill(global const uint *order,           // T, triangles, nearest first
+                     global const Triangle *triangles,   // F + C
                      global const Image *image,          // 1
                      global const Bounds *sorted,        // T, from bin_count
                      global uint *cursors,               // chunks x tiles: where each chunk's entries of a tile begin
@@ -112,11 +135,13 @@ kernel void bin_fill(global const Triangle *triangles,   // F + C
     global uint *own = cursors + (long)chunk * image->tiles;
     int end = min((chunk + 1) * chunk_size, count);
     for (int i = chunk * chunk_size; i < end; ++i) {
+        uint index = order[i];
         Bounds b = sorted[i];
-        FOR_TILES_OF(b, tile) {
-            int4 corner = (int4)(tile_x, tile_y, tile_x, tile_y) * TILE_SIZE;
-            int4 part = clamp(box - corner, 0, TILE_SIZE - 1);
-            Entry e = {b.nearest, b.index, part.x | part.y << 8 | part.z << 16 | part.w << 24};
+        FOR_TILES_OF(b, index, tile) {
+            int x = tile_x * TILE_SIZE, y = tile_y * TILE_SIZE;
+            int box = max((int)left - x, 0) | max((int)low - y, 0) << 8 | min((int)right - x, TILE_SIZE - 1) << 16 |
+                      min((int)high - y, TILE_SIZE - 1) << 24;
+            Entry e = {b.nearest, index, box, b.only};
             lists[own[tile]++] = e;
         }
     }

@@ -1,5 +1,6 @@
 // Gouraud shading: the corners are lit, their light is interpolated. Without LIT the colors themselves are (nolight).
 #include "fill.clh"
+#include "gather.clh"
 
 #if !PHONG
 #if LIT
@@ -15,12 +16,11 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int first = get_global_id(0) * LANES;
     Surface surface = surface_of(in->materials);
     int taken[LANES], face[LANES];
-    ints lane_index = LANE_ROWS * BLOCK_WIDTH + LANE_COLUMNS;
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
 #if MATERIALS
-        put_surface(&surface, lane_index == lane, material_of(in, face[lane]));
+        put_surface(&surface, LANE_INDEX == lane, material_of(in, face[lane]));
 #endif
     }
     for (int k = 0; k < 3; ++k) {
@@ -58,36 +58,70 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 }
 #endif
 
-colors3 light_block(const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
+// What a block's pixels show.
+typedef struct {
+    colors3 color;
+    Surface surface;
+    Texels texels;
+} Seen;
+
+// Sets the lanes that are `mine`, which triangle `index` owns.
+INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, int index, int2 at, global const real4 *corner_light)
 {
-    colors3 color = {1.0f, 1.0f, 1.0f};
-    Surface surface = surface_of(in->materials);
-    Texels texels = no_texels();
-    ints todo = (owner != NOBODY) & (OWNERS_DIFFER ? -1 : 0);
-    while (any_lane(todo)) {
-        ints mine;
-        int index = next_owner(owner, todo, &mine);
-        global const Triangle *t = in->triangles + index;
-        todo = todo & !mine;
-        int face = t->face;
+    global const Triangle *t = in->triangles + index;
+    int face = t->face;
 #if LIT
-        Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
-        global const real4 *c = corner_light + 3 * index;
-        put_color(&color, mine, mix_vectors(m, c[0], c[1], c[2]));
+    Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
+    global const real4 *c = corner_light + 3 * index;
+    put_color(&seen->color, mine, mix_vectors(m, c[0], c[1], c[2]));
 #if MATERIALS
-        put_surface(&surface, mine, material_of(in, face));
+    put_surface(&seen->surface, mine, material_of(in, face));
 #endif
 #elif VERTEX_COLORS || CORNER_COLORS
-        Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
-        put_color(&color, mine,
-                  mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
-                              in->colors[color_index(in, face, 2)]));
+    Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
+    put_color(&seen->color, mine,
+              mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                          in->colors[color_index(in, face, 2)]));
 #endif
-        put_texels(&texels, mine, in, t, at);
-    }
-    color = times_texel(color, &texels, in);
+    put_texels(&seen->texels, mine, in, t, at);
+}
+
+#if GATHERS
+// Sets as many as it can of the lanes in `todo`; returns those.
+INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
+{
+    ints own = todo ? owner : (ints)(lane_of(owner, todo));
+    Gathered t = gather_triangles(in, own, at);
+    ints mine = todo & t.fits;
 #if LIT
-    color = radiance_of(color, &surface, in->image->light_unit);
+    int number[LANES];
+    STORE_LANES(own, number);
+    CornerRows corner = rows_of(number);
+    put_color(&seen->color, mine, mix_gathered(gathered_weights(&t), corner_light, &corner, (reals)(1.0f)));
+    put_surfaces(&seen->surface, mine, in, t.face);
+#elif CORNER_COLORS
+    CornerRows corner = rows_of(t.face);
+    put_color(&seen->color, mine, mix_gathered(gathered_weights(&t), in->colors, &corner, (reals)(1.0f)));
+#elif VERTEX_COLORS
+    CornerRows corner = rows_in(in->faces, t.face);
+    put_color(&seen->color, mine, mix_gathered(gathered_weights(&t), in->colors, &corner, (reals)(1.0f)));
+#endif
+    return mine;
+}
+#endif
+
+colors3 light_block(const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
+{
+    Seen seen;
+    seen.color.r = seen.color.g = seen.color.b = (reals)(1.0f);
+    seen.surface = surface_of(in->materials);
+    seen.texels = no_texels();
+    ints todo = (owner != NOBODY) & (OWNERS_DIFFER ? -1 : 0);
+    FOR_OWNERS(owner, todo, see_owner(&seen, mine, in, index, at, corner_light),
+               see_lanes(&seen, todo, in, owner, at, corner_light));
+    colors3 color = times_texel(seen.color, &seen.texels, in);
+#if LIT
+    color = radiance_of(color, &seen.surface, in->image->light_unit);
 #endif
     return color;
 }

@@ -1,11 +1,5 @@
-// Triangles from snapped corners: area, box, culls, sort keys. Visible ones are listed, crossing ones left to the host.
-#include "samples.clh"
-
-// First and last pixel with a sample within snapped [low, high], of samples from `least` to `most`.
-int2 samples_within(int low, int high, int least, int most)
-{
-    return (int2)((low - most + SUBPIXELS - 1) >> SUBPIXEL_BITS, (high - least) >> SUBPIXEL_BITS);
-}
+// Triangles from faces and from the pieces of clipped ones, with sort keys. Crossing faces are left to the host.
+#include "corners.clh"
 
 // A depth's order as unsigned bits; on a device without float64 the depths are bits already.
 #if FP64
@@ -28,100 +22,103 @@ ulong sort_key(ulong order, int index)
     return (order & ~low) | (low - (ulong)index);
 }
 
-typedef enum { VISIBLE, OFF_SCREEN, BETWEEN_SAMPLES, ZERO_AREA, BACK_FACING } Verdict;
-
-// Whether a triangle that reaches over less than FEW_PIXELS + 1 pixels each way, so that its edge functions fit an int,
-// covers a sample of a pixel: the one that lies `at` in the first pixel. Only looked into where its box holds few pixels.
-INLINE int may_cover(const Triangle *t, const Bounds *bounds, int2 at)
+// The mask of lanes whose faces are drawn only where they are seen from the front.
+fixeds front_only_lanes(const int *face, global const int *face_materials, global const Material *materials)
 {
-    int columns = bounds->box[2] - bounds->box[0] + 1, rows = bounds->box[3] - bounds->box[1] + 1;
-    if (columns * rows > FEW_PIXELS)
-        return 1;
-    int x0 = t->x[0] - at.x, x1 = t->x[1] - at.x, x2 = t->x[2] - at.x;
-    int y0 = t->y[0] - at.y, y1 = t->y[1] - at.y, y2 = t->y[2] - at.y;
-    int a0 = (y1 - y2) * t->orientation, a1 = (y2 - y0) * t->orientation, a2 = (y0 - y1) * t->orientation;
-    int b0 = (x2 - x1) * t->orientation, b1 = (x0 - x2) * t->orientation, b2 = (x1 - x0) * t->orientation;
-    int e0 = (x1 * y2 - x2 * y1) * t->orientation - edge_bias(a0, b0);
-    int e1 = (x2 * y0 - x0 * y2) * t->orientation - edge_bias(a1, b1);
-    int e2 = (x0 * y1 - x1 * y0) * t->orientation - edge_bias(a2, b2);
-    for (int row = 0; row < rows; ++row)
-        for (int column = 0; column < columns; ++column) {
-            int dx = column << SUBPIXEL_BITS, dy = row << SUBPIXEL_BITS;
-            if (((e0 + a0 * dx + b0 * dy) | (e1 + a1 * dx + b1 * dy) | (e2 + a2 * dx + b2 * dy)) >= 0)
-                return 1;
-        }
-    return 0;
-}
-
-// Whether the face is drawn only where it is seen from the front.
-int is_front_only(int face, global const int *face_materials, global const Material *materials)
-{
-#if SIDES
-    return CULL || materials[face_materials[face]].front_only;
+#if SIDES && !CULL
+    int front_only[LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        front_only[lane] = materials[face_materials[face[lane]]].front_only;
+    return LOAD_LANES(front_only) != 0;
 #else
-    return CULL;
+    return (fixeds)(CULL) != 0;
 #endif
 }
 
-// Completes a triangle of which x, y and w are set, and its bounds.
-INLINE Verdict complete(Triangle *t, Bounds *bounds, int face, int piece, int front_only, global const Image *image)
+Culled nothing_culled()
 {
-    long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
-    if (area == 0)
-        return ZERO_AREA;
-    if (area < 0 && front_only)
-        return BACK_FACING;
-    int2 across = samples_within(min(min(t->x[0], t->x[1]), t->x[2]), max(max(t->x[0], t->x[1]), t->x[2]),
-                                 LEAST_X(image), MOST_X(image));
-    int2 up = samples_within(min(min(t->y[0], t->y[1]), t->y[2]), max(max(t->y[0], t->y[1]), t->y[2]),
-                             LEAST_Y(image), MOST_Y(image));
-    if (across.x > across.y || up.x > up.y)
-        return BETWEEN_SAMPLES;
-    int small = across.y - across.x < FEW_PIXELS && up.y - up.x < FEW_PIXELS;  // itself, not its part in the image
-    across = (int2)(max(across.x, 0), min(across.y, image->columns - 1));
-    up = (int2)(max(up.x, 0), min(up.y, image->rows - 1));
-    if (across.x > across.y || up.x > up.y)
-        return OFF_SCREEN;
-    t->orientation = area > 0 ? 1 : -1;
-    t->inverse_area = (real)(1 << SUBPIXEL_BITS) / (real)(area > 0 ? area : -area);
-    bounds->box[0] = across.x;
-    bounds->box[1] = up.x;
-    bounds->box[2] = across.y;
-    bounds->box[3] = up.y;
-    for (int s = 0, seen = !small; !seen; ++s) {
-        if (s == SAMPLE_COUNT(image))
-            return BETWEEN_SAMPLES;
-        seen = may_cover(t, bounds, sample_at(image, s, bounds->box[0], bounds->box[1]));
+    fixeds none = (fixeds)(0);
+    Culled culled = {none, none, none, none, none};
+    return culled;
+}
+
+#define ADD_LANES(counter, lanes)                   \
+    do {                                            \
+        int sum = lanes_sum(TO_INTS(lanes));        \
+        if (sum)                                    \
+            atomic_add(&counters->counter, sum);    \
+    } while (0)
+
+void add_culled(global Counters *counters, const Culled *culled)
+{
+    ADD_LANES(behind, culled->behind);
+    ADD_LANES(off_screen, culled->off_screen);
+    ADD_LANES(between_samples, culled->between_samples);
+    ADD_LANES(zero_area, culled->zero_area);
+    ADD_LANES(back_facing, culled->back_facing);
+}
+
+#define WHOLE_FACE (-1)
+
+// The corners of LANES triangles as they are read.
+typedef struct {
+    int x[3][LANES], y[3][LANES];
+    real w[3][LANES];
+} Rows;
+
+Corners corners_of(const Rows *rows)
+{
+    Corners t;
+    for (int k = 0; k < 3; ++k) {
+        t.x[k] = LOAD_LANES(rows->x[k]);
+        t.y[k] = LOAD_LANES(rows->y[k]);
+        t.w[k] = LOAD_LANES(rows->w[k]);
     }
-    bounds->nearest = fmax(fmax(t->w[0], t->w[1]), t->w[2]);
-    t->face = face;
-    t->piece = piece;
-    return VISIBLE;
+    return t;
 }
 
-void count_culled(Verdict verdict, Counters *counted)
+// Writes the triangles of the lanes that are `seen` as number index[lane]. piece: of the first lane, WHOLE_FACE for faces.
+void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int *index, const int *face, int piece,
+                     global Triangle *triangles, global Bounds *bounds)
 {
-    counted->off_screen += verdict == OFF_SCREEN;
-    counted->between_samples += verdict == BETWEEN_SAMPLES;
-    counted->zero_area += verdict == ZERO_AREA;
-    counted->back_facing += verdict == BACK_FACING;
+    int visible[LANES], left[LANES], low[LANES], right[LANES], high[LANES], turn[LANES];
+    real inverse_area[LANES], nearest[LANES], only[LANES];
+    STORE_LANES(seen, visible);
+    STORE_LANES(t->left, left);
+    STORE_LANES(t->low, low);
+    STORE_LANES(t->right, right);
+    STORE_LANES(t->high, high);
+    STORE_LANES(t->turn, turn);
+    STORE_LANES(t->inverse_area, inverse_area);
+    STORE_LANES(MOST(t->w), nearest);
+    STORE_LANES(t->only, only);
+    for (int lane = 0; lane < LANES; ++lane) {
+        if (!visible[lane])
+            continue;
+        Triangle triangle = {{rows->x[0][lane], rows->x[1][lane], rows->x[2][lane]},
+                             {rows->y[0][lane], rows->y[1][lane], rows->y[2][lane]},
+                             {rows->w[0][lane], rows->w[1][lane], rows->w[2][lane]},
+                             piece < 0 ? piece : piece + lane, turn[lane], face[lane], inverse_area[lane]};
+        ulong box = left[lane] | low[lane] << 16 | (ulong)(right[lane] | high[lane] << 16) << 32;
+        Bounds reach = {box, nearest[lane], only[lane]};
+        triangles[index[lane]] = triangle;
+        bounds[index[lane]] = reach;
+    }
 }
 
-void add_culled(global Counters *counters, Counters counted)
-{
-    if (counted.behind)
-        atomic_add(&counters->behind, counted.behind);
-    if (counted.off_screen)
-        atomic_add(&counters->off_screen, counted.off_screen);
-    if (counted.between_samples)
-        atomic_add(&counters->between_samples, counted.between_samples);
-    if (counted.zero_area)
-        atomic_add(&counters->zero_area, counted.zero_area);
-    if (counted.back_facing)
-        atomic_add(&counters->back_facing, counted.back_facing);
-}
+// Depths as they are compared: on a device without float64 by the order of their bits.
+#if FP64
+typedef double depth_t;
+#define DEPTH_OF(stored) (stored)
+#define ORDER_OF(depth) depth_order(as_ulong(depth))
+#else
+typedef ulong depth_t;
+#define DEPTH_OF(stored) depth_order(stored)
+#define ORDER_OF(depth) (depth)
+#endif
 
-// A work-item takes SETUP_RUN faces and appends their keys in one piece; the sort makes the order of pieces irrelevant.
+// A work-item takes SETUP_RUN faces, LANES at a time, and appends their keys in one piece; the sort makes the order of
+// pieces irrelevant.
 kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project
                   global const int *face_materials,    // F, with SIDES
@@ -139,63 +136,73 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     int first = get_global_id(0) * SETUP_RUN;
     int end = min(first + SETUP_RUN, count);
     ulong own_keys[SETUP_RUN];
-    Counters counted;
-    counted.visible = counted.behind = counted.off_screen = 0;
-    counted.between_samples = counted.zero_area = counted.back_facing = 0;
-    ulong near = depth_order(DEPTH_BITS(view->near));
-    for (int face = first; face < end; ++face) {
-        Triangle t;
-        Bounds b;
-        ulong depth[3];
-        int behind = 0;
-        for (int k = 0; k < 3; ++k) {
-            Vertex at = vertices[faces[3 * face + k]];
-            depth[k] = depth_order(DEPTH_BITS(at.depth));
-            t.x[k] = at.x;
-            t.y[k] = at.y;
-            t.w[k] = at.w;
-            behind += depth[k] < near;
+    int own_count = 0;
+    Culled culled = nothing_culled();
+    depth_t near = DEPTH_OF(view->near);
+    int right_end = image->columns << SUBPIXEL_BITS, high_end = image->rows << SUBPIXEL_BITS;
+    for (int group = first; group < end; group += LANES) {
+        Rows rows;
+        depth_t nearest[LANES];
+        int face[LANES], behind_count[LANES];
+        for (int lane = 0; lane < LANES; ++lane) {
+            face[lane] = min(group + lane, end - 1);
+            global const int *corners = faces + 3 * face[lane];
+            int behind = 0;
+            for (int k = 0; k < 3; ++k) {
+                global const Vertex *at = vertices + corners[k];
+                rows.x[k][lane] = at->x;
+                rows.y[k][lane] = at->y;
+                rows.w[k][lane] = at->w;
+                depth_t depth = DEPTH_OF(at->depth);
+                behind += depth < near;
+                nearest[lane] = (k == 0 || depth < nearest[lane]) ? depth : nearest[lane];
+            }
+            behind_count[lane] = behind;
         }
-        int left = min(min(t.x[0], t.x[1]), t.x[2]), right = max(max(t.x[0], t.x[1]), t.x[2]);
-        int low = min(min(t.y[0], t.y[1]), t.y[2]), high = max(max(t.y[0], t.y[1]), t.y[2]);
-        if (behind == 3) {
-            counted.behind += 1;
-            continue;
+        Corners t = corners_of(&rows);
+        fixeds left = LEAST_OF(t.x), right = MOST_OF(t.x), low = LEAST_OF(t.y), high = MOST_OF(t.y);
+        fixeds asked = group + TO_FIXEDS(LANE_INDEX) < end, behind = LOAD_LANES(behind_count);
+        COUNT(culled.behind, asked & (behind == 3));
+        asked = asked & (behind != 3);
+        fixeds beside = (behind == 0) & (((right < 0) | (high < 0)) | ((left > right_end) | (low > high_end)));
+        COUNT(culled.off_screen, asked & beside);
+        asked = asked & !beside;
+        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((low == -SNAP_LIMIT) | (high == SNAP_LIMIT));
+        fixeds cut = asked & ((behind != 0) | far);
+        asked = asked & !cut;
+        if (any_lane(TO_INTS(cut))) {
+            int crossing[LANES];
+            STORE_LANES(cut, crossing);
+            for (int lane = 0; lane < LANES; ++lane)
+                if (crossing[lane])
+                    to_clip[atomic_inc(&counters->to_clip)] = face[lane];
         }
-        if (behind == 0 && (right < 0 || high < 0 || left > image->columns << SUBPIXEL_BITS ||
-                            low > image->rows << SUBPIXEL_BITS)) {
-            counted.off_screen += 1;
+        if (!any_lane(TO_INTS(asked)))
             continue;
-        }
-        if (behind || left == -SNAP_LIMIT || right == SNAP_LIMIT || low == -SNAP_LIMIT || high == SNAP_LIMIT) {
-            to_clip[atomic_inc(&counters->to_clip)] = face;
-            continue;
-        }
-        Verdict verdict = complete(&t, &b, face, -1, is_front_only(face, face_materials, materials), image);
-        count_culled(verdict, &counted);
-        if (verdict != VISIBLE)
-            continue;
-        b.index = face;
-        triangles[face] = t;
-        bounds[face] = b;
+        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
+        write_triangles(&rows, &t, seen, face, face, WHOLE_FACE, triangles, bounds);
+        int visible[LANES];
+        STORE_LANES(seen, visible);
+        for (int lane = 0; lane < LANES; ++lane) {
+            if (!visible[lane])
+                continue;
 #if DEPTH_TEST
-        ulong order = min(min(depth[0], depth[1]), depth[2]);
+            ulong order = ORDER_OF(nearest[lane]);
 #elif FP64
-        double z[3];
-        for (int k = 0; k < 3; ++k)
-            z[k] = vertices[faces[3 * face + k]].depth;
-        ulong order = depth_order(DEPTH_BITS(((z[0] + z[1]) + z[2]) / 3.0));
+            global const int *v = faces + 3 * face[lane];
+            ulong order = ORDER_OF(((vertices[v[0]].depth + vertices[v[1]].depth) + vertices[v[2]].depth) / 3.0);
 #else
-        ulong order = depth_order(mean_depths[face]);
+            ulong order = depth_order(mean_depths[face[lane]]);
 #endif
-        own_keys[counted.visible++] = sort_key(order, face);
+            own_keys[own_count++] = sort_key(order, face[lane]);
+        }
     }
-    if (counted.visible) {
-        int at = atomic_add(&counters->visible, counted.visible);
-        for (int i = 0; i < counted.visible; ++i)
+    if (own_count) {
+        int at = atomic_add(&counters->visible, own_count);
+        for (int i = 0; i < own_count; ++i)
             keys[at + i] = own_keys[i];
     }
-    add_culled(counters, counted);
+    add_culled(counters, &culled);
 }
 
 // The same for the pieces of clipped faces, which follow the faces in `triangles`.
@@ -210,26 +217,32 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
                          int face_count,               // F
                          int count)                    // C
 {
-    int i = get_global_id(0);
-    if (i >= count)
+    int first = get_global_id(0) * LANES;
+    if (first >= count)
         return;
-    global const Piece *piece = pieces + i;
-    Triangle t;
-    Bounds b;
-    for (int k = 0; k < 3; ++k) {
-        t.x[k] = piece->x[k];
-        t.y[k] = piece->y[k];
-        t.w[k] = piece->w[k];
+    Rows rows;
+    int face[LANES], index[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        int i = min(first + lane, count - 1);
+        global const Piece *piece = pieces + i;
+        face[lane] = piece->face;
+        index[lane] = face_count + i;
+        for (int k = 0; k < 3; ++k) {
+            rows.x[k][lane] = piece->x[k];
+            rows.y[k][lane] = piece->y[k];
+            rows.w[k][lane] = piece->w[k];
+        }
     }
-    Verdict verdict = complete(&t, &b, piece->face, i, is_front_only(piece->face, face_materials, materials), image);
-    if (verdict == VISIBLE) {
-        b.index = face_count + i;
-        triangles[face_count + i] = t;
-        bounds[face_count + i] = b;
-        keys[atomic_inc(&counters->visible)] = sort_key(depth_order(DEPTH_BITS(piece->key_depth)), face_count + i);
-    }
-    Counters counted;
-    counted.behind = counted.off_screen = counted.between_samples = counted.zero_area = counted.back_facing = 0;
-    count_culled(verdict, &counted);
-    add_culled(counters, counted);
+    Corners t = corners_of(&rows);
+    Culled culled = nothing_culled();
+    fixeds front_only = front_only_lanes(face, face_materials, materials);
+    fixeds seen = complete(&t, first + TO_FIXEDS(LANE_INDEX) < count, front_only, image, &culled);
+    write_triangles(&rows, &t, seen, index, face, first, triangles, bounds);
+    int visible[LANES];
+    STORE_LANES(seen, visible);
+    for (int lane = 0; lane < LANES; ++lane)
+        if (visible[lane])
+            keys[atomic_inc(&counters->visible)] =
+                sort_key(depth_order(DEPTH_BITS(pieces[first + lane].key_depth)), index[lane]);
+    add_culled(counters, &culled);
 }

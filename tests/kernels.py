@@ -70,6 +70,11 @@ class Probe:
         return out.to_host()[:count].copy()
 
 
+def boxes_of(bounds: Array) -> Array:
+    """(T, 4) first column, first row, last column, last row of layout.SINGLE.Bounds rows."""
+    return (bounds["box"][:, None] >> np.array([0, 16, 32, 48], np.uint64) & np.uint64(0xFFFF)).astype(np.int64)
+
+
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
     """layout.SINGLE.View of a camera; the axes are the oracle's."""
     view = np.zeros(1, layout.SINGLE.View)
@@ -211,7 +216,7 @@ class Pipeline:
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
-        self.stages.bin_fill(self.made, self.image, counts, self.lists, chunk, self.visible)
+        self.stages.bin_fill(self.order, self.made, self.image, counts, self.lists, chunk, self.visible)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> tuple:

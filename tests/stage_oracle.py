@@ -89,6 +89,29 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
 
 
+FEW_PIXELS = 4  # kernels/samples.clh
+
+
+def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
+    """Boxes (F, 4) as set-up has them: of small triangles that cover a single pixel, of few, that pixel.
+
+    xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Returns which triangles those are too (F,), and their edge
+    functions there (F, 3), 0 for the others.
+    """
+    across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
+    pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
+    few = np.flatnonzero((across <= FEW_PIXELS).all(axis=1) & (pixels <= FEW_PIXELS))
+    boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
+    found = np.zeros((len(xy), 2), np.int64)
+    for k, column, row, edge in coverage.samples(xy[few], boxes[few].copy()):
+        np.add.at(times, few[k], 1)
+        edges[few[k]] = edge
+        found[few[k]] = np.stack([column, row], axis=1)
+    one = times == 1
+    boxes[one] = np.tile(found[one], 2)
+    return boxes, one, np.where(one[:, None], edges, 0)
+
+
 def seen_from(xy: Array, places: Array) -> list[Array]:
     """Snapped corners (F, 3, 2) as each of a pixel's places (S, 2) sees them: moved the other way, so that the place is
     where the center is."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stage_oracle import hull, seen_from
+from stage_oracle import hull, narrowed, seen_from
 
 from clshade import layout
 from clshade.oracle import coverage, transform
 from clshade.sampling import positions
 from clshade.sorting import front_to_back
 from clshade.stages import Buffer, TriangleBuffers
-from kernels import Pipeline, samples_at, vertices_at
+from kernels import Pipeline, boxes_of, samples_at, vertices_at
 
 COLUMNS, ROWS = 61, 43
 LIMIT = layout.SNAP_LIMIT
@@ -71,8 +71,14 @@ def test_areas_boxes_and_culls(device, cull):
     assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
     assert 0 < covers[one_pixel].sum() < one_pixel.sum()
     bounds = pipeline.made.bounds.to_host()[visible]
-    assert np.array_equal(bounds["box"], expected.box[visible])
-    assert np.array_equal(bounds["index"], visible)
+    boxes, one, edges = narrowed(xy, expected.box)
+    assert np.array_equal(boxes_of(bounds), boxes[visible])
+    assert np.array_equal(np.isfinite(bounds["only"]), one[visible])
+    assert 10 < one[visible].sum() < len(visible)
+    # Three products, their sum and a quotient, each rounded to 2^-24.
+    lone = visible[one[visible]]
+    depth = (edges[lone] / z[lone]).sum(axis=1) / edges[lone].sum(axis=1)
+    assert np.allclose(bounds["only"][one[visible]], depth, rtol=8 * 2.0**-24, atol=0.0)
     made = pipeline.made.triangles.to_host()[visible]
     assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
     assert np.array_equal(made["orientation"], np.sign(expected.area[visible]))
@@ -101,7 +107,9 @@ def test_boxes_and_culls_of_several_samples(device, count):
     one_pixel = (box[:, :2] == box[:, 2:]).all(axis=1) & ~culled & (np.ptp(xy, axis=1) < 256).all(axis=1)
     assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
     assert 0 < covers[one_pixel].sum() < one_pixel.sum()
-    assert np.array_equal(pipeline.made.bounds.to_host()["box"][visible], box[visible])
+    bounds = pipeline.made.bounds.to_host()[visible]
+    assert np.array_equal(boxes_of(bounds), box[visible])
+    assert (bounds["only"] == np.inf).all()
     assert counters["visible"] + counters["between_samples"] + counters["off_screen"] + counters["zero_area"] == len(xy)
 
 
@@ -232,6 +240,6 @@ def test_setup_pieces(device):
     rows = made.triangles.to_host()[face_count + visible]
     assert np.array_equal(rows["face"], visible % face_count)
     assert np.array_equal(rows["piece"], visible)
-    assert np.array_equal(made.bounds.to_host()["box"][face_count + visible], expected.box[visible])
-    assert np.array_equal(made.bounds.to_host()["index"][face_count + visible], face_count + visible)
+    boxes, _, _ = narrowed(xy, expected.box)
+    assert np.array_equal(boxes_of(made.bounds.to_host()[face_count + visible]), boxes[visible])
     assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])
