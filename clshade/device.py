@@ -35,6 +35,7 @@ class Device:
     lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU and where the runtime wants it so.
     memory, max_allocation: bytes, in all and in one buffer.
     setup_run: faces that a work-item of the set-up takes one after the other.
+    keeps_programs: whether the runtime finds programs that it has built before by their source.
     """
 
     device: Any
@@ -52,6 +53,7 @@ class Device:
     memory: int
     max_allocation: int
     setup_run: int
+    keeps_programs: bool
     profiling: bool
 
     @property
@@ -272,6 +274,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
         setup_run=256 if info.is_cpu else 1,
+        keeps_programs=is_runtime(info, "pocl"),
         profiling=profiling,
     )
 

@@ -116,9 +116,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     key = (device.context.int_ptr, features.values, source, lanes)
     if key not in _built:
         start = time.perf_counter()
-        stored = _stored_at(device, source, options)
-        program = _load(device, stored)
-        loaded = program is not None
+        path = _stored_at(device, source, options)
+        program = None if device.keeps_programs else _load(device, path)
+        stored = path.exists() if device.keeps_programs else program is not None
         if program is None:
             try:
                 program = _without_log(cl.Program(device.context, source), options)
@@ -127,9 +127,10 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
                 raise DeviceError(
                     f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
                 ) from error
-            _store(program, stored)
+            if not stored:
+                _store(b"" if device.keeps_programs else program.binaries[0], path)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels, loaded)
+        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels, stored)
     return _built[key]
 
 
@@ -142,8 +143,8 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
         return program.build(list(options))
 
 
-# Built programs are kept in this process's cache folder: loading one skips the compiler's front end, which takes most of
-# the start-up even where the runtime has a cache of its own.
+# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. Of a runtime that has
+# a cache of its own, only which ones that has: PoCL compiles all kernels once more when it is asked for the binary.
 
 
 def _stored_at(device: Device, source: str, options: list[str]) -> Path:
@@ -165,9 +166,8 @@ def _load(device: Device, path: Path) -> Any:
         return None
 
 
-def _store(program: Any, path: Path) -> None:
+def _store(binary: bytes, path: Path) -> None:
     """Keeps a built program. A cache that can't be written costs time later, nothing else."""
-    (binary,) = program.binaries
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)
