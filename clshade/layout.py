@@ -14,6 +14,7 @@ SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # |u|, |v| of a vertex that need no clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # stands for "beyond the guard band" in snapped positions
 TILE_SIZE = 16  # pixels a side
+FEW_PIXELS = 4  # a box of so many is looked at pixel by pixel, a larger one by blocks
 MOST_SAMPLES = 64  # a pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are held to it: their squares then stay within float32
 MOST_DEPTH = 2.0**100  # scaled depths are held to it: their reciprocals then stay within float32
@@ -25,6 +26,7 @@ CONSTANTS = {
     "GUARD_PIXELS": GUARD_PIXELS,
     "SNAP_LIMIT": SNAP_LIMIT,
     "TILE_SIZE": TILE_SIZE,
+    "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
     "MOST_LEVELS": MOST_LEVELS,
@@ -157,7 +159,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     ],
 }
 
-_NUMPY = {"double": "<f8", "int": "<i4", "short": "<i2", "ulong": "<u8"}
+_NUMPY = {"double": "<f8", "int": "<i4", "ulong": "<u8"}
 
 
 class Structs(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 import re
 import threading
 import time
@@ -64,7 +65,8 @@ def flatten_text(text: str, name: str = "text") -> str:
 
 @dataclass
 class Program:
-    """A built program. kernels: by name. seconds: what the build took, or the loading where it was `stored`.
+    """A built program. kernels: by name. seconds: what the build took, or the loading where it was `stored`,
+    by us or by the runtime.
 
     lock: held while a kernel gets its arguments and is launched.
     """
@@ -143,12 +145,13 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
         return program.build(list(options))
 
 
-# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. Of a runtime that has
-# a cache of its own, only which ones that has: PoCL compiles all kernels once more when it is asked for the binary.
+# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. Where the runtime has
+# a cache of its own an empty file says that it has the program: PoCL, asked for a binary, would compile all kernels again.
 
 
 def _stored_at(device: Device, source: str, options: list[str]) -> Path:
-    parts = (source, *options, device.platform, device.name, device.version, device.driver)
+    where = os.environ.get("POCL_CACHE_DIR", "") if device.keeps_programs else ""
+    parts = (source, *options, device.platform, device.name, device.version, device.driver, where)
     name = hashlib.sha256("\0".join(parts).encode()).hexdigest()
     return runtimes.prepare().folder / "binaries" / name
 
@@ -167,7 +170,7 @@ def _load(device: Device, path: Path) -> Any:
 
 
 def _store(binary: bytes, path: Path) -> None:
-    """Keeps a built program. A cache that can't be written costs time later, nothing else."""
+    """Keeps a built program, or notes that the runtime does. A cache that can't be written costs time, nothing else."""
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)

@@ -26,13 +26,14 @@ INLINE TileTests tile_tests(global const Triangle *t, global const Image *image,
 
 INLINE int misses_tile(const TileTests *tests, int right, int up)
 {
-    long least = 0;
+    long signs = 0;
     for (int k = 0; k < 3; ++k)
-        least |= tests->most[k] + right * tests->right[k] + up * tests->up[k];
-    return least < 0;
+        signs |= tests->most[k] + right * tests->right[k] + up * tests->up[k];
+    return signs < 0;
 }
 
-// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of.
+// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of. Its box is (left, low) to
+// (right, high), in pixels.
 #define FOR_TILES_OF(b, index, tile)                                                                  \
     uint left = (b).box & 0xffff, low = (b).box >> 16 & 0xffff, right = (b).box >> 32 & 0xffff, high = (b).box >> 48; \
     int first_x = left / TILE_SIZE, first_y = low / TILE_SIZE;                                        \

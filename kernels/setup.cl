@@ -1,20 +1,25 @@
 // Triangles from faces and from the pieces of clipped ones, with sort keys. Crossing faces are left to the host.
 #include "corners.clh"
 
-// A depth's order as unsigned bits; on a device without float64 the depths are bits already.
-#if FP64
-#define DEPTH_BITS(depth) as_ulong(depth)
-#else
-#define DEPTH_BITS(depth) (depth)
-#endif
-
+// A depth's order as unsigned bits.
 ulong depth_order(ulong bits)
 {
     bits = bits << 1 ? bits : 0;  // -0.0 is 0.0
     return (bits >> 63) ? ~bits : bits | (1UL << 63);
 }
 
-// That order with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the smallest key is the
+// Depths as they are compared: on a device without float64, where they are stored as its bits, by the order of these.
+#if FP64
+typedef double depth_t;
+#define DEPTH_OF(stored) (stored)
+#define ORDER_OF(depth) depth_order(as_ulong(depth))
+#else
+typedef ulong depth_t;
+#define DEPTH_OF(stored) depth_order(stored)
+#define ORDER_OF(depth) (depth)
+#endif
+
+// A depth's order with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the smallest key is the
 // nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
 ulong sort_key(ulong order, int index)
 {
@@ -105,17 +110,6 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
         bounds[index[lane]] = reach;
     }
 }
-
-// Depths as they are compared: on a device without float64 by the order of their bits.
-#if FP64
-typedef double depth_t;
-#define DEPTH_OF(stored) (stored)
-#define ORDER_OF(depth) depth_order(as_ulong(depth))
-#else
-typedef ulong depth_t;
-#define DEPTH_OF(stored) depth_order(stored)
-#define ORDER_OF(depth) (depth)
-#endif
 
 // A work-item takes SETUP_RUN faces, LANES at a time, and appends their keys in one piece; the sort makes the order of
 // pieces irrelevant.
@@ -243,6 +237,6 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     for (int lane = 0; lane < LANES; ++lane)
         if (visible[lane])
             keys[atomic_inc(&counters->visible)] =
-                sort_key(depth_order(DEPTH_BITS(pieces[first + lane].key_depth)), index[lane]);
+                sort_key(ORDER_OF(DEPTH_OF(pieces[first + lane].key_depth)), index[lane]);
     add_culled(counters, &culled);
 }

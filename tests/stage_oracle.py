@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clshade import layout
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
 from kernels import Pipeline, float32, four, light_rows, material_rows, vertices_at
 
@@ -89,9 +90,6 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
 
 
-FEW_PIXELS = 4  # kernels/samples.clh
-
-
 def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
     """Boxes (F, 4) as set-up has them: of small triangles that cover a single pixel, of few, that pixel.
 
@@ -100,7 +98,7 @@ def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
     """
     across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
     pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
-    few = np.flatnonzero((across <= FEW_PIXELS).all(axis=1) & (pixels <= FEW_PIXELS))
+    few = np.flatnonzero((across <= layout.FEW_PIXELS).all(axis=1) & (pixels <= layout.FEW_PIXELS))
     boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
     found = np.zeros((len(xy), 2), np.int64)
     for k, column, row, edge in coverage.samples(xy[few], boxes[few].copy()):

@@ -1,4 +1,5 @@
-"""`bench`: its workloads, its peers' pictures, what it counts, its tables and files, the command. No time is judged."""
+"""`bench`: its workloads, its peers' pictures, what it counts, its tables and files, the command. Of times only one is
+judged: that a start with an empty cache takes longer."""
 
 from __future__ import annotations
 

@@ -277,7 +277,9 @@ def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch)
     assert len(programs.built()) == len(before) + 1
 
 
-def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatch):
+@pytest.mark.parametrize("keeps_programs", [False, True], ids=["by us", "by the runtime"])
+def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatch, keeps_programs):
+    opened = replace(opened, keeps_programs=keeps_programs)
     monkeypatch.setattr(programs, "_built", {})
     monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "binary")
     stored = []

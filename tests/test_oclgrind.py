@@ -58,11 +58,9 @@ def oclgrind(folder: Path, form: str, options: str = "-disable-llvm-passes") -> 
 
 
 def test_planted_errors_are_found(tmp_path):
-    values, log = oclgrind(tmp_path, "planted")
+    _, log = oclgrind(tmp_path, "planted")
     for message in ("Invalid read of size 4 at global memory", "data race at global memory", "uninitialized value"):
         assert message in log, log
-    # Why tests/oclgrind_drawing.py gives clamp's bounds as vectors: the second four are right.
-    assert values[4:] == [1, 1, 2, 2]
 
 
 @pytest.mark.parametrize("form", ["groups", "vectors"])

@@ -21,11 +21,11 @@ from .children import draw_apart
 from .defaults import BENCH_FRAMES
 from .drawing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
 from .peaks import best, peaks
-from .peers import DEFAULT, PEERS, YARDSTICKS, MissingPeer, Peer, open_peer
+from .peers import DEFAULT, PEERS, YARDSTICKS, Peer, open_peer
 from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
-from .scaling import scaling
+from .scaling import Series, scaling
 from .speed import Compared, Result, Speed
-from .starting import start_up
+from .starting import Started, start_up
 from .study import machine
 from .timing import Spread, in_turns, spread
 from .workloads import WORKLOADS, Workload, pick
@@ -51,7 +51,8 @@ def run(
     out: str | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Measures, prints the tables, writes the files. True if every peer that is here draws the same pictures.
+    """Measures, prints the tables, writes the files. True if every workload was drawn, and every peer that
+    is here draws the same pictures.
 
     names: of workloads; default all. peers_named: empty for none. frames: of each, fewer where they take
     more than drawing.SECONDS. with_scaling: draw growing scenes and images too. out: what the files' names begin with;
@@ -89,16 +90,25 @@ def measure_all(
     for workload in (each for each in WORKLOADS if each.name in names):
         results.append(measure(workload, device, others, frames))
         say(bench_tables.progress(results[-1]))
-    started = start_up(device.index) if starting.NAME in names else None
 
     def draw_point(name: str) -> Drawn:
         drawn = draw_apart(name, device.index, frames)
         say(f"{name}: {drawn.ms:.2f} ms")
         return drawn
 
-    series = scaling(draw_point) if with_scaling else ()
+    started: Started | None = None
+    series: tuple[Series, ...] = ()
+    failed = []
+    try:
+        started = start_up(device.index) if starting.NAME in names else None
+    except ClshadeError as error:
+        failed.append(f"{starting.NAME}: {error}")
+    try:
+        series = scaling(draw_point) if with_scaling else ()
+    except ClshadeError as error:
+        failed.append(f"scaling: {error}")
     most = best(found.peaks, peaks(device))
-    return replace(found, peaks=most, results=tuple(results), started=started, series=series)
+    return replace(found, peaks=most, results=tuple(results), started=started, series=series, failed=tuple(failed))
 
 
 def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
@@ -114,13 +124,13 @@ def measure(workload: Workload, device: Device, names: Sequence[str], frames: in
     for name in (name for name in workload.peers if name in names):
         try:
             compared.append(compare(name, scene, device, frames))
-        except MissingPeer as error:
+        except ClshadeError as error:
             missing.append((name, str(error)))
     return Result(workload, drawn, tuple(compared), tuple(missing))
 
 
 def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
-    """Raises MissingPeer."""
+    """Raises MissingPeer where the peer is not there, another ClshadeError where it or clshade can't draw the scene."""
     peer = open_peer(name, scene)
     try:
         theirs, first = _timed(peer.draw, scene.camera)

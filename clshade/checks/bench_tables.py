@@ -154,7 +154,7 @@ def _notes(speed: Speed) -> list[str]:
     titles = dict.fromkeys(f"{c.peer}: {c.title}" for result in speed.results for c in result.compared)
     failed = [f"{each.workload.name}: {each.failed}" for each in speed.results if each.failed]
     notes = NOTES if speed.results else NOTES[:1]
-    return [*notes, *titles, *speed.missing(), *failed]
+    return [*notes, *titles, *speed.missing(), *failed, *speed.failed]
 
 
 def lines(speed: Speed) -> list[str]:
@@ -181,7 +181,7 @@ CSV = (
 
 def csv_rows(speed: Speed) -> list[tables.Row]:
     """Full precision: a row for our frames alone, one for our frames in turns with each peer's, one for each size of
-    --scaling; what does not apply is empty."""
+    --scaling, one for each way of starting; what does not apply is empty."""
     rows: list[dict[str, object]] = []
     named = [(each.workload.name, each.drawn) for each in speed.results]
     for series in speed.series:

@@ -98,7 +98,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Speed:
-    """All of one run. device, machine: in words."""
+    """All of one run. device, machine: in words. failed: what else than a workload could not be measured, and why."""
 
     device: str
     machine: str
@@ -106,11 +106,12 @@ class Speed:
     results: tuple[Result, ...]
     started: Started | None = None
     series: tuple[Series, ...] = ()
+    failed: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether all could be drawn, and every peer drew the same picture."""
-        return all(
+        return not self.failed and all(
             not result.failed and all(each.agreement.same for each in result.compared) for result in self.results
         )
 
@@ -139,4 +140,5 @@ class Speed:
             "start_up": self.started and self.started.stats(),
             "scaling": [each.stats() for each in self.series],
             "bars": [each.stats() for each in self.verdicts()],
+            "failed": list(self.failed),
         }

@@ -34,16 +34,17 @@ class Started:
 def start_up(device: str, rounds: int = ROUNDS) -> Started:
     """Both ways in turns. Raises OutputError where no temporary folder can be had, ChildError where rendering fails."""
     try:
-        with TemporaryDirectory() as folder:
-            root = Path(folder)
-            _seconds(root, root / "warm", device)
-            draws = [
-                lambda _: _seconds(root, root / "warm", device),
-                lambda number: _seconds(root, root / f"empty-{number}", device),
-            ]
-            turns = in_turns(draws, rounds, SECONDS)
+        folder = TemporaryDirectory()
     except OSError as error:
         raise OutputError(f"bench: temporary folder: expected one that can be written to, found: {error}") from None
+    with folder as name:
+        root = Path(name)
+        _seconds(root, root / "warm", device)
+        draws = [
+            lambda _: _seconds(root, root / "warm", device),
+            lambda number: _seconds(root, root / f"empty-{number}", device),
+        ]
+        turns = in_turns(draws, rounds, SECONDS)
     warm, empty = (spread(times) for times in zip(*turns, strict=True))
     return Started(warm, empty, len(turns))
 
