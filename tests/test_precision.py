@@ -113,6 +113,15 @@ def test_built_in_scenes(device, name, precision, shader):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
+def test_weighted_samples(device, precision):
+    """Found by the fuzzer: luminance was counted with float32's coefficients in float64 too."""
+    scene = clshade.builtin("box_room")
+    scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
+    frame = draw(device, scene, precision=precision, samples=4, resolve="weighted")
+    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
     """Cut along different diagonals, so that the depths of a pixel differ by roundings alone."""
     corners = np.array([[-1.0, -1.0, 0.3], [1.0, -1.0, -0.2], [1.0, 1.0, -0.3], [-1.0, 1.0, 0.2]])
