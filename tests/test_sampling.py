@@ -261,10 +261,13 @@ def test_weighted_keeps_bright_samples_from_standing_out(device):
 def test_weighted_over_nothing_is_premultiplied(device):
     """One color stays itself, however bright: only the share of it changes."""
     points, faces = star()
-    scene = replace(flat(points, faces, material=Material(color=100.0)), background=None)
-    frame = draw(device, scene, shader="nolight", samples=16, resolve="weighted")
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
-    assert np.allclose(frame.rgb, 100.0 * frame.alpha[..., None], rtol=1e-5)
+    for color in (100.0, 1e24):
+        scene = replace(flat(points, faces, material=Material(color=color)), background=None)
+        frame = draw(device, scene, shader="nolight", samples=16, resolve="weighted")
+        expected = oracle.render(scene, frame.settings)
+        compare.assert_frame(frame, expected, scene, frame.settings)
+        assert np.allclose(expected.rgb, color * expected.alpha[..., None], rtol=1e-12)
+        assert np.allclose(frame.rgb, color * frame.alpha[..., None], rtol=1e-5)
 
 
 def test_pixels_with_a_saturated_sample_are_counted(device):

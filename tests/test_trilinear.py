@@ -216,6 +216,20 @@ def test_a_texture_coordinate_beyond_all_texels(device, value):
     assert same_bits(frame, draw(device, replace(scene, meshes=(replace(scene.meshes[0], uvs=uvs),))))
 
 
+@pytest.mark.parametrize("wrap", ["repeat", "mirror"])
+def test_huge_texture_coordinates_that_are_equal(device, wrap):
+    """Nothing is interpolated between them: one color, that of a corner of the texture."""
+    image = noise(7, 2)
+    material = Material(texture=Texture(image, wrap=wrap))
+    scene = lit.scene_of(Mesh(CORNERS, QUAD, uvs=np.full((4, 2), 1e30), material=material))
+    for options in ({}, {"texture_filter": "bilinear"}, {"precision": "float64"}):
+        frame = draw(device, scene, **options)
+        assert_equals_oracle(frame)
+        (color,) = np.unique(frame.rgb[frame.alpha > 0], axis=0)
+        around = image[np.ix_([0, -1], [0, -1])] if wrap == "repeat" else image[:1, :1]
+        assert color == pytest.approx(around.mean(axis=(0, 1)), rel=1e-6)
+
+
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_clipped_pieces(device, precision):
     """The pieces' corners are others than the face's, but the slopes are the same."""

@@ -77,6 +77,18 @@ def gather(scene: Scene) -> Corners:
     )
 
 
+def from_first(weights: Array, uvs: Array) -> Array:
+    """Texture coordinates (K, 3, 2) at corner weights (K, 3), less those of the first corner: (K, 2)."""
+    return (weights[:, 1:, None] * (uvs[:, 1:] - uvs[:, :1])).sum(axis=1)
+
+
+def interpolated(weights: Array, uvs: Array) -> Array:
+    """Texture coordinates (K, 3, 2) at corner weights (K, 3) whose sum is 1: (K, 2).
+
+    From the first corner on, as weighted means of large coordinates that differ by little would lose the difference."""
+    return uvs[:, 0] + from_first(weights, uvs)
+
+
 def alpha_passes(scene: Scene, corners: Corners, face: Array, weights: Array) -> Array:
     """(K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's cutoff."""
     passes = np.ones(len(face), bool)
@@ -86,8 +98,7 @@ def alpha_passes(scene: Scene, corners: Corners, face: Array, weights: Array) ->
         if not textured(mesh) or mesh.material.alpha_cutoff is None or texture.image.shape[2] < 4:
             continue
         mine = np.flatnonzero(corners.mesh[face] == index)
-        with np.errstate(invalid="ignore", over="ignore"):
-            uv = (weights[mine][:, :, None] * corners.uvs[face[mine]]).sum(axis=1)
+        uv = interpolated(weights[mine], corners.uvs[face[mine]])
         alpha = bilerp(uv, texture.image[..., 3:], texture.lookup, texture.wrap)[:, 0]
         passes[mine] = alpha >= mesh.material.alpha_cutoff
     return passes
@@ -157,14 +168,12 @@ def texels(
         texture = mesh.material.texture
         mine = np.flatnonzero(corners.mesh[face] == index)
         at_corners = corners.uvs[face[mine]]
-        with np.errstate(invalid="ignore", over="ignore"):
-            uv = (weights[mine][:, :, None] * at_corners).sum(axis=1)
-            if steps is not None and texture.lookup == "standard":
-                # The steps' sum is 0: from the first corner on nothing is lost where all coordinates are large.
-                relative = at_corners - at_corners[:, :1]
-                right, up = ((step[mine][:, :, None] * relative).sum(axis=1) for step in steps)
-                found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
-                continue
+        uv = interpolated(weights[mine], at_corners)
+        if steps is not None and texture.lookup == "standard":
+            with np.errstate(invalid="ignore", over="ignore"):
+                right, up = (from_first(step[mine], at_corners) for step in steps)
+            found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
+            continue
         looked_up = uv, texture.image[..., :3], texture.lookup, texture.wrap
         found.color[mine], found.most[mine] = bilerp(*looked_up), brightest(*looked_up)
     return found

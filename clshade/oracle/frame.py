@@ -240,14 +240,15 @@ def _resolved(
             (lit, share[lit], _shaded(scene, settings, view, owner[s % len(views), lit], columns[lit], upward[lit]))
         )
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
+    if settings.resolve == "weighted" and scene.background is None:
+        weights[0] = np.zeros_like(weights[0])  # nothing has no color to be weighed: the mean of what is covered
     whole, rgb, budget = np.zeros(len(total.Z)), np.zeros_like(total.rgb), np.zeros_like(total.rgb)
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
         rgb[lit] += weight[:, None] * part.rgb
     alpha = (owner >= 0).sum(axis=0) / len(views)
     if settings.resolve == "weighted" and scene.background is None:
-        # Nothing has no color to be weighed: the mean of what is covered, premultiplied.
-        whole = np.where(alpha > 0.0, (whole - weights[0]) / np.maximum(alpha, 1e-9), 1.0)
+        whole = np.where(alpha > 0.0, whole / np.maximum(alpha, 1e-9), 1.0)  # premultiplied
     rgb /= whole[:, None]
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         most = part.budget
