@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, NoReturn, TextIO
 
-from . import interrupts
+from . import interrupts, telling
 from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
 from .errors import ClshadeError
@@ -24,7 +24,7 @@ COMMANDS = {
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
     "stability": "stiff and extreme cases, each with its measured error",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
-    "inspect": "statistics per channel of an EXR, and an exposure ladder",
+    "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
 }
 
 
@@ -41,7 +41,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
     parser = _Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
     parser.add_argument("--version", action="version", version=f"clshade {__version__}")
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser.set_defaults(debug=False, quiet=False, verbose=False)
+    _general_options(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     named = next((argument for argument in arguments if not argument.startswith("-")), None)
     for name, about in COMMANDS.items():
@@ -49,19 +50,45 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if name == named:
             module = import_module(f".commands.{name}", __package__)
             module.add_options(command)
+            _general_options(command)
             command.set_defaults(run=module.run)
     return parser
 
 
+def _general_options(parser: argparse.ArgumentParser) -> None:
+    """What every command takes, before its name and after it."""
+    group = parser.add_argument_group("general")
+    either = group.add_mutually_exclusive_group()
+    # Suppressed: else a command's own default would take the place of what was given before its name.
+    flag: dict[str, Any] = {"action": "store_true", "default": argparse.SUPPRESS}
+    either.add_argument(
+        "-q", "--quiet", **flag, help="print errors alone, and what --json asks for: no summary, progress or warnings"
+    )
+    either.add_argument("-v", "--verbose", **flag, help="say on standard error what is done and how long it takes")
+    group.add_argument("--debug", **flag, help="show the traceback of an error")
+
+
 @contextlib.contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    """Every warning that Python's filters let through is one line on stderr, without the place in the code."""
+def _told(parsed: argparse.Namespace) -> Iterator[None]:
+    """As much on standard output and error as was asked for."""
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(telling.at_level(parsed.verbose - parsed.quiet + telling.NORMAL))
+        if not parsed.debug:
+            stack.enter_context(_warnings_in_one_line(shown=not parsed.quiet))
+        if parsed.quiet and not getattr(parsed, "json", False):
+            stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
+        yield
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line(shown: bool) -> Iterator[None]:
+    """Every warning that Python's filters let through is one line on stderr, without the place in the code; or none."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         print(f"clshade: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("always", UserWarning)
+        warnings.simplefilter("always" if shown else "ignore", UserWarning)
         warnings.showwarning = show  # type: ignore[assignment]
         yield
 
@@ -128,7 +155,7 @@ def _run(arguments: Sequence[str]) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else REFUSED
     try:
-        with contextlib.nullcontext() if parsed.debug else _warnings_in_one_line():
+        with _told(parsed):
             return parsed.run(parsed)
     except ClshadeError as error:
         if parsed.debug:

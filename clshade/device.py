@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from . import runtimes
+from . import runtimes, telling
 from .errors import DeviceError
 from .probing import (
     GET_INTEL,
@@ -217,7 +218,9 @@ def shared_device(
     asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     key = (os.getpid(), asked, profiling)
     if key not in _shared:
-        _shared[key] = open_device(asked, profiling=profiling, meanwhile=meanwhile)
+        start = time.perf_counter()
+        _shared[key] = device = open_device(asked, profiling=profiling, meanwhile=meanwhile)
+        telling.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
     return _shared[key]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from . import telling
 from .atomic import Path, shown
 from .camera import MAX_RESOLUTION
 from .course_files import read_course, save_course
@@ -120,7 +120,7 @@ def _lit(scene: Scene, two_sided: bool) -> Scene:
 @contextlib.contextmanager
 def _told_when_slow(owner: str) -> Iterator[None]:
     """A line on stderr when the block takes longer than a second."""
-    timer = threading.Timer(SLOW, lambda: print(f"clshade: loading {owner} ...", file=sys.stderr, flush=True))
+    timer = threading.Timer(SLOW, telling.progress, (f"loading {owner} ...",))
     timer.daemon = True
     timer.start()
     try:

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from . import runtimes
+from . import runtimes, telling
 from .atomic import write_bytes
 from .device import Device
 from .errors import ClshadeError, DeviceError
@@ -132,7 +132,11 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
             if not stored:
                 _store(b"" if device.keeps_programs else program.binaries[0], path)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-        _built[key] = Program(features, lanes, time.perf_counter() - start, kernels, stored)
+        taken = time.perf_counter() - start
+        _built[key] = Program(features, lanes, taken, kernels, stored)
+        telling.detail(
+            f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
+        )
     return _built[key]
 
 

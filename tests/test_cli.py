@@ -40,7 +40,8 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 def scene_of(*arguments: object) -> clshade.Scene:
     """The scene that a command line of `render` leads to."""
     given = with_values(["render", *map(str, arguments)])
-    return scene_options.load_scene(cli._parser(given).parse_args(given))
+    parsed = cli._parser(given).parse_args(given)
+    return scene_options.load_scene(parsed, parsed.scenes[0])
 
 
 def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -148,7 +149,8 @@ USAGE = [
     (("paint",), ("paint",)),
     ((), ("COMMAND",)),
     (("inspect",), ("FILE",)),
-    (("render", "teapot", "extra"), ("extra",)),
+    (("inspect", "a.exr", "extra"), ("extra",)),
+    (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
 ]
 
 
@@ -192,7 +194,7 @@ def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, 
 @pytest.fixture
 def no_loading(monkeypatch):
     """Fails where a scene is loaded: what cannot be saved is refused before."""
-    monkeypatch.setattr(render, "load_scene", lambda arguments: pytest.fail("a scene was loaded"))
+    monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -263,7 +265,7 @@ def test_debug_shows_the_traceback(tmp_path):
 
 
 def test_interrupted(capsys, monkeypatch):
-    def stop(arguments):
+    def stop(*arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(render, "load_scene", stop)
@@ -398,3 +400,9 @@ def test_inspect_refuses(tmp_path, capsys):
     for name in ("none.exr", "bad.exr"):
         assert_refused(run(capsys, "inspect", tmp_path / name), name)
     assert listing(tmp_path) == ["bad.exr"]
+
+
+def test_devices_as_json(capsys):
+    code, out, err = run(capsys, "devices", "--json")
+    assert (code == 0, err) == (bool(working_devices()), [])
+    assert tuple(info["index"] for info in json.loads(out) if info["works"]) == working_devices()

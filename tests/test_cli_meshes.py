@@ -119,7 +119,7 @@ def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
 
 def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
-    monkeypatch.setattr(render, "run", lambda arguments: load_scene(arguments) and DONE)
+    monkeypatch.setattr(render, "run", lambda given: load_scene(given, given.scenes[0]) and DONE)
     code, _, err = run(capsys, "render", path)
     assert code == 0
     assert err == [

@@ -164,7 +164,7 @@ def test_only_the_command_line_imports_commands():
 
 
 def test_every_command_is_a_module_of_its_own():
-    shared = {"commands", "commands.arguments", "commands.scene_options"}
+    shared = {"commands", "commands.arguments", "commands.scene_options", "commands.scene_outputs"}
     assert {f"commands.{name}" for name in cli.COMMANDS} == set(COMMANDS) - shared
     for name in cli.COMMANDS:
         assert not imports(f"commands.{name}") & {f".commands.{other}" for other in cli.COMMANDS}, name

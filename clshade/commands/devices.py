@@ -8,12 +8,18 @@ from . import DONE, FAILED
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """There are none."""
+    parser.add_argument("--json", action="store_true", help="print a list of all figures as JSON; memory in bytes")
 
 
 def run(arguments: argparse.Namespace) -> int:
     from .. import device
 
     infos = device.list_devices()
-    print(device.format_devices(infos))
+    if arguments.json:
+        import json
+        from dataclasses import asdict
+
+        print(json.dumps([asdict(info) for info in infos], indent=2))
+    else:
+        print(device.format_devices(infos))
     return DONE if any(info.works for info in infos) else FAILED

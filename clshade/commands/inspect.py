@@ -9,7 +9,7 @@ from . import DONE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE.exr")
+    parser.add_argument("file", metavar="FILE.exr", help="the image")
     parser.add_argument("-o", "--output", metavar="PNG", help="exposure ladder (default: FILE-ladder.png)")
 
 

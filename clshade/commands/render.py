@@ -1,15 +1,19 @@
-"""`render`: a scene to OUT.exr and OUT.png."""
+"""`render`: a scene to OUT.exr and OUT.png, or several to a folder."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+from .. import telling
 from ..checks.defaults import PIXELS
-from . import DONE, FAILED
+from ..errors import ClshadeError
+from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options
 from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
+from .scene_outputs import made, output_stems
 
 if TYPE_CHECKING:
     from ..frame import Frame
@@ -22,19 +26,32 @@ def _checked(text: str) -> int | str:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    scene_options(parser)
+    scene_options(parser, several=True)
     camera_options(parser)
     setting_options(parser)
     output = parser.add_argument_group("output")
     output.add_argument(
-        "-o", "--output", default="out", metavar="OUT", help="writes OUT.exr and OUT.png (default: out)"
+        "-o",
+        "--output",
+        metavar="OUT",
+        help="writes OUT.exr and OUT.png (default: out); of several scenes, or with a slash at its end, it is a folder, "
+        "made where there is none, with files named after the scenes (default: the current one)",
     )
-    output.add_argument("--tonemap", choices=("none", "srgb", "reinhard", "hable", "aces"), help="of the PNG")
+    output.add_argument(
+        "--tonemap",
+        choices=("none", "srgb", "reinhard", "hable", "aces"),
+        help="of the PNG (default: none for course scenes, else srgb)",
+    )
     output.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
     output.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
-    output.add_argument("--compression", default="zip", help="of the EXR (default: zip)")
+    output.add_argument("--compression", default="zip", metavar="NAME", help="of the EXR (default: zip)")
     output.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
-    output.add_argument("--stats", action="store_true", help="print all figures as JSON")
+    output.add_argument(
+        "--json",
+        "--stats",
+        action="store_true",
+        help="print all figures as JSON; of several scenes a list, with `error` for one that failed",
+    )
     measured = parser.add_argument_group("measured")
     measured.add_argument(
         "--check",
@@ -58,14 +75,46 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from threading import Thread
-
     # What comes after the rendering costs as much to import as the rendering takes: it happens beside it.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
-    _check_output(arguments)
+    folder, outputs = output_stems(arguments.scenes, arguments.output)
+    with made(folder):
+        for output in outputs:
+            _check_output(output, arguments)
+        if len(outputs) == 1:
+            code, stats = _render(arguments.scenes[0], outputs[0], arguments, warming)
+            _print_json(stats, arguments)
+            return code
+        return _render_each(outputs, arguments, warming)
+
+
+def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thread) -> int:
+    """Several scenes; one that is refused is told in a line, and the others are rendered all the same."""
+    from ..device import shared_device
+
+    shared_device(arguments.device, profiling=True)  # without a device none would be rendered: one line says so
+    worst, all_stats = DONE, []
+    for name, output in zip(arguments.scenes, outputs, strict=True):
+        try:
+            code, stats = _render(name, output, arguments, warming)
+        except ClshadeError as error:
+            if arguments.debug:
+                raise
+            text = " ".join(str(error).split())
+            text = text if text.startswith(f"{name}: ") else f"{name}: {text}"
+            print(f"clshade: {text}", file=sys.stderr)
+            code, stats = REFUSED, {"error": text}
+        worst = max(worst, code)
+        all_stats.append({"scene": name, "output": output, **stats})
+    _print_json(all_stats, arguments)
+    return worst
+
+
+def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thread) -> tuple[int, dict[str, Any]]:
+    """One scene, from its file to its images: the exit code, and all figures."""
     options = _render_options(arguments)
-    scene = load_scene(arguments)
+    scene = load_scene(arguments, name)
     from .. import renderer
 
     found: dict[str, Any] = {}
@@ -80,23 +129,32 @@ def run(arguments: argparse.Namespace) -> int:
 
         check(frame, arguments.check)
     warming.join()
-    for warning in frame.save(
-        arguments.output,
-        tonemap=arguments.tonemap,
-        exposure=arguments.exposure,
-        half=arguments.half,
-        compression=arguments.compression,
-        deterministic=arguments.deterministic,
-    ):
-        print(f"clshade: warning: {warning}", file=sys.stderr)
+    _save(frame, output, arguments)
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
         from ..checks.explaining import explain
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
-    _print_found(frame, found, arguments)
-    return DONE if all(each.passed for each in found.values()) else FAILED
+    if not arguments.json:
+        print(summary(frame, output))
+        for title, each in found.items():
+            print(f"{title:<8}" + "\n        ".join(each.lines()))
+    stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
+    return (DONE if all(each.passed for each in found.values()) else FAILED), stats
+
+
+def _save(frame: Frame, output: str, arguments: argparse.Namespace) -> None:
+    warnings = frame.save(
+        output,
+        tonemap=arguments.tonemap,
+        exposure=arguments.exposure,
+        half=arguments.half,
+        compression=arguments.compression,
+        deterministic=arguments.deterministic,
+    )
+    for warning in warnings:
+        telling.warning(warning)
 
 
 def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -107,16 +165,11 @@ def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
 
 
-def _print_found(frame: Frame, found: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """The figures of a frame, and what `check` and `explain` found, as lines or as JSON."""
-    if arguments.stats:
+def _print_json(stats: Any, arguments: argparse.Namespace) -> None:
+    if arguments.json:
         import json
 
-        print(json.dumps({**frame.stats, **{name: each.stats() for name, each in found.items()}}, indent=2))
-        return
-    print(summary(frame, arguments.output))
-    for name, each in found.items():
-        print(f"{name:<8}" + "\n        ".join(each.lines()))
+        print(json.dumps(stats, indent=2))
 
 
 def _import_meanwhile(checked: bool) -> None:
@@ -126,13 +179,11 @@ def _import_meanwhile(checked: bool) -> None:
     import PIL.Image  # noqa: F401
 
 
-def _check_output(arguments: argparse.Namespace) -> None:
+def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuses before the rendering what could not be saved after it."""
     from ..frame import check_output
 
-    check_output(
-        arguments.output, tonemap=arguments.tonemap, exposure=arguments.exposure, compression=arguments.compression
-    )
+    check_output(output, tonemap=arguments.tonemap, exposure=arguments.exposure, compression=arguments.compression)
 
 
 def summary(frame: Frame, output: str) -> str:

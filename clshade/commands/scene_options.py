@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,16 +19,18 @@ LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of c
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
-def scene_options(parser: argparse.ArgumentParser) -> None:
+def scene_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """`arguments.scene`, or with `several` the list `arguments.scenes`; and what is changed of them."""
     group = parser.add_argument_group("scene")
     group.add_argument(
-        "scene",
-        nargs="?",
-        default="teapot",
-        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (teapot)",
+        "scenes" if several else "scene",
+        nargs="*" if several else "?",
+        default=["teapot"] if several else "teapot",
+        metavar="SCENE",
+        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (default: teapot)",
     )
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
-    group.add_argument("--focal", type=float, help="focal length of a course file, scene units")
+    group.add_argument("--focal", type=float, metavar="F", help="focal length of a course file, scene units")
     edges = group.add_mutually_exclusive_group()
     edges.add_argument(
         "--crease", type=float, metavar="DEGREES", help="edges above this angle are sharp, where a mesh has no normals"
@@ -36,17 +39,30 @@ def scene_options(parser: argparse.ArgumentParser) -> None:
         "--flat", action="store_true", default=None, help="every face is flat, where a mesh has no normals"
     )
     group.add_argument(
-        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="axis that points up (z for STL, else y)"
+        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="axis that points up (default: z for STL, else y)"
     )
     group.add_argument(
         "--two-sided",
         action=argparse.BooleanOptionalAction,
         help="light both sides of surfaces (default: as glTF files ask, on for OBJ, PLY and STL)",
     )
-    group.add_argument("--lights", type=numbers(int, None, "indices such as 0,2"), help="use these lights only: 0,2")
-    group.add_argument("--components", type=names(tuple(COMPONENTS)), help="use these only: ambient,diffuse,specular")
     group.add_argument(
-        "--resolution", type=numbers(int, 2, "two whole numbers such as 800,600"), metavar="W,H", help="pixels"
+        "--lights",
+        type=numbers(int, None, "indices such as 0,2"),
+        metavar="I,...",
+        help="use these lights only, such as 0,2 (default: all)",
+    )
+    group.add_argument(
+        "--components",
+        type=names(tuple(COMPONENTS)),
+        metavar="NAME,...",
+        help=f"use these only, of {','.join(COMPONENTS)} (default: all)",
+    )
+    group.add_argument(
+        "--resolution",
+        type=numbers(int, 2, "two whole numbers such as 800,600"),
+        metavar="W,H",
+        help="pixels (default: the scene's own, 800,600 for meshes)",
     )
 
 
@@ -56,8 +72,10 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--camera-position", type=point, metavar="X,Y,Z", help="the eye, scene units")
     group.add_argument("--camera-focal-point", type=point, metavar="X,Y,Z", help="what is looked at, scene units")
     group.add_argument("--camera-view-up", type=point, metavar="X,Y,Z", help="what points up in the image")
-    group.add_argument("--camera-azimuth-angle", type=float, default=0.0, metavar="DEG", help="go round to the right")
-    group.add_argument("--camera-elevation-angle", type=float, default=0.0, metavar="DEG", help="go up")
+    group.add_argument(
+        "--camera-azimuth-angle", type=float, default=0.0, metavar="DEG", help="go round to the right (default: 0)"
+    )
+    group.add_argument("--camera-elevation-angle", type=float, default=0.0, metavar="DEG", help="go up (default: 0)")
     group.add_argument("--camera-view-angle", type=float, metavar="DEG", help="vertical field of view")
     group.add_argument("--orthographic", action="store_true", help="parallel projection")
 
@@ -67,18 +85,25 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
 
     group = parser.add_argument_group("settings (default: those of the preset)")
     group.add_argument("--preset", choices=scene.PRESETS, help="course for course files, else standard")
-    group.add_argument("--shader", choices=scene.SHADERS)
-    group.add_argument("--visibility", choices=scene.VISIBILITIES)
-    group.add_argument("--lighting-at", choices=scene.LIGHTING_AT)
-    group.add_argument("--interpolation", choices=scene.INTERPOLATIONS)
-    group.add_argument("--texture-at", choices=scene.TEXTURE_AT)
+    for name, allowed, about in (
+        ("shader", scene.SHADERS, "lit at vertices, at pixels, or not"),
+        ("visibility", scene.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
+        ("lighting-at", scene.LIGHTING_AT, "where lights and eye are seen from"),
+        ("interpolation", scene.INTERPOLATIONS, "of colors and normals over a triangle"),
+        ("texture-at", scene.TEXTURE_AT, "where textures are looked up"),
+    ):
+        group.add_argument(f"--{name}", choices=allowed, help=about)
     group.add_argument(
         "--texture-filter", choices=scene.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
     )
-    group.add_argument("--ambient", choices=scene.AMBIENTS)
-    group.add_argument("--layers", type=names(scene.LAYERS), help=f"further layers: {','.join(scene.LAYERS)}")
+    group.add_argument("--ambient", choices=scene.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
+    group.add_argument(
+        "--layers", type=names(scene.LAYERS), metavar="NAME,...", help=f"further layers: {','.join(scene.LAYERS)}"
+    )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
-    group.add_argument("--near", type=float, help="near plane, scene units (default: 1e-4 of the scene's radius)")
+    group.add_argument(
+        "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
+    )
     group.add_argument(
         "--samples", type=int, metavar="1..64", help="places of each pixel that are looked at (default: 1, its center)"
     )
@@ -99,11 +124,12 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in given.items() if value is not None}
 
 
-def load_scene(arguments: argparse.Namespace) -> Scene:
-    """The scene of the command line: a file, or a built-in one where no such file exists."""
-    from .. import scenes, viewpoint
+def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
+    """The scene of the command line, or the one of this name: a file, or a built-in one where no such file exists."""
+    from .. import scenes, telling, viewpoint
 
-    name = arguments.scene
+    start = time.perf_counter()
+    name = arguments.scene if name is None else name
     options = {name: getattr(arguments, name) for name in LOAD_OPTIONS if getattr(arguments, name) is not None}
     if name in scenes.BUILTINS and not Path(name).exists():
         for option in options:
@@ -114,6 +140,8 @@ def load_scene(arguments: argparse.Namespace) -> Scene:
         from .. import loading
 
         scene = loading.load(name, resolution=arguments.resolution, **options)
+    taken = (time.perf_counter() - start) * 1e3
+    telling.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
     if arguments.lights is not None:
         scene = _with_lights(scene, arguments.lights)
     if arguments.components is not None:
