@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 try:
@@ -15,6 +16,8 @@ def entry() -> None:
     code = interrupts.INTERRUPTED
     try:
         interrupts.leave_soon()
+        # Threads of NumPy's BLAS would spin beside the kernels, and nothing here multiplies large matrices.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from .cli import main
 
         code = main()

@@ -275,7 +275,7 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
 def test_every_feature_that_a_kernel_tests_is_guarded(path):
     """A macro in #if that features.clh does not demand would pass as 0 when misspelled."""
     guarded = set(re.findall(r"defined\((\w+)\)", (ROOT / "kernels" / "features.clh").read_text()))
-    own = {"FP64", "LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH", "GATHERS"}
+    own = {"FP64", "LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH", "GATHERS", "HAS_ROWS"}
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):
