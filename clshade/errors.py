@@ -15,3 +15,9 @@ class DeviceError(ClshadeError, RuntimeError):
 
 class OutputError(ClshadeError, OSError):
     """A result could not be written; nothing half-written is left behind."""
+
+
+class WorkerError(ClshadeError, RuntimeError):
+    """A process or machine that drew frames failed, or cannot be reached."""
+
+    __notes__: list[str]  # where it failed there; shown with a traceback

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .reading import complaint, quoted
+from .json_text import found_text, parse_text
+from .reading import complaint
 from .validation import Array
-
-MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Item:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 1 << 53:
-            raise self.refuse(key, f"a whole number of at least {least}", _found(value))
+            raise self.refuse(key, f"a whole number of at least {least}", found_text(value))
         return value
 
     def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
@@ -45,7 +43,7 @@ class Item:
         value = self.value.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
             expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
-            raise self.refuse(key, expected, _found(value))
+            raise self.refuse(key, expected, found_text(value))
         return float(value)
 
     def numbers(self, key: str, length: int, default: Any = None) -> Array:
@@ -53,16 +51,16 @@ class Item:
         value = self.value.get(key, default)
         expected = f"{length} finite numbers"
         if not isinstance(value, (list, tuple)) or len(value) != length:
-            raise self.refuse(key, expected, _found(value))
+            raise self.refuse(key, expected, found_text(value))
         for number in value:
             if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e300:
-                raise self.refuse(key, expected, _found(number))
+                raise self.refuse(key, expected, found_text(number))
         return np.array(value, np.float64)
 
     def text(self, key: str, default: str = "") -> str:
         value = self.value.get(key, default)
         if not isinstance(value, str):
-            raise self.refuse(key, "text", _found(value))
+            raise self.refuse(key, "text", found_text(value))
         return value.encode("utf-8", "replace").decode("utf-8")
 
     def item(self, key: str) -> Item | None:
@@ -97,7 +95,7 @@ class Item:
         found = self._list(self.value, key, self.where)
         for index in found:
             if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < count:
-                raise self.refuse(key, f"indices of the {count} {kind}", _found(index))
+                raise self.refuse(key, f"indices of the {count} {kind}", found_text(index))
         return found
 
     def entry(self, kind: str, index: int) -> Item:
@@ -110,20 +108,14 @@ class Item:
 
     def _at(self, value: Any, where: str) -> Item:
         if not isinstance(value, dict):
-            raise complaint(self.owner, where, "an object", _found(value))
+            raise complaint(self.owner, where, "an object", found_text(value))
         return Item(value, where, self.root, self.owner)
 
     def _list(self, value: dict[str, Any], key: str, where: str) -> list[Any]:
         found = value.get(key, [])
         if not isinstance(found, list):
-            raise complaint(self.owner, f"{where}.{key}" if where else key, "a list", _found(found))
+            raise complaint(self.owner, f"{where}.{key}" if where else key, "a list", found_text(found))
         return found
-
-
-def _found(value: Any) -> str:
-    if value is None:
-        return "none"
-    return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
 
 
 def parse(text: bytes, owner: str) -> Item:
@@ -131,22 +123,7 @@ def parse(text: bytes, owner: str) -> Item:
 
     Raises InputError for what is no JSON object, holds NaN or infinity, is nested too deeply, or has too many values.
     """
-    if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
-        raise complaint(owner, "JSON", f"at most {MAX_VALUES} values", "more")
-    try:
-        value = json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
-    except UnicodeDecodeError as error:
-        raise complaint(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
-    except json.JSONDecodeError as error:
-        found = f"{error.msg} in line {error.lineno}, column {error.colno}"
-        raise complaint(owner, "JSON", "a glTF document", found) from None
-    except (ValueError, RecursionError) as error:
-        found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
-        raise complaint(owner, "JSON", "a glTF document", found) from None
+    value = parse_text(text, owner, "a glTF document")
     if not isinstance(value, dict):
-        raise complaint(owner, "JSON", "an object", _found(value))
+        raise complaint(owner, "JSON", "an object", found_text(value))
     return Item(value, "", value, owner)
-
-
-def _refuse_constant(name: str) -> Any:
-    raise ValueError(f"a number that is {name}")

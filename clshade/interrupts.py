@@ -48,9 +48,11 @@ def tell() -> None:
         print("clshade: interrupted", file=sys.stderr)
 
 
-def leave_soon() -> None:
+def leave_soon(*, quiet: bool = False) -> None:
     """From now on an interrupt ends the process even if its main thread does not get to handle it. For the main thread
-    of a process that runs a command, before it starts others."""
+    of a process that runs a command, before it starts others. quiet: another process says so."""
+    if quiet:
+        _told.acquire(blocking=False)
     signal.signal(signal.SIGINT, _raise)
     if not hasattr(signal, "pthread_sigmask"):
         return

@@ -12,7 +12,15 @@ from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options
-from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
+from .scene_options import (
+    camera_options,
+    chosen_saving,
+    chosen_settings,
+    load_scene,
+    picture_options,
+    scene_options,
+    setting_options,
+)
 from .scene_outputs import made, output_stems
 
 if TYPE_CHECKING:
@@ -37,15 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="writes OUT.exr and OUT.png (default: out); of several scenes, or with a slash at its end, it is a folder, "
         "made where there is none, with files named after the scenes (default: the current one)",
     )
-    output.add_argument(
-        "--tonemap",
-        choices=("none", "srgb", "reinhard", "hable", "aces"),
-        help="of the PNG (default: none for course scenes, else srgb)",
-    )
-    output.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
-    output.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
-    output.add_argument("--compression", default="zip", metavar="NAME", help="of the EXR (default: zip)")
-    output.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    picture_options(output)
     output.add_argument(
         "--json",
         "--stats",
@@ -129,7 +129,8 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
         check(frame, arguments.check)
     warming.join()
-    _save(frame, output, arguments)
+    for warning in frame.save(output, **chosen_saving(arguments)):
+        telling.warning(warning)
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -142,19 +143,6 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
             print(f"{title:<8}" + "\n        ".join(each.lines()))
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
-
-
-def _save(frame: Frame, output: str, arguments: argparse.Namespace) -> None:
-    warnings = frame.save(
-        output,
-        tonemap=arguments.tonemap,
-        exposure=arguments.exposure,
-        half=arguments.half,
-        compression=arguments.compression,
-        deterministic=arguments.deterministic,
-    )
-    for warning in warnings:
-        telling.warning(warning)
 
 
 def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:

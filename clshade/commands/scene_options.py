@@ -19,12 +19,15 @@ LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of c
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
-def scene_options(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """`arguments.scene`, or with `several` the list `arguments.scenes`; and what is changed of them."""
+def scene_options(parser: argparse.ArgumentParser, *, several: bool = False, required: bool = False) -> None:
+    """`arguments.scene`, or with `several` the list `arguments.scenes`; and what is changed of them.
+
+    required: one has to be named, so that another positional argument may follow.
+    """
     group = parser.add_argument_group("scene")
     group.add_argument(
         "scenes" if several else "scene",
-        nargs="*" if several else "?",
+        nargs=None if required else "*" if several else "?",
         default=["teapot"] if several else "teapot",
         metavar="SCENE",
         help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (default: teapot)",
@@ -114,6 +117,24 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--precision", choices=scene.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
     )
+
+
+def picture_options(group: argparse._ArgumentGroup) -> None:
+    """How images are written: the keywords of `Frame.save`."""
+    group.add_argument(
+        "--tonemap",
+        choices=("none", "srgb", "reinhard", "hable", "aces"),
+        help="of the PNG (default: none for course scenes, else srgb)",
+    )
+    group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
+    group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
+    group.add_argument("--compression", default="zip", metavar="NAME", help="of the EXR (default: zip)")
+    group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+
+
+def chosen_saving(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The keywords of `Frame.save`."""
+    return {name: getattr(arguments, name) for name in ("tonemap", "exposure", "half", "compression", "deterministic")}
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:

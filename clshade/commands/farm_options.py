@@ -1,0 +1,61 @@
+"""What `turntable` and `animate` have in common: where frames go, and who draws them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from . import DONE
+from .arguments import device_option
+from .scene_options import chosen_saving, chosen_settings, picture_options
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+    from ..scene import Scene
+
+
+def output_options(parser: argparse.ArgumentParser) -> None:
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o",
+        "--output",
+        default="out.####.exr",
+        metavar="OUT",
+        help="#### stands for the number of the frame; a PNG beside each EXR (default: out.####.exr)",
+    )
+    output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
+    picture_options(output)
+    output.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+def worker_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("who draws")
+    group.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processes on this machine (default: this one alone)"
+    )
+    device_option(parser)
+
+
+def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
+    """Draws the frames that the options ask for, and says what came of it."""
+    from ..farm.running import draw_frames
+
+    found = draw_frames(
+        scene,
+        cameras,
+        arguments.output,
+        workers=arguments.workers,
+        overwrite=arguments.overwrite,
+        progress=not arguments.quiet,
+        device=arguments.device,
+        saving=chosen_saving(arguments),
+        preset=arguments.preset,
+        **chosen_settings(arguments),
+    )
+    if arguments.json:
+        print(json.dumps(found.stats(), indent=2))
+    else:
+        print("\n".join(found.lines()))
+    return DONE

@@ -1,0 +1,78 @@
+"""Where the camera of each frame is: round what it looks at, or as a file says."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from typing import Any
+
+from ..atomic import Path, shown
+from ..camera import Camera
+from ..errors import InputError
+from ..json_text import found_text, parse_text
+from ..reading import complaint, quoted, read_file
+from ..viewpoint import moved
+from .frames import MOST, Frames
+
+MAX_BYTES = 1 << 27
+FIELDS = (*(field.name for field in fields(Camera)), "fov")
+
+
+def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> dict[int, Camera]:
+    """The cameras of frames on a circle about `up` through what the camera looks at.
+
+    turn: the frames that go round by `degrees` (above 0: to the camera's right); its first one is `camera` itself, and
+    the one after its last would be the first again after a whole turn, so that a film of them has no standstill.
+    """
+    angles = {number: math.fmod(degrees * (number - turn.first) / turn.span, 360.0) for number in numbers}
+    return {number: moved(camera, azimuth=angle) for number, angle in angles.items()}
+
+
+def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
+    """The cameras of a JSON file: a list of objects with some of FIELDS, the others taken from `base`.
+
+    `fov`, degrees, is the vertical field of view, in place of focal and plane. A resolution without a plane keeps the
+    plane's height and makes pixels square. Raises InputError, which names file, camera (counted from 1) and field.
+    """
+    owner = shown(path)
+    listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)
+    if not isinstance(listed, list) or not listed:
+        found = "an empty list" if listed == [] else f"{type(listed).__name__} {found_text(listed)}"
+        raise complaint(owner, "JSON", "a list of cameras, [{...}, ...]", found)
+    if len(listed) > MOST:
+        raise complaint(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
+    return tuple(_camera(given, base, owner, f"camera {k}") for k, given in enumerate(listed, 1))
+
+
+def _camera(given: Any, base: Camera, owner: str, who: str) -> Camera:
+    if not isinstance(given, dict):
+        raise complaint(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
+    for key, value in given.items():
+        if key not in FIELDS:
+            near = difflib.get_close_matches(key.lower(), FIELDS, n=1, cutoff=0.4)
+            hint = f": did you mean {near[0]!r}?" if near else ""
+            raise complaint(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + hint)
+        if key != "orthographic" and _holds(value, (bool, str, dict)):
+            raise complaint(owner, f"{who}: {key}", "numbers", found_text(value))
+    if "fov" in given and (clash := {"focal", "plane", "orthographic"} & set(given)):
+        raise complaint(owner, f"{who}: fov", f"either fov or {min(clash)}", "both")
+    values = dict(given)
+    fov, resolution = values.pop("fov", None), values.get("resolution")
+    try:
+        if resolution is not None and "plane" not in values:
+            base = base.with_resolution(resolution)
+        camera = replace(base, **values)
+        return camera if fov is None else _with_fov(camera, fov)
+    except InputError as error:
+        raise InputError(f"{owner}: {who}: {str(error).removeprefix('Camera: ')}") from None
+
+
+def _with_fov(camera: Camera, fov: Any) -> Camera:
+    seen = Camera.from_fov(camera.eye, camera.lookat, camera.up, fov, camera.resolution)
+    return replace(seen, principal=camera.principal)
+
+
+def _holds(value: Any, kinds: tuple[type, ...]) -> bool:
+    return isinstance(value, kinds) or (isinstance(value, list) and any(_holds(item, kinds) for item in value))

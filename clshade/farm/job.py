@@ -1,0 +1,101 @@
+"""What is to be drawn, and who draws and writes it: the part of a farm that runs wherever a frame is made."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..camera import Camera
+from ..errors import ClshadeError, WorkerError
+from ..frame import output_paths
+from ..renderer import Renderer
+from ..scene import Scene, Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`."""
+
+    scene: Scene
+    settings: Settings
+    device: str | None
+    saving: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One frame. path: of its files, as for `Frame.save`, absolute: other processes have other current folders."""
+
+    number: int
+    camera: Camera
+    path: Path
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A frame whose files are written. render_ms, save_ms: what that took. size: bytes of the two files."""
+
+    number: int
+    render_ms: float
+    save_ms: float
+    size: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A worker that ended before its frame `number` was done; another one draws it. reason: how it ended."""
+
+    number: int
+    reason: str
+
+
+class FrameWriter:
+    """Draws and writes frames of a job. The scene stays on the device from the first frame on, until `close`."""
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._renderers: dict[bool, Renderer] = {}
+        self._lock = threading.Lock()
+
+    def _renderer(self, camera: Camera) -> Renderer:
+        """A renderer draws either perspective or orthographic views; a job may have both."""
+        with self._lock:
+            kind = camera.orthographic
+            if kind not in self._renderers:
+                scene = replace(self._job.scene, camera=camera)
+                self._renderers[kind] = Renderer(scene, settings=self._job.settings, device=self._job.device)
+            return self._renderers[kind]
+
+    def draw(self, task: Task) -> Drawn:
+        """Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for what is a bug."""
+        try:
+            start = time.perf_counter()
+            frame = self._renderer(task.camera).render(task.camera)
+            drawn = time.perf_counter()
+            warnings = frame.save(task.path, **self._job.saving)
+            done = time.perf_counter()
+            size = sum(path.stat().st_size for path in output_paths(task.path))
+        except ClshadeError as error:
+            raise type(error)(f"frame {task.number}: {error}") from error
+        except Exception as error:
+            failure = WorkerError(f"frame {task.number}: {type(error).__name__}: {error}")
+            failure.__notes__ = [traceback.format_exc()]  # pickled with it, which its cause would not be
+            raise failure from error
+        return Drawn(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings))
+
+    def close(self) -> None:
+        with self._lock:
+            while self._renderers:
+                self._renderers.popitem()[1].close()
+
+    def __enter__(self) -> FrameWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,206 @@
+"""Frames drawn by several processes on this machine, each with its own device, scene and kernel cache.
+
+A process that ends is replaced and its frame drawn again. (An executor of concurrent.futures is broken for good when one
+of its processes dies, and a Pool waits forever for what it was doing.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection, wait
+
+from .. import interrupts
+from ..errors import WorkerError
+from .job import Drawn, FrameWriter, Job, Lost, Task
+
+MOST_WORKERS = 256
+ATTEMPTS = 3  # at a frame, before it is given up: it may be what kills the workers
+POLL = 0.1  # seconds after which Python looks whether there was an interrupt
+PATIENCE = 0.6  # seconds that workers have to end when told to; an interrupted process has GRACE and CLEARING itself
+
+# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL before
+# and since 4, Intel's.
+THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
+
+
+def processors() -> int:
+    """How many of them this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def draw_locally(job: Job, tasks: Sequence[Task], workers: int) -> Iterator[Drawn | Lost]:
+    """Draws the tasks and gives what came of each as soon as it is there, in any order.
+
+    Raises what `FrameWriter.draw` did in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
+    Whatever ends the iteration early ends the workers.
+    """
+    crew = _Crew(job, min(workers, len(tasks)))
+    _crews.add(crew)
+    interrupted = False
+    try:
+        yield from crew.draw(tasks)
+    except KeyboardInterrupt:
+        interrupted = True
+        crew.interrupt()  # they end by themselves; `_end_all` waits for that, when everything has been said
+        raise
+    finally:
+        if not interrupted:
+            crew.end()
+
+
+_crews: set[_Crew] = set()
+
+
+@interrupts.at_end
+def _end_all() -> None:
+    for crew in list(_crews):
+        crew.end()
+
+
+@contextlib.contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """A process started in the block gets no interrupt until it can handle one (`interrupts.leave_soon`)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Worker:
+    """A process, our end of the pipe to it, and the task that it is at."""
+
+    def __init__(self, threads: int) -> None:
+        # Not forked: a runtime's threads do not survive that.
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs, threads), daemon=True)
+        with _interrupts_held_back():
+            self.process.start()
+        theirs.close()  # else the pipe would outlive the process
+        self.task: Task | None = None
+
+    def begin(self, task: Task) -> None:
+        self.task = task
+        with contextlib.suppress(OSError):  # it ended; reading from it says so again
+            self.pipe.send(task)
+
+    def reason(self) -> str:
+        """How the process ended."""
+        self.process.join(PATIENCE)
+        code = self.process.exitcode
+        if code is None or code >= 0:
+            return f"ended with exit code {code}"
+        with contextlib.suppress(ValueError):
+            return f"killed by {signal.Signals(-code).name}"
+        return f"killed by signal {-code}"
+
+
+class _Crew:
+    """The workers of one run."""
+
+    def __init__(self, job: Job, size: int) -> None:
+        self._job = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
+        self._threads = max(1, processors() // size)
+        self._workers: list[_Worker] = []
+        self._size = size
+
+    def draw(self, tasks: Sequence[Task]) -> Iterator[Drawn | Lost]:
+        waiting = deque(tasks)
+        attempts: Counter[int] = Counter()
+        started = [self._start() for _ in range(min(self._size, len(waiting)))]
+        for worker in started:
+            self._employ(worker, waiting.popleft())
+        while busy := {worker.pipe: worker for worker in self._workers if worker.task is not None}:
+            for pipe in wait(list(busy), POLL):
+                worker = busy[pipe]  # type: ignore[index]
+                task = worker.task
+                assert task is not None
+                try:
+                    answer = worker.pipe.recv()
+                except (EOFError, OSError):
+                    reason = worker.reason()
+                    self._dismiss(worker)
+                    attempts[task.number] += 1
+                    if attempts[task.number] == ATTEMPTS:
+                        found = f"{ATTEMPTS} workers ended while they drew it, the last {reason}"
+                        raise WorkerError(f"frame {task.number}: {found}") from None
+                    yield Lost(task.number, reason)
+                    self._employ(self._start(), task)
+                    continue
+                if isinstance(answer, Exception):
+                    raise answer
+                if waiting:
+                    worker.begin(waiting.popleft())
+                else:
+                    self._dismiss(worker)
+                yield answer
+        for worker in self._workers:
+            worker.process.join(PATIENCE)
+
+    def _start(self) -> _Worker:
+        worker = _Worker(self._threads)
+        self._workers.append(worker)
+        return worker
+
+    def _employ(self, worker: _Worker, task: Task) -> None:
+        """Gives a new worker the job and its first task."""
+        with contextlib.suppress(OSError):
+            worker.pipe.send_bytes(self._job)
+        worker.begin(task)
+
+    def _dismiss(self, worker: _Worker) -> None:
+        """A closed pipe tells the process to end."""
+        worker.pipe.close()
+        worker.task = None
+
+    def interrupt(self) -> None:
+        """Tells all processes to end: by an interrupt, so that they remove what they were writing."""
+        for worker in self._workers:
+            if worker.process.is_alive() and worker.process.pid is not None:
+                with contextlib.suppress(OSError):
+                    os.kill(worker.process.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+
+    def end(self) -> None:
+        """The same, and returns when they have ended."""
+        self.interrupt()
+        until = time.monotonic() + PATIENCE
+        for worker in self._workers:
+            worker.process.join(max(0.0, until - time.monotonic()))
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+        _crews.discard(self)
+
+
+def _serve(pipe: Connection, threads: int) -> None:
+    """What a worker does: draws the tasks that come, until the pipe is closed or its other end is gone."""
+    try:
+        interrupts.leave_soon(quiet=True)
+        for name in THREADS:
+            os.environ.setdefault(name, str(threads))
+        with FrameWriter(pickle.loads(pipe.recv_bytes())) as writer:
+            while True:
+                task = pipe.recv()
+                try:
+                    answer: Drawn | Exception = writer.draw(task)
+                except Exception as error:
+                    answer = error
+                pipe.send(answer)
+    except (EOFError, OSError):
+        pass
+    except KeyboardInterrupt:
+        sys.exit(interrupts.INTERRUPTED)
+    finally:
+        interrupts.ignore()  # what is left is clearing up

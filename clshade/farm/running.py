@@ -1,0 +1,179 @@
+"""A run: which frames are still to be drawn, who draws them, how far it is, and what came of it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import telling
+from ..camera import Camera
+from ..errors import InputError
+from ..frame import check_output
+from ..renderer import settle
+from ..scene import Scene
+from ..validation import integer
+from .frames import parse_pattern
+from .job import Drawn, FrameWriter, Job, Lost, Task
+from .local import MOST_WORKERS, draw_locally
+
+CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a run.
+
+    drawn, skipped: numbers of frames. lost: workers that ended before their frame was done. seconds: from start to end,
+    starting workers included. draw_ms: median of what a frame took its worker to draw and write. size: bytes written.
+    """
+
+    drawn: int
+    skipped: int
+    lost: int
+    seconds: float
+    draw_ms: float
+    size: int
+    workers: int
+    first: str
+    last: str
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return self.drawn / self.seconds if self.seconds else 0.0
+
+    def stats(self) -> dict[str, Any]:
+        return {"frames": self.drawn + self.skipped, **asdict(self), "frames_per_second": self.rate}
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        skipped = f", {self.skipped:,} there already (--overwrite draws them again)" if self.skipped else ""
+        lost = f"; {self.lost} ended early, the frames drawn again" if self.lost else ""
+        workers = f"{self.workers} worker{'s' if self.workers != 1 else ''}{lost}"
+        files = self.first if self.first == self.last else f"{self.first} ... {self.last}"
+        return [
+            f"frames  {self.drawn:,} drawn{skipped}",
+            f"time    {self.seconds:.1f} s, {self.rate:.1f} frames/s, {self.draw_ms:.0f} ms a frame; {workers}",
+            f"files   {files}, a PNG beside each ({self.size / 1e6:.1f} MB written)",
+        ]
+
+
+def draw_frames(
+    scene: Scene,
+    cameras: Mapping[int, Camera],
+    output: str,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    timeout: float = CONNECT_SECONDS,
+    overwrite: bool = False,
+    progress: bool = True,
+    device: str | None = None,
+    saving: Mapping[str, Any] | None = None,
+    **settings: Any,
+) -> Run:
+    """Draws frames of a scene and writes each as EXR and PNG, the same files whoever draws them.
+
+    cameras: by number of the frame. output: the files' names, such as `out.####.exr`.
+    workers: processes on this machine; 1: this one. scheduler: address of a Dask scheduler, whose workers draw instead;
+    timeout: seconds to wait for it. overwrite: draw frames whose two files exist, too; they are skipped otherwise. An
+    existing file is whole, for files appear at once (`clshade.atomic`).
+    progress: a bar on standard error. saving: keywords of `Frame.save`. settings: of `clshade.render`.
+    With several workers a script needs the usual `if __name__ == "__main__":`.
+    Raises InputError, DeviceError, OutputError, and WorkerError for workers that fail; what is drawn stays.
+    """
+    start = time.perf_counter()
+    integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
+    if not cameras:
+        raise InputError("draw_frames: cameras: expected one or more, found none")
+    pattern = parse_pattern(output, len(cameras))
+    saving = dict(saving or {})
+    check = {name: value for name, value in saving.items() if name in ("tonemap", "exposure", "compression")}
+    scene, settled = settle(scene, **settings)
+    paths = {number: pattern.paths(number) for number in cameras}
+    left = [number for number in cameras if overwrite or not all(map(_is_there, paths[number]))]
+    if left:
+        check_output(paths[left[0]][0], **check)
+    job = Job(scene, settled, device, saving)
+    tasks = [Task(number, cameras[number], paths[number][0].absolute()) for number in left]
+    drawn, lost, crew = [], 0, min(workers, max(len(tasks), 1))
+    with _Progress(len(cameras), len(cameras) - len(tasks), progress) as bar:
+        for each in _results(job, tasks, workers, scheduler, timeout) if tasks else ():
+            if isinstance(each, Lost):
+                lost += 1
+                bar.say(f"frame {each.number}: its worker was {each.reason}: it is drawn again")
+                continue
+            drawn.append(each)
+            bar.advance(each)
+    return Run(
+        drawn=len(drawn),
+        skipped=len(cameras) - len(tasks),
+        lost=lost,
+        seconds=time.perf_counter() - start,
+        draw_ms=_median([each.render_ms + each.save_ms for each in drawn]),
+        size=sum(each.size for each in drawn),
+        workers=crew,
+        first=str(paths[min(paths)][0]),
+        last=str(paths[max(paths)][0]),
+    )
+
+
+def _is_there(path: Path) -> bool:
+    """Whether a file is; an empty one, which other programs leave, is no frame."""
+    try:
+        return path.is_file() and path.stat().st_size > 0
+    except OSError:
+        return False
+
+
+def _results(
+    job: Job, tasks: Sequence[Task], workers: int, scheduler: str | None, timeout: float
+) -> Iterator[Drawn | Lost]:
+    if workers > 1:
+        return draw_locally(job, tasks, workers)
+    return _draw_here(job, tasks)
+
+
+def _draw_here(job: Job, tasks: Sequence[Task]) -> Iterator[Drawn]:
+    with FrameWriter(job) as writer:
+        for task in tasks:
+            yield writer.draw(task)
+
+
+def _median(values: Sequence[float]) -> float:
+    return sorted(values)[len(values) // 2] if values else 0.0
+
+
+class _Progress:
+    """A bar with rate and remaining time on standard error, and lines above it; warnings of frames once each."""
+
+    def __init__(self, total: int, done: int, shown: bool) -> None:
+        from tqdm import tqdm
+
+        # A log gets a line now and then, a terminal what changes.
+        interval = 0.1 if sys.stderr is not None and sys.stderr.isatty() else 10.0
+        self._bar = tqdm(
+            total=total, initial=done, unit="frame", disable=not shown, mininterval=interval, smoothing=0.1, leave=True
+        )
+        self._said: set[str] = set()
+
+    def say(self, message: str) -> None:
+        self._bar.clear()
+        telling.warning(message)
+
+    def advance(self, drawn: Drawn) -> None:
+        for warning in drawn.warnings:
+            if warning not in self._said:
+                self._said.add(warning)
+                self.say(f"frame {drawn.number}: {warning}")
+        self._bar.update()
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()

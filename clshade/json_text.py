@@ -1,0 +1,51 @@
+"""JSON from users: read with limits, and without what JSON does not have."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from .reading import complaint, quoted
+
+MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
+
+
+def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> Any:
+    """The value that a JSON text stands for.
+
+    owner, form: the file, and what it should be, for messages. unique: refuse objects that have a key twice.
+    Raises InputError for what is no JSON in UTF-8, holds NaN or infinity, is nested too deeply, or has too many values.
+    """
+    if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
+        raise complaint(owner, "JSON", f"at most {MAX_VALUES} values", "more")
+    hook = _unique if unique else None
+    try:
+        return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant, object_pairs_hook=hook)
+    except UnicodeDecodeError as error:
+        raise complaint(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
+    except json.JSONDecodeError as error:
+        found = f"{error.msg} in line {error.lineno}, column {error.colno}"
+        raise complaint(owner, "JSON", form, found) from None
+    except (ValueError, RecursionError) as error:
+        found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
+        raise complaint(owner, "JSON", form, found) from None
+
+
+def found_text(value: Any) -> str:
+    """A value as it is shown in a message."""
+    if value is None:
+        return "none"
+    return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"a number that is {name}")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise ValueError(f"the key {twice} twice")
+    return found

@@ -1,0 +1,197 @@
+"""Frames by several processes: the same bits as by one, whoever is killed, and nothing left of an interrupted run."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+from devices import working_devices
+
+from clshade import exr
+from clshade.errors import DeviceError, OutputError, WorkerError
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames
+from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
+from clshade.farm.local import ATTEMPTS, draw_locally
+from clshade.scene import Settings
+from clshade.scenes import builtin
+
+ROOT = Path(__file__).resolve().parent.parent
+COUNT = 24
+
+pytestmark = [
+    pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here"),
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+]
+
+
+def job(**changes: object) -> Job:
+    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
+    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
+
+
+def tasks(folder: Path, count: int = COUNT) -> list[Task]:
+    frames = parse_frames(f"1..{count}")
+    camera = builtin("icosphere").camera.with_resolution((32, 24))
+    cameras = orbit(camera, frames.numbers, frames)
+    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory) -> dict[str, bytes]:
+    """The files as one process writes them."""
+    folder = tmp_path_factory.mktemp("one")
+    with FrameWriter(job()) as writer:
+        assert [writer.draw(task).number for task in tasks(folder)] == list(range(1, COUNT + 1))
+    found = contents(folder)
+    assert len(found) == 2 * COUNT
+    assert len(set(found.values())) > COUNT  # frames differ
+    return found
+
+
+def children() -> list[int]:
+    return [child.pid for child in multiprocessing.active_children() if child.pid]
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_two_workers_one_of_which_is_killed(tmp_path, expected):
+    found, killed = [], 0
+    for each in draw_locally(job(), tasks(tmp_path), 2):
+        found.append(each)
+        if len(found) == COUNT // 3:
+            killed = children()[0]
+            os.kill(killed, signal.SIGKILL)
+    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    assert sorted(drawn) == list(range(1, COUNT + 1))
+    assert killed
+    lost = [each for each in found if isinstance(each, Lost)]
+    assert [each.reason for each in lost] == ["killed by SIGKILL"]
+    written = {name: data for name, data in contents(tmp_path).items() if not name.startswith(".clshade-")}
+    assert written == expected
+    assert not children()
+
+
+class Deadly:
+    """A camera that ends the process that it comes to."""
+
+    def __reduce__(self) -> tuple:
+        return os._exit, (7,)
+
+
+def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
+    good, *_ = tasks(tmp_path)
+    bad = Task(2, Deadly(), tmp_path / "002")  # type: ignore[arg-type]
+    found: list[Drawn | Lost] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* exit code 7$"):
+        found.extend(draw_locally(job(), [good, bad], 2))
+    assert sum(isinstance(each, Lost) for each in found) == ATTEMPTS - 1
+    assert not children()
+
+
+def draw_all(given: Job, listed: Iterable[Task]) -> None:
+    for _ in draw_locally(given, list(listed), 2):
+        pass
+
+
+def test_errors_of_workers_name_the_frame(tmp_path):
+    first, *_ = tasks(tmp_path)
+    away = Task(3, first.camera, tmp_path / "none" / "003")
+    with pytest.raises(OutputError, match=r"^frame 3: .*003\.exr: cannot be written: there is no folder"):
+        draw_all(job(), [away])
+    with pytest.raises(DeviceError, match=r"^frame 1: no OpenCL device matches 'no-such'"):
+        draw_all(job(device="no-such"), [first])
+    with pytest.raises(WorkerError, match=r"^frame 5: AttributeError: ") as caught:
+        draw_all(job(), [Task(5, "camera", tmp_path / "005")])  # type: ignore[arg-type]
+    assert "Traceback" in caught.value.__notes__[0]
+    assert not children()
+
+
+def test_leaving_early_ends_the_workers(tmp_path):
+    results = draw_locally(job(), tasks(tmp_path), 2)
+    next(results)
+    assert len(children()) == 2
+    results.close()  # type: ignore[attr-defined]
+    assert not children()
+
+
+# Runs of the command
+
+
+def start(folder: Path, *further: str) -> subprocess.Popen[str]:
+    frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
+    command = [sys.executable, "-m", "clshade", "turntable", "icosphere", "--preset", "course", *frames, *further]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def descendants(pid: int) -> list[int]:
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            found += [int(child), *descendants(int(child))]
+    return found
+
+
+def under_way(folder: Path) -> subprocess.Popen[str]:
+    """A run that has drawn some of its frames."""
+    process = start(folder)
+    wait_until(lambda: len(list(folder.glob("*.png"))) > 5 or process.poll() is not None)
+    assert process.poll() is None
+    return process
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, number):
+    process = under_way(tmp_path)
+    others = descendants(process.pid)
+    assert len(others) >= 2
+    sent = time.perf_counter()
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert err.splitlines()[-1] == "clshade: interrupted"
+        assert "Traceback" not in err
+        assert time.perf_counter() - sent < 15.0
+    wait_until(lambda: not any(is_alive(pid) for pid in others), 20.0)
+    left = sorted(path.stem for path in tmp_path.glob("*.exr"))
+    assert 5 < len(left) < 20 * COUNT
+    assert all(exr.read(path)[0]["R"].shape == (24, 32) for path in tmp_path.glob("*.exr"))
+    if number == signal.SIGINT:
+        assert not list(tmp_path.glob(".clshade-*"))
+    before = {
+        name: (tmp_path / f"{name}.exr").stat().st_mtime_ns for name in left if (tmp_path / f"{name}.png").exists()
+    }
+    process = start(tmp_path, "--frames", f"1..{len(left) + 4}", "--turn", f"1..{20 * COUNT}")
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == len(left) + 4
+    assert all((tmp_path / f"{name}.exr").stat().st_mtime_ns == when for name, when in before.items())
+    assert f"{len(before)} there already" in out
