@@ -326,30 +326,51 @@ def _plain(name: str, value: Any) -> Any:
     return value.name.lower() if name in ("type", "lineOrder") else value
 
 
-def _decode(data: bytes, owner: str) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Channels of the data window, and the header."""
-    import OpenEXR
-
-    with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
-        parts = len(exr.parts)
-        header = {name: _plain(name, value) for name, value in exr.header().items() if name != "channels"}
-    if parts != 1:
-        raise complaint(owner, "file", "an image of one part", f"{parts} parts")
+def _check_part(header: dict[str, Any], owner: str) -> None:
+    """Refuses what is no flat image of a size that can be read."""
     if str(header.get("type", "")).startswith("deep"):
         raise complaint(owner, "type", "a flat image", "a deep one")
     for name in ("dataWindow", "displayWindow"):
         x0, y0, x1, y1 = header[name]
         if x1 < x0 or y1 < y0 or (x1 - x0 + 1) * (y1 - y0 + 1) > _MAX_PIXELS:
             raise complaint(owner, name, f"1 to {_MAX_PIXELS} pixels", str(header[name]))
+
+
+def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, Any]]]:
+    """Channels of the data window, and the header, of each part."""
+    import OpenEXR
+
+    with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
+        headers = [
+            {name: _plain(name, value) for name, value in exr.header(part).items() if name != "channels"}
+            for part in range(len(exr.parts))
+        ]
+    for header in headers:  # whose display windows are the same: OpenEXR sees to that
+        _check_part(header, owner)
+    parts = []
     with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
-        if not exr.parts:  # all that it says when pixels cannot be read
+        if len(exr.parts) != len(headers) or not headers:  # all that it says when pixels cannot be read
             raise complaint(owner, "file", "pixels", "truncated or damaged data")
-        channels = {name: channel.pixels for name, channel in exr.channels().items()}
-    x0, y0, x1, y1 = header["dataWindow"]
-    for name, plane in channels.items():
-        if not isinstance(plane, np.ndarray) or plane.shape != (y1 - y0 + 1, x1 - x0 + 1):
-            raise complaint(owner, name, "a value for every pixel", "a subsampled channel")
-    return channels, header
+        for part, header in enumerate(headers):
+            channels = {name: channel.pixels for name, channel in exr.channels(part).items()}
+            x0, y0, x1, y1 = header["dataWindow"]
+            for name, plane in channels.items():
+                if not isinstance(plane, np.ndarray) or plane.shape != (y1 - y0 + 1, x1 - x0 + 1):
+                    raise complaint(owner, name, "a value for every pixel", "a subsampled channel")
+            parts.append((channels, header))
+    return parts
+
+
+def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, Array]:
+    """The channels of all parts, of the display window. A name that an earlier part has gets its part's in front."""
+    merged: dict[str, Array] = {}
+    for number, (channels, header) in enumerate(parts):
+        for name, plane in channels.items():
+            unique = name if name not in merged else f"{header.get('name', '')}.{name}"
+            merged[unique if unique not in merged else f"{number}.{unique}"] = _displayed(
+                plane, header["dataWindow"], header["displayWindow"]
+            )
+    return merged
 
 
 def _displayed(plane: Array, data: Window, display: Window) -> Array:
@@ -366,13 +387,14 @@ def _displayed(plane: Array, data: Window, display: Window) -> Array:
 
 
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Read a flat single-part EXR, of this renderer's or any other.
+    """Read a flat EXR, of this renderer's or any other.
 
     Returns (channels, header). channels: one (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at
-    the top, of the display window, 0 outside the data window; R, G, B, A come first. header: its attributes; windows
-    as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
-    Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, of several
-    parts, subsampled or larger than 2^28 pixels.
+    the top, of the display window, 0 outside the data window; R, G, B, A come first. Of several parts all channels; a
+    name that an earlier part has gets its part's name and a dot in front. header: the attributes, of the first part;
+    windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
+    Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
+    larger than 2^28 pixels.
     """
     owner = shown(path)
     data = read_file(path, _MAX_BYTES)
@@ -380,11 +402,11 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         raise complaint(owner, "file", "an OpenEXR image", "something else")
     try:
         with _quiet():
-            planes, header = _decode(data, owner)
+            parts = _decode(data, owner)
     except (InputError, ImportError):
         raise
     except Exception as error:  # the decoder raises anything at all
         raise complaint(owner, "file", "an OpenEXR image", " ".join(str(error).split()) or "damaged data") from None
+    planes = _merged(parts)
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
-    windows = header["dataWindow"], header["displayWindow"]
-    return {name: _displayed(planes[name], *windows) for name in names}, header
+    return {name: planes[name] for name in names}, parts[0][1]

@@ -60,7 +60,7 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
     Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     try:
-        pixels = _decode(data, owner)
+        pixels = _codes(_opened(data, owner, MAX_PIXELS), data, owner)
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
@@ -79,24 +79,47 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
     return np.broadcast_to(table[pixels[:, :, : 3 if channels > 2 else 1]], (*pixels.shape[:2], 3))
 
 
-def _decode(data: bytes | memoryview, owner: str) -> Array:
-    """(h, w, C) uint8 or uint16 pixels: grey, grey and alpha, RGB or RGBA."""
-    from PIL import Image
+def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tuple[Array, dict[str, Any]]:
+    """The bytes of a PNG as (h, w, C) uint8 or uint16 codes, grey, grey and alpha, RGB or RGBA; and its header.
+
+    Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or `most_pixels`.
+    """
+    try:
+        image = _opened(data, owner, most_pixels, formats=("PNG",))
+        codes = _codes(image, data, owner)
+    except (InputError, ImportError):
+        raise
+    except Exception as error:  # a decoder fed with a broken file raises anything at all
+        raise complaint(owner, "file", "a PNG image", " ".join(str(error).split())[:160] or "damaged data") from None
+    return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
+
+
+def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tuple[str, ...] = FORMATS) -> Any:
+    """Pillow's image, not yet decoded."""
+    from PIL import Image, PngImagePlugin
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
-            image: Any = Image.open(io.BytesIO(data), formats=FORMATS)
+            if formats == ("PNG",):  # Image.open refuses more than 1.8e8 pixels of whatever format
+                image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
+            else:
+                image = Image.open(io.BytesIO(data), formats=formats)
             width, height = image.size
             found = f"{width} x {height}"
         except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
             width = height = MAX_SIDE + 1
             found = str(error)
-        if max(width, height) > MAX_SIDE or width * height > MAX_PIXELS:
-            raise complaint(owner, "image", f"at most {MAX_SIDE} pixels a side and {MAX_PIXELS} in all", found)
-        raw = image.tile[0][3] if image.format == "PNG" and image.tile else ""
-        raw = raw if isinstance(raw, str) else raw[0]
-        image.load()
+    if max(width, height) > MAX_SIDE or width * height > most_pixels:
+        raise complaint(owner, "image", f"at most {MAX_SIDE} pixels a side and {most_pixels} in all", found)
+    return image
+
+
+def _codes(image: Any, data: bytes | memoryview, owner: str) -> Array:
+    """(h, w, C) uint8 or uint16 pixels: grey, grey and alpha, RGB or RGBA."""
+    raw = image.tile[0][3] if image.format == "PNG" and image.tile else ""
+    raw = raw if isinstance(raw, str) else raw[0]
+    image.load()
     if raw in _LOW_BYTES:
         return _sixteen_bits(np.asarray(image), data, raw)
     return _eight_or_grey(image, raw, owner)
@@ -104,10 +127,10 @@ def _decode(data: bytes | memoryview, owner: str) -> Array:
 
 def _sixteen_bits(high: Array, data: bytes | memoryview, raw: str) -> Array:
     """The 16-bit colors of a PNG from its high bytes (h, w, C), as Pillow gives them, and its low bytes."""
-    from PIL import Image
+    from PIL import PngImagePlugin
 
     low_mode, channels = _LOW_BYTES[raw]
-    image: Any = Image.open(io.BytesIO(data), formats=("PNG",))
+    image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
     image.tile = [(*image.tile[0][:3], low_mode)]
     low = np.asarray(image)[:, :, channels]
     return high[:, :, : low.shape[2]].astype(np.uint16) << 8 | low

@@ -1,17 +1,27 @@
-"""Statistics of images with planted values, and the exposure ladder."""
+"""Statistics of images with planted values; what `inspect` says of files, and the figure that it draws."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from clshade import exr, inspecting, png
-from clshade.errors import InputError, OutputError
+from clshade import cli, exr, inspect_figure, inspecting, png
+from clshade.errors import InputError
+from clshade.pictures import Picture
 from clshade.tonemap import tonemap
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def words(text):
+    return text.split()
 
 
 def planted():
@@ -29,7 +39,7 @@ def test_statistics_of_a_channel():
     assert (channel.nan, channel.inf, channel.negative) == (2, 3, 2)
     assert (channel.minimum, channel.maximum) == (-2.0, 100.0)
     assert channel.mean == (5050 - 2.5) / 103
-    assert channel.percentiles == (-0.5, 49.0, 99.0)  # ranks 1.02, 51, 100.98 of 0..102
+    assert channel.percentiles == (-0.5, 3.0, 49.0, 95.0, 99.0)  # ranks 1.02, 5.1, 51, 96.9, 100.98 of 0..102
     assert found.stops is None
 
 
@@ -39,7 +49,7 @@ def test_a_file_and_its_arrays_have_the_same_statistics(tmp_path):
     found = inspecting.statistics(tmp_path / "a.exr")
     assert found == inspecting.statistics(given)
     assert list(found.channels) == ["R", "G", "B", "id"]
-    assert found.channels["id"] == inspecting.ChannelStatistics(0, 107, 53.5, (1, 54, 106), 0, 0, 0)
+    assert found.channels["id"] == inspecting.ChannelStatistics("uint", 0, 107, 53.5, (1, 5, 54, 102, 106), 0, 0, 0)
     assert inspecting.statistics(str(tmp_path / "a.exr")) == found
 
 
@@ -77,73 +87,186 @@ def test_the_table():
     text = inspecting.format_statistics(inspecting.statistics({"R": planted(), "id": np.uint32([[7] * 12] * 9)}))
     lines = text.splitlines()
     assert lines[0] == "12 x 9 pixels"
-    assert lines[1].split() == [
-        "channel",
-        "min",
-        "1",
-        "%",
-        "median",
-        "mean",
-        "99",
-        "%",
-        "max",
-        "NaN",
-        "Inf",
-        "negative",
-    ]
-    assert lines[2].split() == ["R", "-2", "-0.5", "49", "49.0049", "99", "100", "2", "3", "2"]
-    assert lines[3].split() == ["id", "7", "7", "7", "7", "7", "7", "0", "0", "0"]
+    assert lines[1].split() == words("channel type min 1 % 5 % median mean 95 % 99 % max NaN Inf negative")
+    assert lines[2].split() == words("R float -2 -0.5 3 49 49.0049 95 99 100 2 3 2")
+    assert lines[3].split() == words("id uint 7 7 7 7 7 7 7 7 0 0 0")
     assert len({len(line) for line in lines[1:4]}) == 1
     assert lines[4] == "dynamic range: none (no pixel of positive luminance)"
     text = inspecting.format_statistics(inspecting.statistics(np.float32([[[1] * 3, [8] * 3]])))
     assert text.endswith("dynamic range: 3.0 stops, 3.0 without 0.1 % at either end")
 
 
-def panels(path):
-    """The nine panels' codes at their centers, from the left and the top."""
-    picture = png.read(path)
-    height, width = picture.shape[:2]
-    return [
-        picture[int(height * (2 * i + 1.1) / 6), int(width * (2 * j + 1) / 6)].tolist()
-        for i in range(3)
-        for j in range(3)
-    ]
+# Files
 
 
-@pytest.mark.parametrize("shape", [(1200, 1600), (300, 2)])
-def test_exposure_ladder(tmp_path, shape):
+def inspected(capsys, *arguments):
+    """The exit code of `inspect`, the parsed JSON, and the lines of standard error."""
+    code = cli.main(["inspect", *map(str, arguments), "--json"])
+    out, err = capsys.readouterr()
+    return code, json.loads(out, parse_constant=pytest.fail), err.splitlines()
+
+
+def test_a_file_of_half_floats_in_a_window_of_its_own(tmp_path, capsys):
+    pixels = np.zeros((6, 8, 3))
+    pixels[2:4, 5:8] = 0.5
+    exr.write(tmp_path / "a.exr", pixels, half=True, window=(5, 2, 7, 3))
+    code, found, err = inspected(capsys, tmp_path / "a.exr", "--pixel", "5,2", "--pixel", "5,4")
+    assert (code, err) == (0, [])
+    assert (found["width"], found["height"]) == (8, 6)
+    assert found["channels"]["R"]["type"] == "half"
+    assert found["channels"]["R"]["mean"] == 0.5 * 6 / 48
+    assert found["header"]["dataWindow"] == [5, 2, 7, 3]
+    assert found["header"]["displayWindow"] == [0, 0, 7, 5]
+    assert [pixel["values"]["G"] for pixel in found["pixels"]] == [0.5, 0.0]
+
+
+def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
+    values = np.arange(12, dtype=np.float32).reshape(3, 4)
+    values[0, 1], values[0, 2], values[0, 3] = np.nan, np.inf, -np.inf
+    ids = (np.arange(12).reshape(3, 4) + 2**32 - 12).astype(np.uint32)
+    exr.write(tmp_path / "a.exr", {"Z": values, "id": ids})
+    _, found, _ = inspected(
+        capsys, tmp_path / "a.exr", *(f"--pixel={x},{y}" for x, y in [(3, 1), (0, 2), (1, 0), (2, 0)])
+    )
+    assert found["pixels"][0] == {"x": 3, "y": 1, "values": {"Z": 7.0, "id": 2**32 - 5}}
+    assert found["pixels"][1]["values"]["Z"] == 8.0
+    assert [pixel["values"]["Z"] for pixel in found["pixels"][2:]] == ["nan", "inf"]
+    assert (found["channels"]["Z"]["nan"], found["channels"]["Z"]["inf"]) == (1, 2)
+    assert cli.main(["inspect", str(tmp_path / "a.exr"), "--pixel", "3,1"]) == 0
+    assert "pixel 3,1 (column, row from the top): Z 7.0, id 4294967291" in capsys.readouterr().out
+    for outside in ("4,0", "0,3", "-1,0"):
+        assert cli.main(["inspect", str(tmp_path / "a.exr"), f"--pixel={outside}"]) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.splitlines()) == (
+            "",
+            [f"clshade: pixel: expected X from 0 to 3 and Y from 0 to 2, found {outside}"],
+        )
+
+
+def test_what_json_has_no_numbers_for_is_null(tmp_path, capsys):
+    exr.write(tmp_path / "a.exr", {"Z": np.full((2, 2), np.inf, np.float32)})
+    _, found, _ = inspected(capsys, tmp_path / "a.exr")
+    assert found["channels"]["Z"]["minimum"] is None
+    assert set(found["channels"]["Z"]["percentiles"].values()) == {None}
+    assert found["dynamic_range_stops"] == {"layer": None, "all": None, "without_0.1_percent": None}
+
+
+@pytest.mark.parametrize(("mode", "names"), [("L", "Y"), ("LA", "YA"), ("RGB", "RGB"), ("RGBA", "RGBA")])
+def test_a_png_has_its_codes_over_the_largest(tmp_path, capsys, mode, names):
+    from PIL import Image
+
+    Image.new(mode, (3, 2), (51,) * len(names) if len(names) > 1 else 51).save(tmp_path / "a.png")
+    _, found, _ = inspected(capsys, tmp_path / "a.png")
+    assert list(found["channels"]) == list(names)
+    assert {channel["type"] for channel in found["channels"].values()} == {"8-bit"}
+    assert found["channels"][names[0]]["maximum"] == pytest.approx(0.2, rel=1e-7)  # in float32
+
+
+def test_sixteen_bits_of_a_png_are_kept(tmp_path):
+    from PIL import Image
+
+    Image.fromarray(np.uint16([[1, 65535]])).save(tmp_path / "a.png")
+    found = inspecting.statistics(tmp_path / "a.png")
+    assert found.channels["Y"].minimum == pytest.approx(1 / 65535, rel=1e-6)
+    # sRGB's curve is a line of slope 12.92 there.
+    assert found.stops == pytest.approx(math.log2(65535 * 12.92), rel=1e-6)
+
+
+def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):
+    exr.write(tmp_path / "a.exr", np.zeros((1, 1, 3)), metadata={"note": "red \x1b[31m\nand more"})
+    assert cli.main(["inspect", str(tmp_path / "a.exr")]) == 0
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert "  note: red \\x1b[31m\\nand more" in out.splitlines()
+
+
+@pytest.mark.parametrize("content", [b"", b"GIF89a", b"v/1\x01" + bytes(60), b"\x89PNG\r\n\x1a\n" + bytes(30)])
+def test_no_image(tmp_path, capsys, content):
+    (tmp_path / "a.exr").write_bytes(content)
+    assert cli.main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "a.png")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert "a.exr" in err
+    assert os.listdir(tmp_path) == ["a.exr"]
+
+
+def test_bad_files_of_others(data_folder, capsys):
+    for path in sorted((data_folder / "bad").iterdir()):
+        if path.name != "self_tex_1x1.png":
+            assert cli.main(["inspect", str(path)]) == 2, path
+            assert len(capsys.readouterr().err.splitlines()) == 1, path
+    assert cli.main(["inspect", str(data_folder / "bad" / "self_tex_1x1.png")]) == 0
+
+
+# The figure
+
+
+def panels_of(figure):
+    """Title -> what an axes shows."""
+    return {
+        axes.get_title().split("\n")[0]: np.asarray(axes.images[0].get_array()) for axes in figure.axes if axes.images
+    }
+
+
+@pytest.mark.parametrize("shape", [(1200, 1600), (300, 2), (1, 1)])
+def test_exposures(shape):
     color = np.float32([0.4, 0.1, 0.02])
-    exr.write(tmp_path / "a.exr", np.broadcast_to(color, (*shape, 3)))
-    inspecting.exposure_ladder(tmp_path / "a.exr", tmp_path / "a.png")
-    expected = [tonemap(color.reshape(1, 1, 3), "srgb", stops)[0, 0].tolist() for stops in range(-4, 5)]
-    assert panels(tmp_path / "a.png") == expected
-    assert sorted(os.listdir(tmp_path)) == ["a.exr", "a.png"]
+    shown = panels_of(inspect_figure.draw(Picture(exr.flatten(np.broadcast_to(color, (*shape, 3)))), "a"))
+    for stops in range(-4, 5):
+        name = {0: "as it is", 1: "+1 stop", -1: "-1 stop"}.get(stops, f"{stops:+d} stops")
+        assert (shown[name] == tonemap(color.reshape(1, 1, 3), "srgb", stops)).all(), name
 
 
-def test_exposure_ladder_is_upright_and_labeled(tmp_path):
-    pixels = np.zeros((40, 40, 3), np.float32)
-    pixels[:20, :20, 0] = 16.0  # red, upper left
-    inspecting.exposure_ladder(pixels, tmp_path / "a.png")
-    picture = png.read(tmp_path / "a.png").astype(int)
-    red = (picture[..., 0] == 255) & (picture[..., 1] == 0)
-    rows, columns = np.nonzero(red[: len(red) // 3, : red.shape[1] // 3])
-    height, width = picture.shape[0] / 3, picture.shape[1] / 3
-    assert rows.max() < 0.6 * height
-    assert columns.max() < 0.55 * width
-    label = picture[: rows.min(), : int(width)]
-    assert (label.max(axis=2) < 60).sum() > 20  # the ink of "-4 stops" above the panel
+def test_the_figure_is_upright_and_has_every_layer(tmp_path):
+    pixels = np.zeros((40, 60, 3), np.float32)
+    pixels[:20, :20, 0] = 4.0  # red, upper left: 4 * 0.2126 is 0.23 stops below 1
+    channels = {
+        **exr.flatten(pixels),
+        "Z": np.full((40, 60), np.inf, np.float32),
+        "id": np.eye(40, 60, dtype=np.uint32),
+    }
+    figure = inspect_figure.draw(Picture(channels), "a $name_ of\nothers")
+    shown = panels_of(figure)
+    assert {"RGB", "Z", "id"} <= set(shown)
+    red = (shown["as it is"] == [255, 0, 0]).all(axis=-1)
+    assert red[:20, :20].all()
+    assert red.sum() == 400
+    (histogram,) = (axes for axes in figure.axes if axes.get_xlabel().startswith("luminance in stops"))
+    bars = {round(bar.get_x() + bar.get_width() / 2, 3): bar.get_height() for bar in histogram.patches}
+    assert sum(bars.values()) == pytest.approx(100 * 400 / 2400)
+    (place,) = (x for x, height in bars.items() if height)
+    assert place == pytest.approx(math.log2(4 * 0.2126), abs=0.07)  # half of a bin
+    figure.savefig(tmp_path / "a.png")
 
 
-def test_exposure_ladder_does_not_use_pyplot(tmp_path, monkeypatch):
+def test_false_colors():
+    values = np.array([[0.0, -1.0, np.nan, np.inf], [0.25, 1.0, 4.0, 1e30]])
+    pixels = inspect_figure.false_colors(values, -2.0, 2.0).pixels
+    assert pixels[0].tolist() == [[0, 0, 0], [0, 0, 0], [255, 0, 255], [255, 255, 255]]
+    assert len({tuple(pixel) for pixel in pixels[1].tolist()}) == 3
+    assert (pixels[1, 2] == pixels[1, 3]).all()  # held to the highest
+
+
+def test_the_figure_of_the_command(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it now raises ImportError
-    inspecting.exposure_ladder(np.ones((3, 3, 3)), tmp_path / "a.png")
+    exr.write(tmp_path / "a.exr", {"Z": planted(), "id": np.ones((9, 12), np.uint32)})
+    code, _, err = inspected(capsys, tmp_path / "a.exr", "-o", tmp_path / "b.png")
+    assert (code, err) == (0, [f"clshade: wrote {tmp_path / 'b.png'}"])
+    assert sorted(os.listdir(tmp_path)) == ["a.exr", "b.png"]
+    assert png.read(tmp_path / "b.png").std() > 10
+    assert cli.main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "none" / "a.png")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_no_figure_costs_no_matplotlib(tmp_path):
+    exr.write(tmp_path / "a.exr", np.ones((3, 3, 3)))
+    code = "import sys; from clshade import cli; cli.main(sys.argv[1:]); print('matplotlib' in sys.modules)"
+    command = [sys.executable, "-c", code, "inspect", str(tmp_path / "a.exr"), "-q"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT)
+    assert done.stdout.split() == ["False"]
 
 
 def test_refused(tmp_path):
-    with pytest.raises(InputError, match="expected channels R, G, B"):
-        inspecting.exposure_ladder({"Z": np.zeros((2, 2))}, tmp_path / "a.png")
     with pytest.raises(InputError, match="no such file"):
         inspecting.statistics(tmp_path / "none.exr")
-    with pytest.raises(OutputError, match="there is no folder"):
-        inspecting.exposure_ladder(np.zeros((2, 2, 3)), tmp_path / "none" / "a.png")
-    assert os.listdir(tmp_path) == []

@@ -1,0 +1,90 @@
+"""Image files of this program and others, EXR or PNG, as channels."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import exr, images
+from .atomic import Path, shown
+from .channel_groups import color_group
+from .errors import InputError
+from .reading import complaint, read_file, size_of
+from .validation import Array
+
+_EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
+_MAX_BYTES = 1 << 31  # of a PNG
+_MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image. channels: name -> (M, N), row 0 at the top, as stored; of a PNG code/255 or code/65535, float32.
+
+    header: attributes of the file. bits: a channel's, of a PNG, whose values are taken as encoded by the sRGB curve; 0 of
+    an EXR or an array, whose values are linear.
+    """
+
+    channels: dict[str, Array]
+    header: dict[str, Any] = field(default_factory=dict)
+    bits: int = 0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        rows, columns = next(iter(self.channels.values())).shape
+        return rows, columns
+
+    def color(self) -> tuple[str, Array] | None:
+        """The layer that is the image, and its (M, N, 3) linear floats; None where there is none."""
+        found = color_group(self.channels)
+        if found is None:
+            return None
+        name, planes = found
+        stacked = np.stack(planes, axis=-1)
+        if self.bits:
+            return name, images.srgb_to_linear(stacked)
+        return name, stacked if stacked.dtype.kind == "f" else stacked.astype(np.float64)
+
+
+def read_picture(path: Path) -> Picture:
+    """An EXR or PNG file, told apart by how it begins. Raises InputError, one line that names it, for anything else."""
+    owner = shown(path)
+    size_of(path)
+    try:
+        with open(path, "rb") as file:
+            start = file.read(len(_PNG))
+    except OSError as error:
+        raise complaint(owner, "file", "a readable file", str(error.strerror or error)) from None
+    if start.startswith(_EXR):
+        return Picture(*exr.read(path))
+    if start != _PNG:
+        raise complaint(owner, "file", "an OpenEXR or PNG image", "something else")
+    codes, header = images.decode_png(read_file(path, _MAX_BYTES), owner, most_pixels=_MAX_PIXELS)
+    names = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[codes.shape[2]]
+    most = np.iinfo(codes.dtype).max
+    table = (np.arange(most + 1) / most).astype(np.float32)
+    return Picture({name: table[codes[:, :, k]] for k, name in enumerate(names)}, header, codes.dtype.itemsize * 8)
+
+
+def picture_of(source: Path | Mapping[str, Array] | Array | Picture) -> Picture:
+    """A picture from a file's path, from what `exr.flatten` takes (linear), or itself."""
+    if isinstance(source, Picture):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return read_picture(source)
+    return Picture(exr.flatten(source))
+
+
+def named_pixel(picture: Picture, x: int, y: int) -> dict[str, Any]:
+    """The values of all channels, NumPy scalars, in column x from the left and row y from the TOP, both from 0.
+
+    Raises InputError for a pixel outside of the image.
+    """
+    rows, columns = picture.shape
+    if not (0 <= x < columns and 0 <= y < rows):
+        raise InputError(f"pixel: expected X from 0 to {columns - 1} and Y from 0 to {rows - 1}, found {x},{y}")
+    return {name: plane[y, x] for name, plane in picture.channels.items()}

@@ -1,0 +1,36 @@
+"""Values for JSON and for the terminal, whatever a file may hold."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+_MOST = 500  # characters of a value in a line
+
+
+def plain(value: Any, *, words: bool = False) -> Any:
+    """A value as JSON takes it. It has no NaN and no infinity: null; or with `words` the texts nan, inf and -inf."""
+    if isinstance(value, dict):
+        return {str(key): plain(each, words=words) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each, words=words) for each in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist(), words=words)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value) if words else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def in_line(value: Any) -> str:
+    """A value as a part of one line: what cannot be printed is escaped, what is long is cut off."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        items = plain(np.asarray(value, object).reshape(-1)[:_MOST], words=True)
+        text = ", ".join(f"{each:.7g}" if isinstance(each, float) else str(each) for each in items)
+    else:
+        text = str(plain(value, words=True))
+    text = text if text.isprintable() else text.encode("unicode_escape").decode("ascii")
+    return text if len(text) <= _MOST else text[: _MOST - 3] + "..."

@@ -1,0 +1,123 @@
+"""Layers as small pictures that can be looked at, whatever they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from .channel_groups import Group, grouped
+from .images import srgb_to_linear
+from .tonemap import tonemap
+from .validation import Array
+
+SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away
+UNIT_OFF = 1e-2  # by how much a direction's length may differ from 1: half floats are off by 1e-3
+NOTHING = (96, 96, 96)  # gray of what is NaN or infinite where colors stand for numbers
+_RANGE = (1.0, 99.0)  # percentiles between which colors spread: one far pixel would take them all
+
+
+class Thumbnail(NamedTuple):
+    """pixels: (h, w, 3) uint8, row 0 at the top. note: what their colors stand for, a few words."""
+
+    pixels: Array
+    note: str
+
+
+def thinned(plane: Array, side: int = SIDE) -> Array:
+    """Every k-th pixel of (M, N, ...) from the first on, a view, at most `side` along the longer side. Of strips more
+    along the shorter one, so that something is left of it."""
+    longer = -(-max(plane.shape[:2]) // side)
+    down, across = (min(longer, -(-4 * length // side)) for length in plane.shape[:2])
+    return plane[::down, ::across]
+
+
+def thumbnails(channels: Mapping[str, Array], *, encoded: bool = False, side: int = SIDE) -> dict[str, Thumbnail]:
+    """A picture of each layer of an image. channels: name -> (M, N); encoded: whether colors are sRGB-encoded.
+
+    Whole numbers are taken for names of things, each with a color of its own, 0 black; X, Y, Z for a direction where
+    they have length 1, shown as (n + 1)/2, else for a position; R, G, B for a color; single floats for a quantity.
+    """
+    return {
+        name: _of_group(group._replace(planes=tuple(thinned(plane, side) for plane in group.planes)), encoded)
+        for name, group in grouped(channels).items()
+    }
+
+
+def _of_group(group: Group, encoded: bool) -> Thumbnail:
+    planes = group.planes
+    if any(plane.dtype.kind in "iub" for plane in planes):
+        return Thumbnail(_categories(planes), "each number a color")
+    if len(planes) == 1:
+        return _quantity(planes[0].astype(np.float64))
+    stacked = np.stack(planes, axis=-1).astype(np.float64)
+    if group.family == "RGB" and len(planes) == 3:
+        return Thumbnail(tonemap(srgb_to_linear(stacked) if encoded else stacked, "srgb"), "as it is, sRGB")
+    if group.family == "XYZ" and len(planes) == 3 and _directions(stacked):
+        return Thumbnail(_codes(np.where(stacked.any(axis=-1, keepdims=True), (stacked + 1.0) / 2.0, 0.0)), "(n + 1)/2")
+    if group.family == "UVW":
+        with np.errstate(invalid="ignore"):
+            return Thumbnail(_codes(_three(stacked % 1.0)), "red u, green v, from 0 to 1, repeated")
+    return Thumbnail(
+        _codes(_three(np.stack([_spread(plane)[0] for plane in planes], axis=-1))), "each component's range"
+    )
+
+
+def _directions(vectors: Array) -> bool:
+    """Are (M, N, 3) floats unit vectors, apart from zeros, of which there may be any number but not all?"""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.sqrt(np.square(vectors).sum(axis=-1))
+    lengths = lengths[lengths != 0.0]
+    return bool(len(lengths) and (np.abs(lengths - 1.0) <= UNIT_OFF).all())
+
+
+def _three(components: Array) -> Array:
+    """(M, N, 2|3) -> (M, N, 3), 0 for what is missing."""
+    missing = 3 - components.shape[-1]
+    return np.pad(components, ((0, 0), (0, 0), (0, missing)))
+
+
+def _codes(values: Array) -> Array:
+    """Floats from 0 to 1 to uint8; gray where a component is none."""
+    finite = np.isfinite(values).all(axis=-1)
+    codes = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0)).astype(np.uint8)
+    codes[~finite] = NOTHING
+    return codes
+
+
+def _spread(plane: Array) -> tuple[Array, float, float]:
+    """A plane with the middle of its finite values spread over 0 to 1, NaN where it is not finite; and their range."""
+    plane = plane.astype(np.float64)
+    finite = np.isfinite(plane)
+    if not finite.any():
+        return np.full(plane.shape, np.nan), np.nan, np.nan
+    low, high = (float(v) for v in np.percentile(plane[finite], _RANGE, method="nearest"))
+    spread = (np.where(finite, plane, np.nan) - low) / (high - low) if high > low else np.where(finite, 0.5, np.nan)
+    return np.clip(spread, 0.0, 1.0), low, high
+
+
+def _quantity(plane: Array) -> Thumbnail:
+    from matplotlib import colormaps
+
+    spread, low, high = _spread(plane)
+    pixels = _codes(colormaps["viridis"](np.nan_to_num(spread))[..., :3])
+    pixels[np.isnan(spread)] = NOTHING
+    note = "none is finite" if np.isnan(low) else f"dark {low:.4g} to light {high:.4g}"
+    return Thumbnail(pixels, note + ("" if np.isfinite(plane).all() or np.isnan(low) else ", gray infinite or NaN"))
+
+
+def _categories(planes: tuple[Array, ...]) -> Array:
+    """A color for each different (tuple of) number, the same in every image; 0 is black."""
+    state = np.zeros(planes[0].shape, np.uint32)
+    nothing = np.ones(planes[0].shape, bool)
+    for plane in planes:
+        nothing &= plane == 0
+        # Steps of a hash by multiplying with odd numbers and folding the high bits down, so that neighbors look different.
+        state = (state ^ (np.nan_to_num(plane.astype(np.float64)) % 2**32).astype(np.uint32)) * np.uint32(0x9E3779B1)
+        state = (state ^ (state >> np.uint32(15))) * np.uint32(0x85EBCA6B)
+        state ^= state >> np.uint32(13)
+    codes = np.stack([(state >> np.uint32(shift)) & np.uint32(0xFF) for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
+    codes = codes // 4 * 3 + 64  # 64 to 253: none as dark as 0
+    codes[nothing] = 0
+    return codes
