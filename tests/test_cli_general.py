@@ -14,6 +14,7 @@ from clshade import cli, exr
 from clshade.commands import DONE, render
 
 SIZE = ("--resolution", "32,24")
+NEEDED = {"inspect": 1, "compare": 2, "animate": 2}  # arguments without an option
 
 
 @pytest.fixture
@@ -129,10 +130,10 @@ def test_verbose_says_what_is_done_on_standard_error(tmp_path, capsys):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_every_command_takes_the_general_options(name):
-    taken = cli._parser([name]).parse_args(["--quiet", name, *(["x"] * {"inspect": 1, "compare": 2}.get(name, 0))])
+    taken = cli._parser([name]).parse_args(["--quiet", name, *(["x"] * NEEDED.get(name, 0))])
     assert (taken.quiet, taken.verbose, taken.debug) == (True, False, False)
     taken = cli._parser([name]).parse_args(
-        ["--debug", name, *(["x"] * {"inspect": 1, "compare": 2}.get(name, 0)), "-v"]
+        ["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"]
     )
     assert (taken.quiet, taken.verbose, taken.debug) == (False, True, True)
 
