@@ -27,6 +27,7 @@ COMMANDS = {
     "stability": "stiff and extreme cases, each with its measured error",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
+    "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
 }
 
 

@@ -26,12 +26,13 @@ class Picture:
     """An image. channels: name -> (M, N), row 0 at the top, as stored; of a PNG code/255 or code/65535, float32.
 
     header: attributes of the file. bits: a channel's, of a PNG, whose values are taken as encoded by the sRGB curve; 0 of
-    an EXR or an array, whose values are linear.
+    an EXR or an array, whose values are linear. name: for messages.
     """
 
     channels: dict[str, Array]
     header: dict[str, Any] = field(default_factory=dict)
     bits: int = 0
+    name: str = "image"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -60,14 +61,15 @@ def read_picture(path: Path) -> Picture:
     except OSError as error:
         raise complaint(owner, "file", "a readable file", str(error.strerror or error)) from None
     if start.startswith(_EXR):
-        return Picture(*exr.read(path))
+        return Picture(*exr.read(path), name=owner)
     if start != _PNG:
         raise complaint(owner, "file", "an OpenEXR or PNG image", "something else")
     codes, header = images.decode_png(read_file(path, _MAX_BYTES), owner, most_pixels=_MAX_PIXELS)
     names = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[codes.shape[2]]
     most = np.iinfo(codes.dtype).max
     table = (np.arange(most + 1) / most).astype(np.float32)
-    return Picture({name: table[codes[:, :, k]] for k, name in enumerate(names)}, header, codes.dtype.itemsize * 8)
+    channels = {name: table[codes[:, :, k]] for k, name in enumerate(names)}
+    return Picture(channels, header, codes.dtype.itemsize * 8, owner)
 
 
 def picture_of(source: Path | Mapping[str, Array] | Array | Picture) -> Picture:
@@ -86,5 +88,7 @@ def named_pixel(picture: Picture, x: int, y: int) -> dict[str, Any]:
     """
     rows, columns = picture.shape
     if not (0 <= x < columns and 0 <= y < rows):
-        raise InputError(f"pixel: expected X from 0 to {columns - 1} and Y from 0 to {rows - 1}, found {x},{y}")
+        raise InputError(
+            f"{picture.name}: pixel: expected X from 0 to {columns - 1} and Y from 0 to {rows - 1}, found {x},{y}"
+        )
     return {name: plane[y, x] for name, plane in picture.channels.items()}

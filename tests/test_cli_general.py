@@ -132,9 +132,7 @@ def test_verbose_says_what_is_done_on_standard_error(tmp_path, capsys):
 def test_every_command_takes_the_general_options(name):
     taken = cli._parser([name]).parse_args(["--quiet", name, *(["x"] * NEEDED.get(name, 0))])
     assert (taken.quiet, taken.verbose, taken.debug) == (True, False, False)
-    taken = cli._parser([name]).parse_args(
-        ["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"]
-    )
+    taken = cli._parser([name]).parse_args(["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"])
     assert (taken.quiet, taken.verbose, taken.debug) == (False, True, True)
 
 

@@ -139,7 +139,7 @@ def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
         out, err = capsys.readouterr()
         assert (out, err.splitlines()) == (
             "",
-            [f"clshade: pixel: expected X from 0 to 3 and Y from 0 to 2, found {outside}"],
+            [f"clshade: {tmp_path / 'a.exr'}: pixel: expected X from 0 to 3 and Y from 0 to 2, found {outside}"],
         )
 
 

@@ -14,6 +14,7 @@ from ..validation import Array, refuse
 
 # Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
 RELATIVE_FLOOR = 1e-2
+SSIM_WINDOW = 11  # pixels
 
 
 @dataclass(frozen=True)
@@ -46,23 +47,49 @@ def relmse(image: Array, reference: Array) -> float:
 
 
 def psnr(image: Array, reference: Array) -> float:
-    error = float(np.mean(_squared(_seen(image), _seen(reference))))
-    return -10.0 * math.log10(error) if error else math.inf
+    return psnr_of_seen(seen(image), seen(reference))
 
 
 def flip(image: Array, reference: Array) -> float | None:
-    """Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020, at 67 pixels per degree."""
+    return flip_of_seen(seen(image), seen(reference))
+
+
+def psnr_of_seen(image: Array, reference: Array) -> float:
+    """Decibels, of encoded images from 0 to 1; infinite for equal ones."""
+    error = float(np.mean(_squared(image, reference)))
+    return -10.0 * math.log10(error) if error else math.inf
+
+
+def flip_of_seen(image: Array, reference: Array) -> float | None:
+    """Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020, at 67 pixels per degree: the mean
+    over encoded images from 0 to 1. None without `flip-evaluator`."""
     if not has_flip():
         return None
     import flip_evaluator
 
-    seen = (np.ascontiguousarray(_seen(each), dtype=np.float32) for each in (reference, image))
-    return float(flip_evaluator.evaluate(*seen, "LDR", applyMagma=False)[1])
+    both = (np.ascontiguousarray(each, dtype=np.float32) for each in (reference, image))
+    return float(flip_evaluator.evaluate(*both, "LDR", applyMagma=False)[1])
+
+
+def ssim_of_seen(image: Array, reference: Array) -> float | None:
+    """Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004: the mean over encoded
+    images from 0 to 1, Gaussian windows of 11x11 pixels. None without `scikit-image`, and for smaller images."""
+    if not has_ssim() or min(image.shape[:2]) < SSIM_WINDOW:
+        return None
+    from skimage.metrics import structural_similarity
+
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}  # the authors' own
+    return float(structural_similarity(image, reference, data_range=1.0, channel_axis=2, **options))
 
 
 def has_flip() -> bool:
-    """Whether `flip-evaluator` is installed (clshade's extra `report`)."""
+    """Whether `flip-evaluator` is installed (clshade's extras `report` and `compare`)."""
     return importlib.util.find_spec("flip_evaluator") is not None
+
+
+def has_ssim() -> bool:
+    """Whether `scikit-image` is installed (clshade's extra `compare`)."""
+    return importlib.util.find_spec("skimage") is not None
 
 
 def image_error(image: Array, reference: Array) -> ImageError:
@@ -76,5 +103,6 @@ def _squared(image: Array, reference: Any) -> Array:
     return np.square(np.asarray(image, np.float64) - np.asarray(reference, np.float64))
 
 
-def _seen(image: Array) -> Array:
+def seen(image: Array) -> Array:
+    """A linear image as a display shows it: held to [0, 1], NaN 0, and encoded by the sRGB curve."""
     return srgb_curve(np.clip(np.nan_to_num(np.asarray(image, np.float64)), 0.0, 1.0))

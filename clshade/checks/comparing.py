@@ -1,0 +1,259 @@
+"""How far an image is from another one, layer by layer: what `compare` finds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..channel_groups import Group, grouped
+from ..pictures import Picture, named_pixel
+from ..plain import in_line, plain
+from ..reading import complaint, quoted
+from ..validation import Array
+from .image_errors import flip_of_seen, psnr_of_seen, relmse, seen, ssim_of_seen
+from .tables import as_lines, digits
+
+UNEQUAL = math.inf  # the error of a value that is NaN or infinite where the other is not the same
+
+
+class Worst(NamedTuple):
+    """The pixel with the largest error: column x, row y from the top, and its channels' values in both images."""
+
+    x: int
+    y: int
+    values: dict[str, Any]
+    reference: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One layer. A pixel's error is the largest of its channels' |value - reference|.
+
+    exact: whole numbers, of which it counts alone whether they are the same.
+    different: pixels that are not equal. over: pixels with an error above the threshold (without one: above 0).
+    nonfinite: pixels with a value that is NaN or infinite where the other is not the same; they are over any threshold.
+        NaN is equal to NaN, infinity to infinity of the same sign.
+    maximum, mean, rmse, relmse: over the values that are finite in both, see `image_errors`; None where exact.
+    psnr, ssim, flip: of colors as they are seen; None for other layers, and without the packages that they need.
+    """
+
+    exact: bool
+    pixels: int
+    different: int
+    over: int
+    nonfinite: int
+    maximum: float | None = None
+    mean: float | None = None
+    rmse: float | None = None
+    relmse: float | None = None
+    psnr: float | None = None
+    ssim: float | None = None
+    flip: float | None = None
+    worst: Worst | None = None
+
+    def stats(self) -> dict[str, Any]:
+        """The figures as JSON takes them: null for the infinite PSNR of equal images."""
+        found = asdict(self)
+        worst = None if self.worst is None else plain(self.worst._asdict(), words=True)
+        return {**plain({name: value for name, value in found.items() if name != "worst"}), "worst": worst}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compared` found. layers: by name. threshold: None where none was given."""
+
+    shape: tuple[int, int]
+    threshold: float | None
+    layers: dict[str, Difference]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no pixel of any layer is over the threshold; without one there is nothing to fail."""
+        return self.threshold is None or not any(each.over for each in self.layers.values())
+
+    def stats(self) -> dict[str, Any]:
+        rows, columns = self.shape
+        layers = {name: each.stats() for name, each in self.layers.items()}
+        identical = not any(each.different for each in self.layers.values())
+        head = {"width": columns, "height": rows, "threshold": self.threshold}
+        return {**head, "passed": self.passed, "identical": identical, "layers": layers}
+
+    def lines(self) -> list[str]:
+        """A table, a line for each layer, and what came of it."""
+        limit = f"> {self.threshold or 0.0:g}"
+        header = ("layer", "unequal", limit, "max", "mean", "RMSE", "relMSE", "PSNR", "SSIM", "FLIP", "worst at")
+        rows = [
+            (
+                in_line(name),
+                str(each.different),
+                str(each.over),
+                *(digits(v) for v in (each.maximum, each.mean, each.rmse, each.relmse, each.psnr)),
+                *(digits(v, 5) for v in (each.ssim, each.flip)),
+                "-" if each.worst is None else f"{each.worst.x},{each.worst.y}",
+            )
+            for name, each in self.layers.items()
+        ]
+        height, width = self.shape
+        return [f"{width} x {height} pixels", *as_lines(header, rows), *self._worst_lines(), self._verdict()]
+
+    def _worst_lines(self) -> list[str]:
+        def listed(values: dict[str, Any]) -> str:
+            return ", ".join(f"{in_line(name)} {value!s}" for name, value in values.items())
+
+        return [
+            f"{in_line(name)} at {each.worst.x},{each.worst.y} (column, row from the top): "
+            f"{listed(each.worst.values)}; expected {listed(each.worst.reference)}"
+            for name, each in self.layers.items()
+            if each.worst is not None
+        ]
+
+    def _verdict(self) -> str:
+        if not any(each.different for each in self.layers.values()):
+            return "identical"
+        if self.threshold is None:
+            return "different"
+        over = {name: each.over for name, each in self.layers.items() if each.over}
+        found = ", ".join(f"{count} pixels of {in_line(name)}" for name, count in over.items())
+        return f"FAILED: over {self.threshold:g}: {found}" if over else f"passed: nothing is over {self.threshold:g}"
+
+
+def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = ()) -> dict[str, tuple[Group, Group]]:
+    """The layers of both images, or those of these names, which may also be channels.
+
+    Raises InputError, which names the image, for other sizes, kinds and layers than the reference's.
+    """
+    if picture.shape != reference.shape:
+        (rows, columns), (height, width) = picture.shape, reference.shape
+        raise complaint(picture.name, "size", f"{width} x {height} as of {reference.name}", f"{columns} x {rows}")
+    if bool(picture.bits) != bool(reference.bits):
+        wanted, given = ("a PNG" if each.bits else "an EXR" for each in (reference, picture))
+        raise complaint(picture.name, "file", f"{wanted} as {reference.name} is", given)
+    groups, expected = _selected(picture, names), _selected(reference, names)
+    if not names and _names(groups) != _names(expected):
+        raise complaint(
+            picture.name,
+            "layers",
+            f"{_listed(expected)} as of {reference.name}, or --layer for one of both",
+            _listed(groups),
+        )
+    for name, group in expected.items():
+        if groups[name].names != group.names:
+            raise complaint(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
+    return {name: (groups[name], group) for name, group in expected.items()}
+
+
+def _names(groups: dict[str, Group]) -> set[tuple[str, tuple[str, ...]]]:
+    return {(name, group.names) for name, group in groups.items()}
+
+
+def _listed(groups: dict[str, Group]) -> str:
+    """Layers by name, with their channels where the name alone does not tell them."""
+    return ", ".join(
+        name if name in ("".join(group.names), *group.names) else f"{name} ({'+'.join(group.names)})"
+        for name, group in groups.items()
+    )
+
+
+def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
+    groups = grouped(picture.channels)
+    if not names:
+        return groups
+    single = {name: Group("", (name,), (plane,)) for name, plane in picture.channels.items()}
+    for name in names:
+        if name not in groups and name not in single:
+            raise complaint(picture.name, "--layer", "one of " + ", ".join(groups), quoted(name))
+    return {name: groups.get(name) or single[name] for name in names}
+
+
+def errors_of(group: Group, reference: Group) -> Array:
+    """(M, N) float64: each pixel's error; of whole numbers 1 where they differ."""
+    worst = np.zeros(group.planes[0].shape)
+    for plane, other in zip(group.planes, reference.planes, strict=True):
+        value, expected = plane.astype(np.float64), other.astype(np.float64)
+        finite = np.isfinite(value) & np.isfinite(expected)
+        with np.errstate(invalid="ignore"):
+            same = (value == expected) | (np.isnan(value) & np.isnan(expected))
+            error = np.where(finite, np.abs(value - expected), np.where(same, 0.0, UNEQUAL))
+        np.maximum(worst, error, out=worst)
+    return (worst > 0.0).astype(np.float64) if is_exact(group, reference) else worst
+
+
+def is_exact(group: Group, reference: Group) -> bool:
+    """Are the values whole numbers, in either image?"""
+    return any(plane.dtype.kind in "iub" for plane in (*group.planes, *reference.planes))
+
+
+def compared(
+    picture: Picture, reference: Picture, names: Sequence[str] = (), threshold: float | None = None
+) -> Comparison:
+    """Layers of an image against those of a reference, all of them or these. See `chosen_layers` for what is refused."""
+    layers = {
+        name: _difference(picture, reference, pair, threshold)
+        for name, pair in chosen_layers(picture, reference, names).items()
+    }
+    return Comparison(picture.shape, threshold, layers)
+
+
+def _difference(picture: Picture, reference: Picture, pair: tuple[Group, Group], threshold: float | None) -> Difference:
+    errors, exact = errors_of(*pair), is_exact(*pair)
+    over = errors > (0.0 if exact or threshold is None else threshold)
+    counts: dict[str, Any] = {
+        "different": int(np.count_nonzero(errors)),
+        "over": int(np.count_nonzero(over)),
+        "nonfinite": int(np.count_nonzero(np.isinf(errors))),
+    }
+    measures: dict[str, Any] = {}
+    if not exact:
+        measures = {**_measures(*pair), **_seen_measures(picture, *pair)}
+    return Difference(exact, errors.size, **counts, **measures, worst=_worst(picture, reference, pair, errors))
+
+
+def _worst(picture: Picture, reference: Picture, pair: tuple[Group, Group], errors: Array) -> Worst | None:
+    y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
+    if not errors[y, x]:
+        return None
+    both = (named_pixel(image, x, y) for image in (picture, reference))
+    values, expected = ({name: pixel[name] for name in pair[0].names} for pixel in both)
+    return Worst(x, y, values, expected)
+
+
+def _measures(group: Group, reference: Group) -> dict[str, float | None]:
+    """Over the values that are finite in both images; 0 where there are none."""
+    count, maximum, total, squared, relative = 0, 0.0, 0.0, 0.0, 0.0
+    for plane, other in zip(group.planes, reference.planes, strict=True):
+        finite = np.isfinite(plane) & np.isfinite(other)
+        value, expected = plane[finite].astype(np.float64), other[finite].astype(np.float64)
+        if not value.size:
+            continue
+        error = np.abs(value - expected)
+        count += value.size
+        maximum = max(maximum, float(error.max()))
+        total += float(error.sum())
+        squared += float(np.square(error).sum())
+        relative += relmse(value, expected) * value.size
+    count = max(count, 1)
+    return {
+        "maximum": maximum,
+        "mean": total / count,
+        "rmse": math.sqrt(squared / count),
+        "relmse": relative / count,
+    }
+
+
+def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str, float | None]:
+    """Those of colors: of three channels R, G, B, or of the gray of a PNG."""
+    if (group.family, len(group.planes)) != ("RGB", 3) and not (picture.bits and group.names == ("Y",)):
+        return {}
+    images = [
+        np.stack(each.planes * (3 // len(each.planes)), axis=-1).astype(np.float64) for each in (group, reference)
+    ]
+    shown, expected = images if picture.bits else [seen(image) for image in images]
+    return {
+        "psnr": psnr_of_seen(shown, expected),
+        "ssim": ssim_of_seen(shown, expected),
+        "flip": flip_of_seen(shown, expected),
+    }

@@ -1,0 +1,71 @@
+"""The picture of a comparison: for each layer the image, the reference and how far each pixel is off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..channel_groups import Group
+from ..layer_plots import ShownFigure, panel_size, plain_text, show_pixels
+from ..thumbnails import thinned, thumbnails
+from ..validation import Array
+from .comparing import errors_of
+
+SIDE = 512  # pixels along the longer side of a panel, at most
+UNEQUAL_COLOR = (0, 255, 255)
+
+_PANEL, _TITLE, _BAR = 3.6, 0.5, 0.9  # inches
+
+
+def draw(layers: Mapping[str, tuple[Group, Group]], *, encoded: bool, titles: tuple[str, str]) -> ShownFigure:
+    """layers: as `comparing.chosen_layers` gives them. titles: of image and reference. Both are shown in one range of
+    values. Of a large image every k-th pixel, but the largest error of each k x k."""
+    width, height = panel_size(next(iter(layers.values()))[0].planes[0].shape, _PANEL)
+    size = (3 * width + _BAR, len(layers) * (height + _TITLE))
+    figure = ShownFigure(figsize=size, dpi=100, layout="constrained")
+    rows = figure.subplots(len(layers), 3, squeeze=False)
+    for axes, (name, (group, reference)) in zip(rows, layers.items(), strict=True):
+        both = _side_by_side(name, group, reference, encoded)
+        for panel, pixels, title in zip(axes[:2], both, titles, strict=True):
+            show_pixels(panel, pixels, f"{plain_text(name)} of {plain_text(title)}")
+        _draw_errors(figure, axes[2], errors_of(group, reference))
+    return figure
+
+
+def _side_by_side(name: str, group: Group, reference: Group, encoded: bool) -> tuple[Array, Array]:
+    """Pictures of both, made as one so that a color means the same in both."""
+    planes = zip(group.planes, reference.planes, strict=True)
+    joined = {
+        channel: np.concatenate([thinned(a, SIDE), thinned(b, SIDE)])
+        for channel, (a, b) in zip(group.names, planes, strict=True)
+    }
+    (picture,) = thumbnails(joined, encoded=encoded, side=2 * SIDE).values()
+    middle = len(picture.pixels) // 2
+    return picture.pixels[:middle], picture.pixels[middle:]
+
+
+def _draw_errors(figure: Any, axes: Any, errors: Array) -> None:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    finite = errors[np.isfinite(errors)]
+    most = float(finite.max()) if finite.size else 0.0
+    small = _largest(errors)
+    pixels = np.rint(255.0 * colormaps["inferno"](np.nan_to_num(small / (most or 1.0), posinf=1.0))[..., :3]).astype(
+        np.uint8
+    )
+    pixels[np.isinf(small)] = UNEQUAL_COLOR
+    note = ", cyan: NaN or infinite in one" if np.isinf(small).any() else ""
+    show_pixels(axes, pixels, f"difference, up to {most:.4g}{note}")
+    figure.colorbar(ScalarMappable(Normalize(0.0, most or 1.0), "inferno"), ax=axes)
+
+
+def _largest(errors: Array) -> Array:
+    """The largest error of each block of pixels of which `thinned` shows the first."""
+    rows, columns = thinned(errors, SIDE).shape
+    down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
+    padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))
+    return padded.reshape(rows, down, columns, across).max(axis=(1, 3))

@@ -1,0 +1,79 @@
+"""`compare`: how far an image is from another."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from . import DONE, FAILED
+
+if TYPE_CHECKING:
+    from ..checks.comparing import Comparison
+
+
+def _threshold(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected an error of 0 or more such as 1e-3, found {text!r}")
+    return value
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("image", metavar="A", help="an EXR or PNG")
+    parser.add_argument("reference", metavar="B", help="what it should be; relMSE and FLIP are relative to it")
+    parser.add_argument(
+        "--layer",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="this one only, such as RGB, Z or N.X; may be given again",
+    )
+    parser.add_argument(
+        "--threshold",
+        type=_threshold,
+        metavar="X",
+        help="exit with 1 if any channel of any pixel is off by more than X, in the channel's units (PNG: from 0 to 1), "
+        "is NaN or infinite in one image alone, or if any whole number differs (default: exit with 0)",
+    )
+    parser.add_argument("-o", "--output", metavar="PNG", help="write a picture of both images and of their difference")
+    parser.add_argument("--json", action="store_true", help="print all figures as JSON; an infinite PSNR is null")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from .. import atomic, telling
+    from ..checks import comparing
+    from ..pictures import read_picture
+
+    if arguments.output:
+        atomic.check(arguments.output)
+    image, reference = read_picture(arguments.image), read_picture(arguments.reference)
+    found = comparing.compared(image, reference, arguments.layer, arguments.threshold)
+    _print(found, arguments)
+    if arguments.output:
+        from ..checks import comparing_figure
+
+        layers = comparing.chosen_layers(image, reference, arguments.layer)
+        figure = comparing_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
+        with atomic.replacing(arguments.output) as file:
+            figure.savefig(file, format="png")
+        telling.progress(f"wrote {atomic.shown(arguments.output)}")
+    return DONE if found.passed else FAILED
+
+
+def _print(found: Comparison, arguments: argparse.Namespace) -> None:
+    if arguments.json:
+        import json
+
+        print(json.dumps({"image": arguments.image, "reference": arguments.reference, **found.stats()}, indent=2))
+        return
+    from .. import telling
+    from ..checks.image_errors import has_flip, has_ssim
+
+    print("\n".join(found.lines()))
+    missing = [name for name, there in (("SSIM", has_ssim()), ("FLIP", has_flip())) if not there]
+    if missing:
+        telling.detail(f"{' and '.join(missing)}: pip install 'clshade[compare]'")

@@ -1,0 +1,268 @@
+"""`compare`: measures of planted differences, layer by layer, as an image regression test."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import os
+
+import numpy as np
+import pytest
+
+from clshade import cli, exr, png
+from clshade.checks import comparing, comparing_figure, image_errors
+from clshade.pictures import Picture
+
+RNG = np.random.default_rng(11)
+SHAPE = (24, 32)
+
+
+def layers():
+    """An image with color, coverage, depth with an infinite background, directions and owners."""
+    ids = RNG.integers(0, 9, SHAPE).astype(np.uint32)
+    return {
+        **exr.flatten(RNG.uniform(0.1, 0.9, (*SHAPE, 4)).astype(np.float32)),
+        "Z": np.where(ids == 0, np.inf, RNG.uniform(1, 9, SHAPE)).astype(np.float32),
+        **exr.flatten({"N": RNG.normal(size=(*SHAPE, 3)).astype(np.float32)}),
+        "id": ids,
+    }
+
+
+def found(changed, reference, **options):
+    return comparing.compared(Picture(changed), Picture(reference), **options).layers
+
+
+def test_what_is_equal_is_equal():
+    reference = layers()
+    reference["R"][0, 0] = reference["Z"][0, 0] = np.nan
+    reference["Z"][0, 1] = -np.inf
+    for name, layer in found(reference, {n: plane.copy() for n, plane in reference.items()}, threshold=0.0).items():
+        assert (layer.different, layer.over, layer.nonfinite, layer.worst) == (0, 0, 0, None), name
+        if not layer.exact:
+            assert (layer.maximum, layer.mean, layer.rmse, layer.relmse) == (0, 0, 0, 0), name
+        assert layer.psnr == (math.inf if name == "RGB" else None)
+
+
+def test_one_channel_of_one_pixel():
+    reference = layers()
+    changed = {name: plane.copy() for name, plane in reference.items()}
+    changed["G"][3, 4] = reference["G"][3, 4] + 0.25
+    layer = found(changed, reference)["RGB"]
+    error = float(changed["G"][3, 4]) - float(reference["G"][3, 4])
+    assert (layer.different, layer.nonfinite, layer.pixels) == (1, 0, 24 * 32)
+    assert layer.maximum == error
+    assert layer.mean == pytest.approx(error / (24 * 32 * 3), rel=1e-12)
+    assert layer.rmse == pytest.approx(error / math.sqrt(24 * 32 * 3), rel=1e-12)
+    floor = image_errors.RELATIVE_FLOOR**2
+    assert layer.relmse == pytest.approx(
+        error**2 / (float(reference["G"][3, 4]) ** 2 + floor) / (24 * 32 * 3), rel=1e-12
+    )
+    assert (layer.worst.x, layer.worst.y) == (4, 3)
+    assert layer.worst.values["G"] == changed["G"][3, 4]
+    assert layer.worst.reference == {name: reference[name][3, 4] for name in "RGB"}
+    images = [np.stack([each[name] for name in "RGB"], axis=-1) for each in (changed, reference)]
+    assert layer.psnr == pytest.approx(image_errors.psnr(*images))
+
+
+def test_over_counts_pixels_strictly_above_the_threshold():
+    reference = {"Z": np.zeros((1, 4), np.float32)}
+    changed = {"Z": np.float32([[0.0, 0.5, 0.75, -2.0]])}
+    for threshold, over in ((None, 3), (0.0, 3), (0.5, 2), (0.75, 1), (2.0, 0)):
+        layer = found(changed, reference, threshold=threshold)["Z"]
+        assert (layer.different, layer.over) == (3, over)
+        assert comparing.compared(Picture(changed), Picture(reference), (), threshold).passed == (
+            threshold in (None, 2.0)
+        )
+
+
+@pytest.mark.parametrize(
+    ("value", "expected", "differ"),
+    [
+        (np.nan, 1.0, True),
+        (1.0, np.nan, True),
+        (np.inf, 1.0, True),
+        (np.inf, -np.inf, True),
+        (np.nan, np.inf, True),
+        (np.nan, np.nan, False),
+        (np.inf, np.inf, False),
+        (-0.0, 0.0, False),
+    ],
+)
+def test_nan_and_infinity(value, expected, differ):
+    """Over any threshold, however large; the measures stay those of what is finite in both."""
+    changed, reference = ({"Z": np.float32([[each, 2.0]])} for each in (value, expected))
+    layer = found(changed, reference, threshold=1e30)["Z"]
+    assert (layer.different, layer.over, layer.nonfinite) == (differ,) * 3
+    assert (layer.maximum, layer.mean, layer.rmse) == (0.0, 0.0, 0.0)
+    assert (layer.worst is not None) == differ
+
+
+def test_whole_numbers_are_compared_exactly():
+    """Neighbors at 2^32 - 1, which float32 does not tell apart, under any threshold; against floats too."""
+    reference = {"id": np.uint32([[2**32 - 1, 7, 0]])}
+    changed = {"id": np.uint32([[2**32 - 2, 7, 0]])}
+    layer = found(changed, reference, threshold=1e9)["id"]
+    assert (layer.exact, layer.different, layer.over, layer.maximum) == (True, 1, 1, None)
+    assert found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"].different == 2
+
+
+def test_half_floats_against_floats():
+    reference = {"Z": np.float32([[0.1, 0.5]])}
+    layer = found({"Z": reference["Z"].astype(np.float16)}, reference)["Z"]
+    assert layer.different == 1
+    assert 0.0 < layer.maximum <= 0.1 * 2.0**-11
+
+
+@pytest.mark.skipif(not image_errors.has_ssim(), reason="scikit-image is not installed")
+def test_structural_similarity():
+    """Of images that differ by a constant, the means' term alone is left: (2ab + C1)/(a^2 + b^2 + C1), C1 = 0.01^2."""
+    a, b = np.full((20, 20, 3), 0.4), np.full((20, 20, 3), 0.5)
+    assert image_errors.ssim_of_seen(a, b) == pytest.approx((0.4 + 1e-4) / (0.16 + 0.25 + 1e-4), rel=1e-9)
+    assert image_errors.ssim_of_seen(a, a) == 1.0
+    assert image_errors.ssim_of_seen(a[:10], b[:10]) is None
+
+
+def test_without_the_packages(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    reference = layers()
+    layer = found(reference, reference)["RGB"]
+    assert (layer.ssim, layer.flip) == (None, None)
+
+
+# The command
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output, lines of standard error."""
+    code = cli.main(["compare", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return code, out, err.splitlines()
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """a.exr; b.exr, whose color is off by 0.125 in one pixel, and one id."""
+    monkeypatch.chdir(tmp_path)
+    planes = layers()
+    exr.write("a.exr", planes)
+    planes["B"][5, 6] += np.float32(0.125)
+    exr.write("b.exr", planes)
+    planes["id"][7, 8] += 1
+    exr.write("c.exr", planes)
+    return tmp_path
+
+
+def test_identical_files(files, capsys):
+    code, out, err = run(capsys, "a.exr", "a.exr", "--threshold", "0")
+    assert (code, err) == (0, [])
+    assert out.splitlines()[-1] == "identical"
+    assert out.splitlines()[2].split()[:8] == ["RGB", "0", "0", "0", "0", "0", "0", "inf"]
+    code, out, _ = run(capsys, "a.exr", "a.exr", "--json")
+    found = json.loads(out, parse_constant=pytest.fail)
+    assert (code, found["identical"], found["passed"], found["threshold"]) == (0, True, True, None)
+    assert set(found["layers"]) == {"RGB", "A", "N", "Z", "id"}
+    assert found["layers"]["RGB"]["psnr"] is None
+    assert found["layers"]["RGB"]["maximum"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("b.exr",), 0),
+        (("b.exr", "--threshold", "0.2"), 0),
+        (("b.exr", "--threshold", "0.1"), 1),
+        (("b.exr", "--threshold", "0"), 1),
+        (("b.exr", "--threshold", "0.1", "--layer", "Z"), 0),
+        (("b.exr", "--threshold", "0.1", "--layer", "R"), 0),
+        (("b.exr", "--threshold", "0.1", "--layer", "Z", "--layer", "B"), 1),
+        (("c.exr", "--threshold", "0.2"), 1),
+        (("c.exr", "--threshold", "0.2", "--layer", "RGB"), 0),
+    ],
+)
+def test_exit_codes(files, capsys, options, code):
+    assert run(capsys, options[0], "a.exr", *options[1:])[::2] == (code, [])
+    assert run(capsys, options[0], "a.exr", *options[1:], "--quiet") == (code, "", [])
+
+
+def test_what_failed_is_told(files, capsys):
+    code, out, _ = run(capsys, "c.exr", "a.exr", "--threshold", "0.1")
+    assert code == 1
+    assert out.splitlines()[-1] == "FAILED: over 0.1: 1 pixels of RGB, 1 pixels of id"
+    assert "RGB at 6,5 (column, row from the top): R " in out
+    code, out, _ = run(capsys, "c.exr", "a.exr", "--threshold", "0.1", "--json")
+    found = json.loads(out, parse_constant=pytest.fail)
+    assert (code, found["passed"], found["identical"]) == (1, False, False)
+    assert found["layers"]["RGB"]["worst"]["x"] == 6
+    assert found["layers"]["id"]["worst"]["y"] == 7
+    assert found["layers"]["Z"]["worst"] is None
+
+
+def test_refused(files, capsys):
+    exr.write("small.exr", np.zeros((4, 5, 3)))
+    exr.write("fewer.exr", {name: plane for name, plane in layers().items() if name not in ("Z", "N.Y")})
+    png.write("a.png", np.zeros((*SHAPE, 3), np.uint8))
+    (files / "text.exr").write_text("no image")
+    before = sorted(os.listdir())
+    for arguments, parts in (
+        (("small.exr", "a.exr"), ("small.exr", "size", "32 x 24", "5 x 4")),
+        (("fewer.exr", "a.exr"), ("fewer.exr", "layers", "Z", "N (N.X+N.Z)")),
+        (("a.exr", "fewer.exr", "--layer", "N"), ("N.X+N.Z", "N.X+N.Y+N.Z")),
+        (("a.exr", "fewer.exr", "--layer", "Z"), ("fewer.exr", "--layer", "'Z'")),
+        (("a.exr", "b.exr", "--layer", "none"), ("--layer", "RGB", "'none'")),
+        (("a.png", "a.exr"), ("a.png", "an EXR", "a PNG")),
+        (("text.exr", "a.exr"), ("text.exr",)),
+        (("a.exr", "none.exr"), ("none.exr", "no such file")),
+        (("a.exr", "b.exr", "--threshold", "-1"), ("--threshold", "'-1'")),
+        (("a.exr", "b.exr", "--threshold", "nan"), ("--threshold", "'nan'")),
+        (("a.exr", "b.exr", "-o", "none/a.png"), ("none/a.png", "there is no folder")),
+    ):
+        code, out, err = run(capsys, *arguments, "-o", "new.png") if "-o" not in arguments else run(capsys, *arguments)
+        assert (code, out, len(err)) == (2, "", 1), arguments
+        assert all(part in err[0] for part in parts), err[0]
+    assert sorted(os.listdir()) == before
+
+
+def test_pngs(tmp_path, capsys, monkeypatch):
+    """Units are shares of the largest code."""
+    monkeypatch.chdir(tmp_path)
+    codes = RNG.integers(0, 200, (12, 12, 3), dtype=np.uint8)
+    png.write("a.png", codes)
+    codes[2, 3, 1] += 51
+    png.write("b.png", codes)
+    code, out, _ = run(capsys, "b.png", "a.png", "--json", "--threshold", "0.19")
+    layer = json.loads(out)["layers"]["RGB"]
+    assert code == 1
+    assert layer["maximum"] == pytest.approx(0.2, rel=1e-6)
+    assert layer["psnr"] == pytest.approx(-10 * math.log10(0.2**2 / 432), rel=1e-6)
+    assert run(capsys, "b.png", "a.png", "--threshold", "0.21")[0] == 0
+    assert run(capsys, "a.png", "a.png", "--threshold", "0")[0] == 0
+
+
+# The picture
+
+
+def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
+    code, _, err = run(capsys, "c.exr", "a.exr", "-o", "d.png")
+    assert (code, err) == (0, ["clshade: wrote d.png"])
+    assert png.read("d.png").std() > 10
+    changed, reference = ({"Z": np.zeros((1500, 2000), np.float32)} for _ in range(2))
+    changed["Z"][1001, 1003] = 2.0
+    changed["Z"][3, 7] = np.nan
+    pairs = comparing.chosen_layers(Picture(changed), Picture(reference))
+    figure = comparing_figure.draw(pairs, encoded=False, titles=("a", "b"))
+    (errors,) = (axes.images[0].get_array() for axes in figure.axes if axes.get_title().startswith("difference"))
+    shown = np.argwhere((np.asarray(errors) != errors[-1, -1]).any(axis=-1))
+    assert shown.tolist() == [[0, 1], [250, 250]]  # of blocks of 4 x 4
+    assert errors[0, 1].tolist() == list(comparing_figure.UNEQUAL_COLOR)
+
+
+def test_a_color_means_the_same_in_both_images():
+    """Depths from 1 to 3 beside depths from 1 to 2, whose largest is the other's middle."""
+    wide, narrow = (np.linspace(1, most, 129 * 129).reshape(129, 129) for most in (3, 2))
+    pairs = comparing.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
+    figure = comparing_figure.draw(pairs, encoded=False, titles=("a", "b"))
+    shown = [np.asarray(axes.images[0].get_array()).astype(int) for axes in figure.axes[:2]]
+    assert (shown[0][0, 0] == shown[1][0, 0]).all()
+    assert (shown[0][64, 64] == shown[1][128, 128]).all()
+    assert np.abs(shown[0][128, 128] - shown[1][128, 128]).max() > 50
