@@ -99,6 +99,33 @@ class Frame:
 
         return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
 
+    def __repr__(self) -> str:
+        rows, columns = self._rgba.shape[:2]
+        layers = f", layers {', '.join(self._layers)}" if self._layers else ""
+        return f"<Frame of {self.scene.name or 'an unnamed scene'}, {columns}x{rows}{layers}>"
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the tone-mapped image, large ones reduced."""
+        from .showing import encoded
+
+        return encoded(self.to_png8())
+
+    def show(self, tonemap: str | None = None, exposure: float = 0.0) -> None:
+        """Shows the image: in a notebook below the cell, elsewhere in the desktop's image viewer.
+
+        tonemap, exposure: see `save`. Raises OutputError where no program shows images.
+        """
+        from .showing import show_frame
+
+        show_frame(self, tonemap, exposure)
+
+    def plot_layers(self) -> Any:
+        """A matplotlib figure of the image, its coverage and all layers, each as what it holds: ids in colors of their own,
+        normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
+        from .showing import plot_layers
+
+        return plot_layers(self)
+
     def save(
         self,
         path: str | Path,

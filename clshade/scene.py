@@ -7,6 +7,7 @@ Arrays are copied only when their type or layout has to change, and are then rea
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -272,6 +273,11 @@ class Scene:
     def nonfinite(self) -> int:
         """Number of triangles dropped for a vertex that is NaN or infinite, instances counted."""
         return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """For notebooks: a line of text, and the scene drawn small. What draws is named, not imported: a scene knows
+        nothing of it until it is shown."""
+        return import_module(".showing", __package__).scene_bundle(self)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,85 @@
+"""Frames and scenes as notebooks and desktops show them."""
+
+from __future__ import annotations
+
+import io
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import png
+from .errors import OutputError
+from .scene import Scene
+from .validation import Array
+
+if TYPE_CHECKING:
+    from .frame import Frame
+
+FRAME_SIDE = 1024  # pixels of a frame's longer side in a notebook, at most: the file holds every picture that it shows
+SCENE_SIDE = 256  # of a scene, which is drawn to be shown
+
+
+def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
+    """A PNG of uint8 (M, N, 3), reduced to means of k x k pixels where its longer side is longer than that."""
+    from PIL import Image
+
+    factor = -(-max(pixels.shape[:2]) // side)
+    if factor > 1:
+        pixels = np.asarray(Image.fromarray(pixels).reduce(factor))
+    file = io.BytesIO()
+    png.encode(file, pixels)
+    return file.getvalue()
+
+
+def scene_text(scene: Scene) -> str:
+    """A line: what is in the scene."""
+    columns, rows = scene.camera.resolution
+    counts = (("triangle", scene.face_count), ("mesh", len(scene.meshes)), ("light", len(scene.lights)))
+    plurals = {"mesh": "meshes"}
+    named = ", ".join(f"{n:,} {word if n == 1 else plurals.get(word, word + 's')}" for word, n in counts)
+    return f"Scene {scene.name or 'unnamed'}: {named}, {columns}x{rows}, preset {scene.preset}"
+
+
+def scene_bundle(scene: Scene) -> dict[str, Any]:
+    """MIME type -> content: a line of text, and the scene drawn small where a device is found. Never raises."""
+    from .renderer import render
+
+    text = scene_text(scene)
+    longer = max(scene.camera.resolution)
+    columns, rows = (max(1, side * SCENE_SIDE // max(longer, SCENE_SIDE)) for side in scene.camera.resolution)
+    try:
+        small = replace(scene, camera=replace(scene.camera, resolution=(columns, rows)))
+        picture = encoded(render(small, samples=1).to_png8())
+    except Exception as error:  # whatever it is, a notebook is no place for the traceback of showing something
+        return {"text/plain": f"{text}\nnot drawn: {' '.join(str(error).split()) or type(error).__name__}"}
+    return {"text/plain": text, "image/png": picture}
+
+
+def show_frame(frame: Frame, tonemap: str | None, exposure: float) -> None:
+    """In a notebook below the cell, else in the desktop's image viewer. Raises OutputError where there is none."""
+    pixels = frame.to_png8(tonemap, exposure)
+    ipython = sys.modules.get("IPython")  # is there anyway where a notebook runs
+    shell = ipython.get_ipython() if ipython is not None else None
+    if getattr(shell, "kernel", None) is not None:
+        from IPython.display import display
+
+        display({"text/plain": repr(frame), "image/png": encoded(pixels)}, raw=True)
+        return
+    from PIL import Image, ImageShow
+
+    if not ImageShow.show(Image.fromarray(pixels), title=frame.scene.name or "clshade"):
+        raise OutputError("Frame.show: found no program that shows images; Frame.save writes files")
+
+
+def plot_layers(frame: Frame) -> Any:
+    """A matplotlib figure of a frame's image, coverage and layers."""
+    from .exr import flatten
+    from .frame import default_tonemap
+    from .layer_plots import plot_thumbnails
+    from .thumbnails import Thumbnail, thinned, thumbnails
+
+    pictures = thumbnails(flatten(frame.channels()))
+    pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")
+    return plot_thumbnails(pictures)
