@@ -12,6 +12,7 @@ import numpy as np
 from . import layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
 from .geometry import vertex_normals
+from .layer_tables import LayerTables, layer_tables
 from .layout import Structs
 from .mipmaps import levels_below
 from .scene import Material, Mesh, Scene, Settings, Texture
@@ -38,7 +39,7 @@ class Packed:
     structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
-    in it too.
+    in it too. layers: what layers read besides.
     """
 
     features: Features
@@ -58,6 +59,7 @@ class Packed:
     corner_uvs: Array | None
     corner_textures: Array | None
     light_unit: float
+    layers: LayerTables
 
 
 def _fits_float32(values: Array) -> bool:
@@ -219,7 +221,7 @@ def _kept(rows: Array, kept: Array | None) -> Array:
     return rows if kept is None else rows[kept]
 
 
-class _Gatherer:
+class Gatherer:
     """Collects the arrays of the placed meshes, one after the other."""
 
     def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
@@ -267,10 +269,11 @@ class _Gatherer:
             parts.append(_four(to_real(own * mesh.material.color, self._structs.real), self._structs.real))
         return _join(parts)
 
-    def uvs(self, indexed: bool) -> tuple[Array, Array | None]:
+    def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
+        """untextured: those of meshes without a texture too; the others' are 0."""
         parts, index = [], []
         for mesh, matrix, verts, faces, kept in self.placed:
-            if mesh.uvs is None or not texture_applies(mesh):
+            if mesh.uvs is None or not (untextured or texture_applies(mesh)):
                 own, own_faces = np.zeros((len(verts), 2)), faces
             elif mesh.uv_faces is not None:
                 own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)
@@ -280,8 +283,12 @@ class _Gatherer:
             index.append((own_faces, len(own)))
         return _join(parts), _shifted(index) if indexed else None
 
+    def mirrored(self) -> list[int]:
+        """Of each placed mesh, whether its placement mirrors."""
+        return [int(mirrors(matrix)) for _, matrix, *_ in self.placed]
+
     def per_face(self, value: list[int]) -> Array:
-        """One value per mesh, repeated for each of its faces."""
+        """One value per placed mesh, repeated for each of its faces."""
         repeats = [len(faces) for _, _, _, faces, _ in self.placed]
         return np.repeat(np.array(value, np.int32), repeats)
 
@@ -318,7 +325,7 @@ class _Gatherer:
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
     """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
     structs = layout.DOUBLE if settings.precision == "float64" else layout.SINGLE
-    gatherer = _Gatherer(scene, structs, forced)
+    gatherer = Gatherer(scene, structs, forced)
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)
     positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
@@ -344,5 +351,6 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     unit = gatherer.light_unit()
     materials = gatherer.material_table(unit if features["TINTED"] else 1.0, bool(features["CORNER_COLORS"]))
     found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
+    found.update(layers=layer_tables(gatherer, settings, features))
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)

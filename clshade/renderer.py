@@ -20,6 +20,7 @@ from .errors import ClshadeError, DeviceError, InputError
 from .features import ignored
 from .frame import Frame
 from .geometry import camera_axes
+from .layers import Layers
 from .memory import Pool
 from .scene import Scene, Settings
 from .sorting import front_to_back
@@ -99,13 +100,13 @@ class Renderer:
         packed_at = time.perf_counter()
 
         def build_meanwhile(tried: Device) -> None:
-            scene_stages(tried, self.features, lanes)
+            scene_stages(tried, self.features, lanes, packed.layers.features)
 
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
         opened_at = time.perf_counter()
-        self.stages = scene_stages(self.device, self.features, lanes)
+        self.stages = scene_stages(self.device, self.features, lanes, packed.layers.features)
         self._structs = self.stages.structs
         built_at = time.perf_counter()
         self._pool = Pool(self.device)
@@ -126,7 +127,11 @@ class Renderer:
         self._radius = math.hypot(*(packed.high / 2.0 - packed.low / 2.0))
         self._positions = Buffer(device, packed.positions)
         self._faces = Buffer(device, packed.faces)
-        self._uvs_host = packed.uvs, packed.uv_faces if packed.uv_faces is not None else packed.faces
+        # Those of the layers hold the others, and those of meshes without a texture.
+        uvs, uv_faces = packed.uvs, packed.uv_faces
+        if packed.layers.uvs is not None:
+            uvs, uv_faces = packed.layers.uvs, packed.layers.uv_faces
+        self._uvs_host = uvs, packed.faces if uv_faces is None else uv_faces
         colors = packed.colors
         if packed.corner_uvs is not None:
             colors = self._corner_colors(packed)
@@ -146,8 +151,9 @@ class Renderer:
             textures=optional(packed.textures if looked_up else None),
             texels=optional(packed.texels if looked_up else None),
         )
+        self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers, self._attributes)
         kept = (self._positions, self._faces, *self._attributes)
-        self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None)
+        self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
         sides = self._attributes.face_materials, self._attributes.materials
         self._sides = sides if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count, self._structs)
@@ -304,11 +310,15 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
+    def _geometry(self) -> tuple[Buffer, ...]:
+        """The first of SURFACE_PARAMETERS (kernels/surface.clh)."""
+        vertices = self._vertices
+        return self._made.triangles, self._pieces, self._faces, vertices.relative, vertices.projected
+
     def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
         self._lists.fill(self._order, self._made, self._image, visible, events)
         triangles = self._made.triangles
-        geometry = (triangles, self._pieces, self._faces, self._vertices.relative, self._vertices.projected)
-        surface = (*geometry, *self._attributes, self._lights, self._image)
+        surface = (*self._geometry(), *self._attributes, self._lights, self._image)
         tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
         tiles = self._tiles
         if self.features["PHONG"]:
@@ -326,23 +336,6 @@ class Renderer:
             table["list_capacity"] = self._lists.room
         with self._made.counters.writing() as table:
             table["next_tile"] = table["saturated"] = 0
-
-    def _layers(self, camera: Camera, owners: Buffer | None, events: dict[str, Any]) -> dict[str, Array]:
-        columns, rows = camera.resolution
-        found: dict[str, Array] = {}
-        if owners is None:
-            return found
-        for name in self.settings.layers:
-            kind = np.uint32 if name == "id" else self._structs.real
-            buffer = self._pool.take((rows, columns), kind)
-            if name == "id":
-                events["layer_id"] = self.stages.layer_id(owners, self._made.triangles, buffer, rows * columns)
-            else:
-                events["layer_z"] = self.stages.layer_z(
-                    owners, self._made.triangles, self._image, buffer, rows * columns
-                )
-            found[name] = buffer.to_host()[:]
-        return found
 
     def render(self, camera: Camera | None = None) -> Frame:
         """One frame, seen by `camera` (default: the scene's)."""
@@ -382,7 +375,10 @@ class Renderer:
             self._make_room(int(counters["entries"]))
             self._draw(visible, rgba, owners, events)
             counters = self._made.counters.to_host()[0].copy()
-        layers = self._layers(camera, owners, events)
+        layers: dict[str, Array] = {}
+        if owners is not None and self.settings.layers:
+            tables = (self._geometry(), self._lights, self._image, owners)
+            layers = self._layers.draw(*tables, self._tiles, camera, self._scale, events)
         image = rgba.to_host()[:]
         times = {**self._times, **self._host, "frame": (time.perf_counter() - start) * 1e3}
         self._times = dict.fromkeys(self._times, 0.0)

@@ -41,7 +41,7 @@ TEXTURE_FILTERS = ("bilinear", "trilinear")
 AMBIENTS = ("plain", "tinted")
 RESOLVES = ("mean", "weighted")
 PRECISIONS = ("fast", "float32", "float64")
-LAYERS = ("Z", "id")
+LAYERS = ("Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics")
 WRAPS = ("repeat", "clamp", "mirror")
 LOOKUPS = ("standard", "course")
 SIDES = ("both", "front")
@@ -295,7 +295,7 @@ class Settings:
         texel that is bilinear, bit for bit. It needs texture_at pixel: a corner spans no texels. Textures with the
         course's lookup, and the alpha test, stay bilinear in full resolution.
     ambient: `plain` ka*Ia, or `tinted` ka*Ia*color.
-    layers: further layers besides the image, any of `Z`, `id`.
+    layers: further layers besides the image, any of LAYERS or `all`; `Frame.__getitem__` says what each holds.
     cull: leave out triangles that are seen from behind (clockwise in the image).
     near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
     precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
@@ -303,7 +303,7 @@ class Settings:
         every device has it.
     samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
         pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Z and id
-        are those of the place nearest the center.
+        and all other layers are those of the place nearest the center.
     sample_shading: light every sample.
     resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
         bright samples from standing out but makes edges of bright surfaces darker than they are. Without a background
@@ -343,10 +343,11 @@ class Settings:
         choice(who, "resolve", self.resolve, RESOLVES)
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
-            raise refuse(who, "layers", f"names of {', '.join(LAYERS)}", self.layers)
+            raise refuse(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
         for layer in layers:
-            choice(who, "layers", layer, LAYERS)
-        set_fields(self, layers=tuple(name for name in LAYERS if name in layers), cull=flag(who, "cull", self.cull))
+            choice(who, "layers", layer, (*LAYERS, "all"))
+        asked = tuple(name for name in LAYERS if name in layers or "all" in layers)
+        set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
 

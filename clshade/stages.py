@@ -117,12 +117,18 @@ class Buffer:
         return rows
 
 
-def scene_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
-    """The stages that draw a scene; their programs are built unless they are known."""
+def scene_stages(
+    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
+) -> Stages:
+    """The stages that draw a scene; their programs are built unless they are known. layers: the features of the program
+    of surface_layers.cl, None where it is not needed."""
     geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
     pixels = "phong.cl" if features["PHONG"] else "gouraud.cl"
-    return Stages(device, build(device, features.only(needed), (pixels,), lanes=lanes), geometry)
+    drawn = build(device, features.only(needed), (pixels,), lanes=lanes)
+    if layers is None:
+        return Stages(device, drawn, geometry)
+    return Stages(device, drawn, build(device, layers, ("surface_layers.cl",), lanes=lanes), geometry)
 
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
@@ -283,6 +289,18 @@ class Stages:
 
     def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_z", count, owners, triangles, image, depths)
+
+    def layer_number(
+        self, owners: Buffer, triangles: Buffer, numbers: Buffer | None, shown: Buffer, count: int
+    ) -> cl.Event:
+        return self._per_item("layer_number", count, owners, triangles, numbers, shown)
+
+    def surface_layers(
+        self, surface: tuple, owners: Buffer, mirrored: Buffer | None, outputs: tuple, tiles: int
+    ) -> cl.Event:
+        """outputs: normals, points, albedos, texture coordinates, weights; None where not asked for."""
+        items = 1 if self.lanes > 1 else layout.TILE_SIZE**2
+        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
 
 
 class VertexBuffers:

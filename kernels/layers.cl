@@ -13,6 +13,18 @@ kernel void layer_id(global const int *owners,            // M x N, from the pix
         ids[i] = owners[i] < 0 ? 0 : triangles[owners[i]].face + 1;
 }
 
+// What each pixel's face is numbered with; 0 for the background.
+kernel void layer_number(global const int *owners,            // M x N, from the pixel stage
+                         global const Triangle *triangles,    // F + C, from setup
+                         global const uint *numbers,          // F, from the host
+                         global uint *shown,                  // M x N
+                         int count)                           // M * N
+{
+    int i = get_global_id(0);
+    if (i < count)
+        shown[i] = owners[i] < 0 ? 0 : numbers[triangles[owners[i]].face];
+}
+
 real depth_of(real w)
 {
     return ORTHOGRAPHIC ? -w : 1.0f / w;

@@ -273,10 +273,16 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
     assert 1 << layout.SUBPIXEL_BITS not in found
 
 
+def guards_of(name: str) -> set[str]:
+    """The macros without which a kernel file does not build."""
+    guards = re.findall(r"^#if (!defined.*)\n#error", (ROOT / "kernels" / name).read_text(), re.MULTILINE)
+    return set(re.findall(r"defined\((\w+)\)", " ".join(guards)))
+
+
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
 def test_every_feature_that_a_kernel_tests_is_guarded(path):
-    """A macro in #if that features.clh does not demand would pass as 0 when misspelled."""
-    guarded = set(re.findall(r"defined\((\w+)\)", (ROOT / "kernels" / "features.clh").read_text()))
+    """A macro in #if that neither features.clh nor the file itself demands would pass as 0 when misspelled."""
+    guarded = guards_of("features.clh") | guards_of(path.name)
     own = {"FP64", "LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH", "GATHERS", "HAS_ROWS"}
     text = code_of(path.read_text())
     tested = set()
@@ -287,6 +293,7 @@ def test_every_feature_that_a_kernel_tests_is_guarded(path):
 
 def test_every_feature_is_guarded():
     from clshade.features import CHOICES, OPTIONAL
+    from clshade.layer_tables import MACROS
 
-    guarded = set(re.findall(r"defined\((\w+)\)", (ROOT / "kernels" / "features.clh").read_text()))
-    assert guarded == {*CHOICES, *OPTIONAL}
+    assert guards_of("features.clh") == {*CHOICES, *OPTIONAL}
+    assert guards_of("surface_layers.cl") == {*MACROS.values(), "MIRRORED"}

@@ -101,7 +101,10 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--ambient", choices=scene.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
     group.add_argument(
-        "--layers", type=names(scene.LAYERS), metavar="NAME,...", help=f"further layers: {','.join(scene.LAYERS)}"
+        "--layers",
+        type=names((*scene.LAYERS, "all")),
+        metavar="NAME,...",
+        help=f"further layers: {','.join(scene.LAYERS)}; or all",
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument(

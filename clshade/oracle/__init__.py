@@ -1,9 +1,10 @@
 """The float64 reference: what an image should be, stage by stage, written for obviousness and not for speed.
 
-It shares nothing with the renderer but the scene model. `render(scene, settings)` gives a whole `OracleFrame`; the
-modules' public functions each take one stage's inputs.
+It shares nothing with the renderer but the scene model. `render(scene, settings)` gives a whole `OracleFrame`,
+`render_layers` its further layers; the modules' public functions each take one stage's inputs.
 """
 
 from .frame import OracleFrame, depth_at, nearest_depths, render, sample
+from .layers import OracleLayers, render_layers
 
-__all__ = ["OracleFrame", "depth_at", "nearest_depths", "render", "sample"]
+__all__ = ["OracleFrame", "OracleLayers", "depth_at", "nearest_depths", "render", "render_layers", "sample"]

@@ -188,7 +188,7 @@ def render(scene: Scene, settings: Settings) -> OracleFrame:
     upward = rows - 1 - grid_rows
     found = []
     for view in views:
-        opaque = _opaque(scene, settings, view)
+        opaque = opaque_test(scene, settings, view)
         owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
         found.append(owner[upward, grid_columns])
     flat = _resolved(scene, settings, center, views, np.array(found), grid_columns, upward)
@@ -211,7 +211,7 @@ def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Ora
     views = samples_of(scene, settings, center)
     found = []
     for view in views:
-        opaque = _opaque(scene, settings, view)
+        opaque = opaque_test(scene, settings, view)
         found.append(owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic))
     return _resolved(scene, settings, center, views, np.array(found), columns, upward)
 
@@ -264,7 +264,7 @@ def _resolved(
     return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, **measures)
 
 
-def _opaque(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
+def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
     """The alpha test of a scene, None where no material has one."""
     tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
     return partial(passes_alpha, scene, settings, prepared) if tested else None
@@ -345,7 +345,7 @@ def nearest_depths(scene: Scene, settings: Settings, rows: Array, columns: Array
     columns, upward = np.asarray(columns, np.int64), camera.resolution[1] - 1 - np.asarray(rows, np.int64)
     found = np.full((settings.samples, 2, len(columns)), np.inf)
     for (nearest, second), view in zip(found, samples_of(scene, settings, prepare(scene, settings)), strict=True):
-        opaque = _opaque(scene, settings, view)
+        opaque = opaque_test(scene, settings, view)
         alive = np.flatnonzero(~view.setup.culled)
         xy, boxes = view.pieces.xy[alive], view.setup.box[alive]
         for k, pixel, edges in coverage.samples_at(xy, boxes, columns, upward):

@@ -1,0 +1,118 @@
+"""What the layers of a scene need besides what its light needs: the macros of their program, and tables by face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .features import Features, uses_normal_indices
+from .scene import Material, Scene, Settings
+from .validation import Array
+
+if TYPE_CHECKING:
+    from .packing import Gatherer
+
+# The layers of kernels/surface_layers.cl -> the macro that says whether each is asked for.
+MACROS = {
+    "N": "LAYER_N",
+    "P": "LAYER_P",
+    "albedo": "LAYER_ALBEDO",
+    "uv": "LAYER_UV",
+    "barycentrics": "LAYER_BARYCENTRICS",
+}
+
+
+class LayerTables(NamedTuple):
+    """Arrays that layers alone read; None where no layer does, or where the light's own array serves.
+
+    features: of the program of the layers in MACROS. normals, uvs: as in packing.Packed, with their indices. mirrored:
+    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32.
+    """
+
+    features: Features | None
+    normals: Array | None = None
+    normal_faces: Array | None = None
+    uvs: Array | None = None
+    uv_faces: Array | None = None
+    mirrored: Array | None = None
+    objects: Array | None = None
+    materials: Array | None = None
+
+
+def _same(a: Material, b: Material) -> bool:
+    """Whether two materials are equal, name and texture included."""
+    fields = ("name", "ka", "kd", "ks", "n", "color", "sides", "two_sided", "alpha_cutoff")
+    if not all(np.array_equal(getattr(a, name), getattr(b, name)) for name in fields):
+        return False
+    s, t = a.texture, b.texture
+    if s is t:
+        return True
+    if s is None or t is None:
+        return False
+    return s.wrap == t.wrap and s.lookup == t.lookup and np.array_equal(s.image, t.image)
+
+
+def material_numbers(scene: Scene) -> tuple[int, ...]:
+    """The number of each mesh's material, from 1 in the order of the meshes; equal materials share one."""
+    found: list[Material] = []
+    numbers: dict[int, int] = {}
+    for mesh in scene.meshes:
+        material = mesh.material
+        if id(material) not in numbers:
+            same = next((k for k, other in enumerate(found) if _same(material, other)), len(found))
+            if same == len(found):
+                found.append(material)
+            numbers[id(material)] = same + 1
+    return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
+
+
+def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
+    """The macros of the layers' program. light: those of the image's, which has the colors that layers show too."""
+    asked = set(MACROS) & set(settings.layers)
+    if not asked:
+        return None
+    meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
+    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
+    if "albedo" in asked:
+        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "TEXTURED", "MIPMAPS", "UV_INDICES"}
+    values = dict(light.only(kept).values)
+    if "N" in asked:
+        values["NORMAL_INDICES"] = int(any(uses_normal_indices(scene, mesh) for mesh in meshes))
+        values["TWO_SIDED"] = int(any(mesh.material.two_sided for mesh in meshes))
+    if "uv" in asked:
+        values["UV_INDICES"] = int(any(mesh.uv_faces is not None for mesh in meshes))
+        values["ALPHA_TEST"] = int(not values["TEXTURED"])  # either of them has texture coordinates
+    if values["TEXTURED"] or values["TWO_SIDED"]:
+        values["MATERIALS"] = light["MATERIALS"]
+    values |= {macro: int(name in asked) for name, macro in MACROS.items()}
+    return Features((*values.items(), ("MIRRORED", int(mirrored and "barycentrics" in asked))))
+
+
+def layer_tables(gatherer: Gatherer, settings: Settings, light: Features) -> LayerTables:
+    """The tables of the layers that are asked for. light: the features of the image's program."""
+    scene, asked = gatherer.scene, settings.layers
+    turned = gatherer.mirrored()
+    features = _program(scene, settings, light, any(turned))
+    found: dict[str, Array | None] = {}
+    if not gatherer.placed:
+        return LayerTables(features)
+    if features is not None:
+        if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
+            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+        if "uv" in asked:
+            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
+        if features["MIRRORED"]:
+            found["mirrored"] = gatherer.per_face(turned)
+
+    def numbered(per_mesh: Sequence[int]) -> Array:
+        placed = zip(scene.meshes, per_mesh, strict=True)
+        numbers = [number for mesh, number in placed if len(mesh.faces) for _ in np.asarray(mesh.instances)]
+        return gatherer.per_face(numbers).astype(np.uint32)
+
+    if "object_id" in asked:
+        found["objects"] = numbered(range(1, len(scene.meshes) + 1))
+    if "material_id" in asked:
+        found["materials"] = numbered(material_numbers(scene))
+    return LayerTables(features, **found)

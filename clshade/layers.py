@@ -1,0 +1,91 @@
+"""The layers of a frame: which face, mesh and material each pixel shows, where, turned how, of which color."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .camera import Camera
+from .layer_tables import MACROS, LayerTables
+from .memory import Pool
+from .stages import Buffer, Stages
+from .validation import Array
+
+if TYPE_CHECKING:
+    from .renderer import Attributes
+
+_WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
+
+
+class Layers:
+    """Draws the layers that are asked for; what they read besides the image's tables stays on the device.
+
+    names: of the layers, as in Settings. attributes: the image's tables.
+    """
+
+    def __init__(
+        self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables, attributes: Attributes
+    ) -> None:
+        self._stages, self._pool, self._names = stages, pool, names
+        arrays = tables._asdict()
+        self._own = {name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, Array)}
+        shared = ("normals", "normal_faces", "uvs", "uv_faces")
+        self._attributes = attributes._replace(**{name: self._own[name] for name in shared if name in self._own})
+
+    @property
+    def nbytes(self) -> int:
+        """Of the tables that layers alone read."""
+        return sum(buffer.array.nbytes for buffer in self._own.values())
+
+    def draw(
+        self,
+        geometry: tuple,
+        lights: Buffer,
+        image: Buffer,
+        owners: Buffer,
+        tiles: int,
+        camera: Camera,
+        scale: float,
+        events: dict[str, Any],
+    ) -> dict[str, Array]:
+        """Layers by name, (M, N) or (M, N, K). geometry: the triangles' tables, in the order of kernels/surface.clh."""
+        columns, rows = camera.resolution
+        real, triangles = self._stages.structs.real, geometry[0]
+        found: dict[str, Buffer] = {}
+        arrays: dict[str, Array] = {}  # views, which keep the pool from giving a buffer away twice
+        for name in self._names:
+            width = (_WIDTHS[name],) if name in _WIDTHS else ()
+            kind = real if name == "Z" or width else np.uint32
+            found[name] = self._pool.take((rows, columns, *width), kind)
+            arrays[name] = found[name].array[:]
+        count = rows * columns
+        for name, buffer in found.items():
+            if name == "Z":
+                events["layer_z"] = self._stages.layer_z(owners, triangles, image, buffer, count)
+            elif name == "id":
+                events["layer_id"] = self._stages.layer_id(owners, triangles, buffer, count)
+            elif name not in _WIDTHS:
+                numbers = self._own.get("objects" if name == "object_id" else "materials")
+                events[f"layer_{name}"] = self._stages.layer_number(owners, triangles, numbers, buffer, count)
+        if any(name in MACROS for name in found):
+            surface = (*geometry, *self._attributes, lights, image)
+            outputs = tuple(found.get(name) for name in _WIDTHS)
+            events["surface_layers"] = self._stages.surface_layers(
+                surface, owners, self._own.get("mirrored"), outputs, tiles
+            )
+        for buffer in found.values():
+            buffer.to_host()
+        if "P" in arrays:
+            arrays["P"] = _in_the_world(arrays["P"], owners.to_host(), camera.eye, scale)
+        return arrays
+
+
+def _in_the_world(points: Array, owners: Array, eye: Array, scale: float) -> Array:
+    """Eye-relative points (M, N, 3), times `scale`, as (M, N, 3) float64 in world space: float32 would lose, far from the
+    origin, what they are right to. 0 where nobody owns the pixel."""
+    world = points.astype(np.float64)
+    world /= scale
+    world += eye
+    world[owners < 0] = 0.0
+    return world

@@ -1,0 +1,149 @@
+"""The layers of a frame besides Z and id: what the surface is that each pixel's sample nearest the center shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ..scene import Material, Scene, Settings
+from . import coverage, shade
+from .corners import interpolated
+from .frame import BATCH, Prepared, face_weight_steps, face_weights, opaque_test, owners, prepare, samples_of
+from .pixels import blend, shade_pixels
+from .vectors import Array, length, unit
+
+
+@dataclass(frozen=True, eq=False)
+class OracleLayers:
+    """Leading axes (M, N), row 0 at the TOP; float64 unless stated; 0 for the background.
+
+    N: (M, N, 3) unit normal in world space, or 0; of a two-sided material seen from behind turned round.
+    P: (M, N, 3) position in world space; like Z always that of the point seen, whatever the interpolation.
+    albedo: (M, N, 3) what the light is multiplied by: vertex color times texel.
+    uv: (M, N, 2) texture coordinates as the mesh has them, not wrapped.
+    object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
+        number, counted from 1 in the order of the meshes.
+    barycentrics: (M, N, 3) weights of the corners that the mesh's face names, in its order.
+
+    What errors are measured by: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0; reach
+    (M, N) the largest coordinate of the face's corners relative to the eye; most_uv (M, N) of its corners'; budget
+    (M, N, 3) of albedo, see frame.OracleFrame.
+    """
+
+    N: Array
+    P: Array
+    albedo: Array
+    uv: Array
+    object_id: Array
+    material_id: Array
+    barycentrics: Array
+    normal_length: Array
+    reach: Array
+    most_uv: Array
+    budget: Array
+
+
+def equal(a: Material, b: Material) -> bool:
+    """Do two materials agree in everything, the texture's image included?"""
+    for field in fields(Material):
+        if field.name != "texture" and np.any(getattr(a, field.name) != getattr(b, field.name)):
+            return False
+    if a.texture is None or b.texture is None:
+        return a.texture is b.texture
+    same_use = (a.texture.wrap, a.texture.lookup) == (b.texture.wrap, b.texture.lookup)
+    return same_use and np.array_equal(a.texture.image, b.texture.image)
+
+
+def material_numbers(scene: Scene) -> Array:
+    """(meshes,) uint32: 1 for the first mesh's material, and for each that equals none before it the next number."""
+    different: list[Material] = []
+    numbers = []
+    for mesh in scene.meshes:
+        known = [k for k, material in enumerate(different) if equal(mesh.material, material)]
+        if not known:
+            different.append(mesh.material)
+        numbers.append(known[0] + 1 if known else len(different))
+    return np.array(numbers, np.uint32)
+
+
+def mirrored_faces(scene: Scene) -> Array:
+    """(F,) bool: does the face's placement turn left into right?"""
+    found = [np.zeros(0, bool)]
+    for mesh in scene.meshes:
+        for matrix in np.asarray(mesh.instances):
+            found.append(np.full(len(mesh.faces), np.linalg.det(matrix[:3, :3]) < 0.0))
+    return np.concatenate(found)
+
+
+def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
+    """The layers of a scene's own camera."""
+    camera = scene.camera
+    view = samples_of(scene, settings, prepare(scene, settings))[0]
+    opaque = opaque_test(scene, settings, view)
+    owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
+    found = _background(owner.shape)
+    rows, columns = np.nonzero(owner >= 0)
+    for start in range(0, len(rows), BATCH):
+        row, column = rows[start : start + BATCH], columns[start : start + BATCH]
+        batch = _batch(scene, settings, view, owner[row, column], column, row)
+        for field in fields(OracleLayers):
+            getattr(found, field.name)[row, column] = getattr(batch, field.name)
+    return OracleLayers(*(getattr(found, field.name)[::-1] for field in fields(OracleLayers)))
+
+
+def _background(shape: tuple[int, ...]) -> OracleLayers:
+    def zeros(*components: int) -> Array:
+        return np.zeros((*shape, *components))
+
+    return OracleLayers(
+        N=zeros(3),
+        P=zeros(3),
+        albedo=zeros(3),
+        uv=zeros(2),
+        object_id=np.zeros(shape, np.uint32),
+        material_id=np.zeros(shape, np.uint32),
+        barycentrics=zeros(3),
+        normal_length=np.ones(shape),
+        reach=zeros(),
+        most_uv=zeros(),
+        budget=zeros(3),
+    )
+
+
+def _batch(scene: Scene, settings: Settings, view: Prepared, piece: Array, column: Array, row: Array) -> OracleLayers:
+    """Pixels (column, row from the bottom) of pieces, (K,) each."""
+    corners, face, eye = view.corners, view.pieces.face[piece], scene.camera.eye
+    edges = coverage.edge_functions(view.pieces.xy[piece], column, row)
+    weights = face_weights(scene, settings, view, piece, edges)
+    behind = view.setup.area[piece] < 0
+    mesh = corners.mesh[face]
+
+    two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[mesh]
+    normal = blend(weights, corners.normals[face])
+    normal = np.where((behind & two_sided)[:, None], -normal, normal)
+    any_normal = (corners.normals[face] != 0.0).any(axis=(1, 2))
+
+    on_piece = shade.barycentrics(edges, view.pieces.z[piece], "affine" if scene.camera.orthographic else "perspective")
+    in_space = (on_piece[:, :, None] * view.pieces.weights[piece]).sum(axis=1)
+    relative = corners.world[face] - eye
+
+    steps = None
+    if settings.texture_filter == "trilinear":
+        steps = face_weight_steps(scene, settings, view, piece, column, row)
+    unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps)
+
+    in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
+    return OracleLayers(
+        N=unit(normal),
+        P=eye + blend(in_space, relative),
+        albedo=unlit.rgb,
+        uv=interpolated(weights, corners.uvs[face]),
+        object_id=mesh + 1,
+        material_id=material_numbers(scene)[mesh],
+        barycentrics=in_order,
+        normal_length=np.where(any_normal, length(normal), 1.0),
+        reach=np.abs(relative).max(axis=(1, 2)),
+        most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
+        budget=unlit.budget,
+    )

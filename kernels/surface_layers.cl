@@ -1,0 +1,176 @@
+// Layers of the surface that each pixel's sample nearest the center shows: normal, position, color, texture coordinates,
+// weights of the corners. Never a mean over samples.
+#include "surface.clh"
+#include "samples.clh"
+
+// Which of them are asked for (clshade/layer_tables.py).
+#if !defined(LAYER_N) || !defined(LAYER_P) || !defined(LAYER_ALBEDO) || !defined(LAYER_UV)
+#error "a layer is not defined"
+#endif
+#if !defined(LAYER_BARYCENTRICS) || !defined(MIRRORED)
+#error "a layer, or whether placements mirror, is not defined"
+#endif
+
+// The layers at the pixels of a block, 0 where there is no triangle. The normal is not yet of unit length.
+typedef struct {
+    reals3 normal, point;
+    colors3 albedo;
+    Texels texels;
+    reals u, v;
+    reals3 weights;
+} Shown;
+
+// Weights of the corners as the mesh has them: where a placement mirrors, the renderer has turned the last two.
+void put_weights(reals3 *target, ints mine, Weights m, int turned)
+{
+    reals3 all = {(1.0f - m.b1) - m.b2, turned ? m.b2 : m.b1, turned ? m.b1 : m.b2};
+    put_vector(target, mine, all);
+}
+
+// Sets the lanes that are `mine`, which triangle t owns.
+INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at,
+                       global const int *mirrored)
+{
+    int face = t->face;
+    Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
+#if LAYER_N
+    real side = side_of(in, t);
+    put_vector(&shown->normal, mine,
+               mix_vectors(m, side * in->normals[normal_index(in, face, 0)], side * in->normals[normal_index(in, face, 1)],
+                           side * in->normals[normal_index(in, face, 2)]));
+#endif
+#if LAYER_P
+    global const int *v = in->faces + 3 * face;
+    // As depth, whatever the interpolation of attributes: the point that is seen.
+    Weights p = weights_at(t, in->pieces, at, !ORTHOGRAPHIC);
+    put_vector(&shown->point, mine, mix_vectors(p, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));
+#endif
+#if LAYER_ALBEDO
+#if VERTEX_COLORS || CORNER_COLORS
+    put_color(&shown->albedo, mine,
+              mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                          in->colors[color_index(in, face, 2)]));
+#else
+    reals3 white = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
+    put_color(&shown->albedo, mine, white);
+#endif
+    put_texels(&shown->texels, mine, in, t, at);
+#endif
+#if LAYER_UV
+    Mapped uv = uv_at(in, t, at);
+    WHERE(mine, shown->u, uv.u.high + uv.u.low);
+    WHERE(mine, shown->v, uv.v.high + uv.v.low);
+#endif
+#if LAYER_BARYCENTRICS
+#if MIRRORED
+    put_weights(&shown->weights, mine, m, mirrored[face]);
+#else
+    put_weights(&shown->weights, mine, m, 0);
+#endif
+#endif
+}
+
+// A block whose first pixel is looked at in `at`.
+Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored)
+{
+    Shown shown;
+    shown.u = shown.v = (reals)(0.0f);
+    shown.normal.x = shown.normal.y = shown.normal.z = (reals)(0.0f);
+    shown.point = shown.weights = shown.normal;
+    shown.albedo.r = shown.albedo.g = shown.albedo.b = (reals)(0.0f);
+    shown.texels = no_texels();
+    for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
+        int index = next_owner(owner, todo, &mine);
+        show_owner(&shown, mine, in, in->triangles + index, at, mirrored);
+    }
+    return shown;
+}
+
+// Component k of `width` of a layer, at the pixels of a block within the image.
+void write_layer(global real *layer, int width, int k, reals values, global const Image *image, int column, int row)
+{
+    real each[LANES];
+    STORE_LANES(values, each);
+    for (int lane = 0; lane < LANES; ++lane) {
+        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
+        if (x < image->columns && y < image->rows)
+            layer[((long)(image->rows - 1 - y) * image->columns + x) * width + k] = each[lane];
+    }
+}
+
+void write_vector(global real *layer, reals3 v, global const Image *image, int column, int row)
+{
+    write_layer(layer, 3, 0, v.x, image, column, row);
+    write_layer(layer, 3, 1, v.y, image, column, row);
+    write_layer(layer, 3, 2, v.z, image, column, row);
+}
+
+// Where the layers go; those that are not asked for are not written.
+typedef struct {
+    global real *normals;         // M x N x 3, unit or 0, world axes
+    global real *points;          // M x N x 3, relative to the eye, world axes, scaled
+    global real *albedos;         // M x N x 3, linear RGB
+    global real *coordinates;     // M x N x 2, u and v as the mesh has them
+    global real *weights;         // M x N x 3, of the face's corners
+} LayerOutputs;
+
+#define LAYER_PARAMETERS                                                                                           \
+    global real *to_normals, global real *to_points, global real *to_albedos, global real *to_coordinates,         \
+        global real *to_weights
+#define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights}
+
+void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
+{
+#if LAYER_N
+    write_vector(to->normals, normalize_or_zero(shown->normal), in->image, column, row);
+#endif
+#if LAYER_P
+    write_vector(to->points, shown->point, in->image, column, row);
+#endif
+#if LAYER_ALBEDO
+    colors3 albedo = saturate_color(times_texel(shown->albedo, &shown->texels, in));
+    reals3 color = {albedo.r, albedo.g, albedo.b};
+    write_vector(to->albedos, color, in->image, column, row);
+#endif
+#if LAYER_UV
+    write_layer(to->coordinates, 2, 0, shown->u, in->image, column, row);
+    write_layer(to->coordinates, 2, 1, shown->v, in->image, column, row);
+#endif
+#if LAYER_BARYCENTRICS
+    write_vector(to->weights, shown->weights, in->image, column, row);
+#endif
+}
+
+// The owners of a block's pixels, -1 for nobody and beyond the image.
+ints owners_in(global const int *owners, global const Image *image, int column, int row)
+{
+    integer each[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
+        int inside = x < image->columns && y < image->rows;
+        each[lane] = inside ? owners[(long)(image->rows - 1 - y) * image->columns + x] : -1;
+    }
+    return LOAD_LANES(each);
+}
+
+// A work-item takes a tile, or a block of it: ITEMS_PER_TILE.
+kernel void surface_layers(SURFACE_PARAMETERS,
+                           global const int *owners,      // M x N, from the pixel stage
+                           global const int *mirrored,    // F, whether the face's placement mirrors; with MIRRORED
+                           LAYER_PARAMETERS)
+{
+    Inputs inputs = SURFACE_ARGUMENTS;
+    LayerOutputs outputs = LAYER_ARGUMENTS;
+    const Inputs *in = &inputs;
+    int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
+    for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
+        int block = item * BLOCKS_PER_ITEM + i;
+        int column = tile % image->tiles_x * TILE_SIZE + block % BLOCKS_X * BLOCK_WIDTH;
+        int row = tile / image->tiles_x * TILE_SIZE + block / BLOCKS_X * BLOCK_HEIGHT;
+        if (column >= image->columns || row >= image->rows)
+            continue;
+        ints owner = owners_in(owners, image, column, row);
+        Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored);
+        write_shown(&outputs, &shown, in, column, row);
+    }
+}
