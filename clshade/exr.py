@@ -34,7 +34,12 @@ LOSSY = {
     "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
 }
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "zstd", *LOSSY)
-SUFFIXES = {"N": "XYZ", "P": "XYZ", "uv": "UV"}  # of a layer's components; every other layer's are R G B A
+SUFFIXES = {
+    "N": "XYZ",
+    "P": "XYZ",
+    "uv": "UV",
+    "barycentrics": "UVW",
+}  # of a layer's components; every other layer's are R G B A
 FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
 
 _MAX_BYTES = 1 << 34  # of a file that is read
@@ -48,8 +53,8 @@ def flatten(layers: Mapping[str, Array] | Array) -> dict[str, Array]:
     """Layers to one 2-D array per EXR channel, as views.
 
     layers: an array (M, N, 3) or (M, N, 4), RGB or RGBA; or a dict of arrays (M, N), kept under their names, and
-        (M, N, K), split: `RGB` and `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, any other into
-        .R .G .B .A. Row 0 is the top.
+        (M, N, K), split: `RGB` and `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
+        .U .V .W, any other into .R .G .B .A. Row 0 is the top.
     Raises InputError for another shape, no layer at all, sizes that differ, or two channels of one name.
     """
     if not isinstance(layers, Mapping):

@@ -88,6 +88,8 @@ def assert_layers(
     for name, error in layer_errors(frame, oracle, scene, settings).items():
         bad = ~(error <= 1.0) if skip is None else ~(error <= 1.0) & ~skip
         if bad.any():
-            raise fail(f"{name} differs", bad, (name, frame[name]), ("expected", getattr(oracle, name)), ("bounds", error))
+            raise fail(
+                f"{name} differs", bad, (name, frame[name]), ("expected", getattr(oracle, name)), ("bounds", error)
+            )
         found[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
     return found

@@ -22,6 +22,7 @@ from ..renderer import Renderer
 from ..scene import Scene, Settings
 from ..validation import Array
 from . import compare, mutations
+from .compare_layers import assert_layers
 from .random_scenes import Drawn, scene_of
 
 ALPHA_MARGIN = 1e-5  # alpha this near to the cutoff: float32 may decide either way (see `decided_by_alpha`)
@@ -77,7 +78,7 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
 
 def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
     """What is wrong with a frame, "" if nothing: ids and coverage exact but for proven ties, depths within roundings, colors
-    within the bound, all finite."""
+    and further layers within their bounds, all finite."""
     scene, settings = frame.scene, frame.settings
     with np.errstate(all="ignore"):
         if expected is None:
@@ -86,6 +87,8 @@ def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
             skip = _excused_by_alpha(frame, expected)
             # Images of a few pixels may lie at a gate wholly.
             compare.assert_frame(frame, expected, scene, settings, gate_fraction=1.0, skip=skip)
+            ties = compare.assert_same_ids(frame, expected, scene, settings, skip=skip)
+            assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
         except AssertionError as error:
             return " ".join(str(error).split())
     return ""

@@ -1,0 +1,66 @@
+"""A scene that has of everything that layers show: what tests of layers draw."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clshade.camera import Camera
+from clshade.scene import Material, Mesh, PointLight, Scene, Texture
+
+CAMERA = Camera((0.3, 0.4, 3.0), (0.0, 0.1, 0.0), (0.1, 1.0, 0.0), 1.0, (0.9, 1.2), (64, 48))
+CHECKERS = Texture(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32([0.9, 0.5, 0.2]) + np.float32(0.05))
+MIRRORED = np.array([[-0.8, 0.1, 0.0, 0.6], [0.0, 0.7, 0.0, 0.2], [0.1, 0.0, 0.9, 0.4], [0.0, 0.0, 0.0, 1.0]])
+TURNED = np.array([[0.5, 0.0, 0.3, -0.7], [0.0, 0.6, 0.0, 0.5], [-0.3, 0.0, 0.5, 0.2], [0.0, 0.0, 0.0, 1.0]])
+
+
+def floor() -> Mesh:
+    """A textured quad from far away to behind the eye: both its triangles are clipped."""
+    verts = np.float32([[-9, -1, -30], [9, -1, -30], [9, -1, 9], [-9, -1, 9]])
+    uvs = np.float32([[0, 12], [6, 12], [6, 0], [0, 0]])
+    return Mesh(verts, [[0, 2, 1], [0, 3, 2]], uvs=uvs, material=Material(texture=CHECKERS), name="floor")
+
+
+def dome(count: int = 14) -> Mesh:
+    """A fan, open below, of a two-sided material; its normals and texture coordinates are indexed apart from its vertices,
+    and there is no texture."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    # Rounded, so that the scene does not depend on the last bit of a machine's sines.
+    ring = np.round(np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), 0.1 * np.sin(3 * angle)], axis=1), 6)
+    verts = np.concatenate([[[0.0, 0.0, 0.5]], ring])
+    faces = [[0, 1 + k, 1 + (k + 1) % count] for k in range(count)]
+    normals = np.concatenate([[[0.0, 0.0, 1.0]], ring + [0.0, 0.0, 0.2]])[::-1].copy()
+    normal_faces = count - np.array(faces)
+    uvs = np.stack([np.arange(3 * count), -np.arange(3 * count)], axis=1) * 0.25
+    colors = np.arange(3 * (count + 1)).reshape(-1, 3) % 7 / 8.0
+    material = Material(two_sided=True, color=(0.9, 0.5, 1.0), name="shell")
+    return Mesh(
+        verts,
+        faces,
+        colors=colors,
+        normals=normals,
+        normal_faces=normal_faces,
+        uvs=uvs,
+        uv_faces=np.arange(3 * count).reshape(-1, 3),
+        material=material,
+        instances=np.array([MIRRORED, TURNED, np.diag([1.0, 1.0, -1.0, 1.0])]),
+        name="dome",
+    )
+
+
+def wedge() -> Mesh:
+    """Without normals and texture coordinates; its material equals that of another mesh."""
+    verts = np.float32([[-1, -0.9, -1], [1, -0.9, -1], [0, -0.9, 0.6], [0, 0.9, -0.8]])
+    return Mesh(verts, [[0, 3, 2], [2, 3, 1], [1, 3, 0]], material=Material(name="clay"), name="wedge")
+
+
+def mixed(**fields: Any) -> Scene:
+    """All of them, and a mesh without faces."""
+    tile = Mesh(
+        np.float32([[0.2, -0.8, 1.2], [0.9, -0.8, 1.2], [0.5, -0.2, 1.0]]), [[0, 1, 2]], material=Material(name="clay")
+    )
+    nothing = Mesh(np.zeros((1, 3)), np.zeros((0, 3), int), material=Material(kd=0.3))
+    meshes = (floor(), nothing, dome(), wedge(), tile)
+    given: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}
+    return Scene(meshes, **{**given, **fields})
