@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
 import sys
 import threading
@@ -42,6 +43,7 @@ SUFFIXES = {
 }  # of a layer's components; every other layer's are R G B A
 FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
 
+_OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
 _MAX_BYTES = 1 << 34  # of a file that is read
 _MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
@@ -139,9 +141,10 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
     if window is None:
         return 0, 0, columns - 1, rows - 1
     if isinstance(window, str):
-        if window != "drawn":
-            raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn or None, found {window!r}")
-        return drawn_window(planes)
+        if window not in ("drawn", "covered"):
+            raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
+        far = {"Z": np.where(np.isposinf(planes["Z"]), 0, planes["Z"])} if window == "covered" and "Z" in planes else {}
+        return drawn_window({**planes, **far})
     x0, y0, x1, y1 = (int(edge) for edge in window)
     if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
         raise InputError(f"exr: window: expected one inside {columns} x {rows} pixels, found {window!r}")
@@ -286,7 +289,9 @@ def encode(
     metadata: further header attributes: text, numbers and (4, 4) matrices; None leaves one out. Unless given, software
         is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_metadata`.
     window: the data window (x0, y0, x1, y1), inclusive: only these pixels are stored, readers take the rest as 0.
-        "drawn": the smallest that loses nothing. None: everything. The display window is always the whole image.
+        "drawn": the smallest that loses nothing. "covered": the same, but that +infinity in Z is nothing too: the
+        header's Zbackground tells `read` what Z is outside; others take it as 0. None: everything. The display window
+        is always the whole image.
 
     Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by a compression.
     Raises InputError for refused channels, metadata, compression or window, OSError when it cannot be written.
@@ -296,6 +301,8 @@ def encode(
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
     header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
+    if window == "covered" and "Z" in planes:
+        header[_OUTSIDE["Z"]] = math.inf
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
     if compression in LOSSY:
@@ -372,17 +379,19 @@ def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, A
     for number, (channels, header) in enumerate(parts):
         for name, plane in channels.items():
             unique = name if name not in merged else f"{header.get('name', '')}.{name}"
+            outside = header.get(_OUTSIDE.get(name, ""))
+            known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
             merged[unique if unique not in merged else f"{number}.{unique}"] = _displayed(
-                plane, header["dataWindow"], header["displayWindow"]
+                plane, header["dataWindow"], header["displayWindow"], known
             )
     return merged
 
 
-def _displayed(plane: Array, data: Window, display: Window) -> Array:
-    """The pixels of the display window, 0 where the data window has none."""
+def _displayed(plane: Array, data: Window, display: Window, outside: float) -> Array:
+    """The pixels of the display window, `outside` where the data window has none."""
     if data == display:
         return plane
-    whole = np.zeros((display[3] - display[1] + 1, display[2] - display[0] + 1), plane.dtype)
+    whole = np.full((display[3] - display[1] + 1, display[2] - display[0] + 1), outside, plane.dtype)
     x0, y0 = max(data[0], display[0]), max(data[1], display[1])
     x1, y1 = min(data[2], display[2]) + 1, min(data[3], display[3]) + 1
     if x0 < x1 and y0 < y1:
@@ -395,9 +404,9 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Read a flat EXR, of this renderer's or any other.
 
     Returns (channels, header). channels: one (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at
-    the top, of the display window, 0 outside the data window; R, G, B, A come first. Of several parts all channels; a
-    name that an earlier part has gets its part's name and a dot in front. header: the attributes, of the first part;
-    windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
+    the top, of the display window, outside the data window 0, or what the header says of Z (see `encode`); R, G, B, A
+    come first. Of several parts all channels; a name that an earlier part has gets its part's name and a dot in front.
+    header: the attributes, of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
     Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
     larger than 2^28 pixels.
     """

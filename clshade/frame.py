@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -136,7 +137,22 @@ class Frame:
 
         return plot_layers(self)
 
-    def save(
+    def save(self, path: str | Path, **options: Any) -> list[str]:
+        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
+
+        options: tonemap, exposure: of the PNG, see `clshade.tonemap`; tonemap None: `none` for course scenes, else
+        `srgb`. half, compression: of the EXR, see `clshade.exr.encode`. crop: keep of the EXR the smallest window that
+        holds all that is not background, which must be black or None for that; Z outside reads as infinity here, as 0
+        elsewhere. deterministic: leave times out of its header.
+        Warns, in a line each, of values that `half` or float32 cannot hold and of what a compression changes; returns
+        those lines. Raises OutputError when a file can't be written.
+        """
+        lines = self.write(path, **options)
+        for line in lines:
+            warnings.warn(line, stacklevel=2)
+        return lines
+
+    def write(
         self,
         path: str | Path,
         *,
@@ -144,14 +160,10 @@ class Frame:
         exposure: float = 0.0,
         half: bool = False,
         compression: str = "zip",
+        crop: bool = False,
         deterministic: bool = False,
     ) -> list[str]:
-        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
-
-        tonemap, exposure: of the PNG, see `clshade.tonemap`; None: `none` for course scenes, else `srgb`.
-        half, compression: of the EXR, see `clshade.exr.write`. deterministic: leave times out of its header.
-        Returns warnings, one line each. Raises OutputError when a file can't be written.
-        """
+        """The same, for callers that do the warning: its lines are returned."""
         from . import atomic, exr, png
 
         check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
@@ -165,16 +177,16 @@ class Frame:
         with atomic.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
             encoded = beside.submit(encode_png, png_file)
             with atomic.naming(paths[0]):
-                warnings = exr.encode(
+                lines = exr.encode(
                     exr_file,
                     self.channels(),
                     compression=compression,
                     half=half,
                     metadata=self.metadata(deterministic=deterministic),
-                    window="drawn",
+                    window="covered" if crop else "drawn",
                 )
             encoded.result()
-        return warnings
+        return lines
 
 
 def output_paths(path: str | Path) -> tuple[Path, Path]:

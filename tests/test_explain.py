@@ -16,7 +16,7 @@ from clshade.checks import explaining, timing
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
-from clshade.scene import Camera, Material, Mesh, PointLight, Scene, Texture
+from clshade.scene import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
@@ -213,7 +213,7 @@ def test_work_that_the_view_and_the_settings_do_without(device):
     assert unneeded["vertices"] == "7 of 187 in no face"
     assert unneeded["lights"] == "1 of 3 of intensity 0"
     assert unneeded["clipping"].startswith("60 of 60 triangles")
-    assert unneeded["layers"] == "Z, id not asked for"
+    assert unneeded["layers"] == f"{', '.join(LAYERS)} not asked for"
     assert unneeded["shading"].endswith(f"of {61 * 47:,} pixels show no triangle")
     assert "perspective division" not in unneeded
     away = replace(scene, camera=replace(scene.camera, lookat=np.array([0.0, 0.0, -9.0])))

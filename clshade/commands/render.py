@@ -129,7 +129,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
         check(frame, arguments.check)
     warming.join()
-    for warning in frame.save(output, **chosen_saving(arguments)):
+    for warning in frame.write(output, **chosen_saving(arguments)):
         telling.warning(warning)
     if frame.check is not None:
         found["check"] = frame.check

@@ -132,12 +132,16 @@ def picture_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
     group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
     group.add_argument("--compression", default="zip", metavar="NAME", help="of the EXR (default: zip)")
+    group.add_argument(
+        "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
+    )
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
 
 
 def chosen_saving(arguments: argparse.Namespace) -> dict[str, Any]:
     """The keywords of `Frame.save`."""
-    return {name: getattr(arguments, name) for name in ("tonemap", "exposure", "half", "compression", "deterministic")}
+    names = ("tonemap", "exposure", "half", "compression", "crop", "deterministic")
+    return {name: getattr(arguments, name) for name in names}
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:

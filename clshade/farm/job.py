@@ -78,7 +78,7 @@ class FrameWriter:
             start = time.perf_counter()
             frame = self._renderer(task.camera).render(task.camera)
             drawn = time.perf_counter()
-            warnings = frame.save(task.path, **self._job.saving)
+            warnings = frame.write(task.path, **self._job.saving)
             done = time.perf_counter()
             size = sum(path.stat().st_size for path in output_paths(task.path))
         except ClshadeError as error:

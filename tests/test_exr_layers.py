@@ -1,0 +1,201 @@
+"""Layers in files, as other programs read them: names, types, windows and header, through OpenEXR and OpenImageIO."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import sysconfig
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from layer_scenes import CAMERA, dome, mixed, wedge
+
+import clshade
+from clshade import exr
+from clshade.device import Device
+from clshade.frame import Frame
+from clshade.scene import LAYERS, Scene
+
+# README's table: channel -> bits of its type, f for float and u for uint.
+CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V"), "f32")
+CHANNELS |= {f"{layer}.{letter}": "f32" for layer in ("N", "P") for letter in "XYZ"}
+CHANNELS |= {f"albedo.{letter}": "f32" for letter in "RGB"}
+CHANNELS |= {f"barycentrics.{letter}": "f32" for letter in "UVW"}
+CHANNELS |= dict.fromkeys(("id", "object_id", "material_id"), "u32")
+HALVES = {name for name, kind in CHANNELS.items() if kind == "f32" and name[0] not in "ZP"}
+
+
+@pytest.fixture(scope="module")
+def frame(opened: Device) -> Frame:
+    """Part of the image is background on every side."""
+    return clshade.render(Scene((dome(),), CAMERA, background=None), layers="all", device=opened)
+
+
+@pytest.fixture(scope="module")
+def window(frame) -> tuple[int, int, int, int]:
+    """Of the covered pixels."""
+    rows, columns = np.nonzero(frame.alpha)
+    found = int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
+    assert 0 < found[0] < found[2] < 63
+    assert 0 < found[1] < found[3] < 47
+    return found
+
+
+def expected_plane(frame: Frame, channel: str) -> np.ndarray:
+    layer, _, letter = channel.partition(".")
+    if channel in "RGBA":
+        return frame.rgba[..., "RGBA".index(channel)]
+    plane = frame[layer] if not letter else frame[layer][..., exr.SUFFIXES.get(layer, "RGB").index(letter)]
+    return plane if plane.dtype == np.uint32 else plane.astype(np.float32)
+
+
+def test_openexr_reads_the_layers(frame, window, tmp_path):
+    import OpenEXR
+
+    assert frame.save(tmp_path / "a", crop=True) == []
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        channels, header = file.channels(), file.header()
+        assert {name: channel.type().name for name, channel in channels.items()} == {
+            name: {"f32": "FLOAT", "u32": "UINT"}[kind] for name, kind in CHANNELS.items()
+        }
+        x0, y0, x1, y1 = window
+        assert [corner.tolist() for corner in header["dataWindow"]] == [[x0, y0], [x1, y1]]
+        assert [corner.tolist() for corner in header["displayWindow"]] == [[0, 0], [63, 47]]
+        for name, channel in channels.items():
+            cut = expected_plane(frame, name)[y0 : y1 + 1, x0 : x1 + 1]
+            assert channel.pixels.tobytes() == np.ascontiguousarray(cut).tobytes(), name
+        assert header["software"] == "clshade"
+        assert header["colorInteropID"] == "lin_rec709_scene"
+        for name, matrix in zip(("worldToCamera", "worldToNDC"), exr.camera_matrices(CAMERA), strict=True):
+            assert np.array_equal(header[name], matrix.astype(np.float32))
+        assert header["Zbackground"] == np.inf
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("crop", [False, True])
+def test_openimageio_reads_the_layers(frame, window, tmp_path, half, crop):
+    oiio = pytest.importorskip("OpenImageIO")
+    frame.save(tmp_path / "a", crop=crop, half=half, compression="piz")
+    file = oiio.ImageInput.open(str(tmp_path / "a.exr"))
+    assert file, oiio.geterror()
+    spec = file.spec()
+    kinds = {"f32": "half" if half else "float", "u32": "uint"}
+    found = {name: str(spec.channelformat(k)) for k, name in enumerate(spec.channelnames)}
+    assert found == {n: "float" if n[0] in "ZP" else kinds[kind] for n, kind in CHANNELS.items()}
+    x0, y0, x1, y1 = window if crop else (0, 0, 63, 47)
+    assert (spec.x, spec.y, spec.x + spec.width - 1, spec.y + spec.height - 1) == (x0, y0, x1, y1)
+    assert (spec.full_x, spec.full_y, spec.full_width, spec.full_height) == (0, 0, 64, 48)
+    assert spec.getattribute("compression") == "piz"
+    assert spec.getattribute("Software") == "clshade"
+    matrix = np.reshape(spec.getattribute("worldtocamera"), (4, 4))
+    assert np.array_equal(matrix, exr.camera_matrices(CAMERA)[0].astype(np.float32))
+    for k, name in enumerate(spec.channelnames):
+        kind = np.uint32 if CHANNELS[name] == "u32" else np.float32
+        pixels = file.read_image(0, 0, k, k + 1, "uint" if kind is np.uint32 else "float")[..., 0]
+        expected = expected_plane(frame, name)[y0 : y1 + 1, x0 : x1 + 1]
+        expected = expected.astype(np.float16).astype(np.float32) if half and name in HALVES else expected
+        assert np.array_equal(pixels, expected), name
+    file.close()
+
+
+def test_oiiotool_tells_of_the_layers(frame, window, tmp_path):
+    pytest.importorskip("OpenImageIO")
+    tool = Path(sysconfig.get_path("scripts")) / ("oiiotool.exe" if sys.platform == "win32" else "oiiotool")
+    frame.save(tmp_path / "a", crop=True)
+    done = subprocess.run(
+        [str(tool), "--info", "-v", str(tmp_path / "a.exr")], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    text = done.stdout
+    assert f"{window[2] - window[0] + 1} x {window[3] - window[1] + 1}, {len(CHANNELS)} channel" in " ".join(
+        text.split()
+    )
+    for part in (*CHANNELS, "full/display size: 64 x 48", "lin_rec709_scene", f"pixel data origin: x={window[0]}"):
+        assert part in text, part
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_cropped_file_reads_as_the_whole_one(frame, window, tmp_path, half):
+    """Every channel, Z of the background included; and the file is smaller."""
+    for crop in (False, True):
+        frame.save(tmp_path / str(crop), crop=crop, half=half)
+    (whole, header), (cropped, header_of_cropped) = (exr.read(tmp_path / f"{crop}.exr") for crop in (False, True))
+    assert header["dataWindow"] == header["displayWindow"] == header_of_cropped["displayWindow"] == (0, 0, 63, 47)
+    assert header_of_cropped["dataWindow"] == window
+    assert set(whole) == set(cropped) == set(CHANNELS)
+    for name in CHANNELS:
+        assert whole[name].dtype == (
+            np.uint32 if CHANNELS[name] == "u32" else np.float16 if half and name in HALVES else np.float32
+        )
+        assert whole[name].tobytes() == cropped[name].tobytes(), name
+    assert (tmp_path / "True.exr").stat().st_size < (tmp_path / "False.exr").stat().st_size
+
+
+def test_what_is_not_cropped(opened, tmp_path):
+    """A background that is not black is in the file; and of a file with nothing in it one pixel."""
+    scene = Scene((wedge(),), CAMERA, background=(0.0, 0.1, 0.0))
+    clshade.render(scene, device=opened, layers="Z").save(tmp_path / "a", crop=True)
+    found, header = exr.read(tmp_path / "a.exr")
+    assert header["dataWindow"] == header["displayWindow"]
+    assert (found["G"] > 0).all()
+    clshade.render(replace(scene, meshes=(), background=None), device=opened, layers="Z").save(
+        tmp_path / "a", crop=True
+    )
+    found, header = exr.read(tmp_path / "a.exr")
+    assert header["dataWindow"] == (0, 0, 0, 0)
+    assert np.isposinf(found["Z"]).all()
+
+
+def test_values_beyond_half_are_warned_of(opened, tmp_path):
+    frame = clshade.render(Scene((wedge(),), CAMERA), device=opened, layers=("P", "uv"))
+    frame["uv"][3, 4] = 7e4, -7e4
+    frame["P"][3, 4, 0] = 7e4
+    frame.rgba[1, 1, 0] = 1e5
+    with pytest.warns(UserWarning, match="became infinity in half") as caught:
+        lines = frame.save(tmp_path / "a", half=True)
+    expected = [f"{name}: 1 finite values of 65520 or more became infinity in half" for name in ("R", "uv.U", "uv.V")]
+    assert lines == [str(each.message) for each in caught] == expected
+    assert caught[0].filename == __file__
+    found, _ = exr.read(tmp_path / "a.exr")
+    assert found["P.X"][3, 4] == np.float32(7e4)
+    assert found["uv.V"][3, 4] == -np.inf
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert frame.save(tmp_path / "a") == []
+
+
+def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
+    from clshade.cli import main
+
+    name = str(tmp_path / "a")
+    scene = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index)
+    assert main([*scene, "--layers", "all", "--crop", "--half", "-o", name]) == 0
+    found, header = exr.read(name + ".exr")
+    assert set(found) == set(CHANNELS)
+    assert found["N.X"].dtype == np.float16
+    assert found["Z"].shape == (30, 40)
+    assert header["dataWindow"] != header["displayWindow"]
+    assert len(LAYERS) == 9
+    capsys.readouterr()
+    assert main(["render", "--help"]) == 0
+    assert "object_id" in capsys.readouterr().out
+
+
+def test_the_scene_is_read_back_as_it_was_drawn(opened, tmp_path):
+    """Position, depth and camera of the file belong together: P times worldToCamera has Z as its third coordinate."""
+    clshade.render(mixed(), device=opened, layers=("Z", "P", "id")).save(tmp_path / "a")
+    found, header = exr.read(tmp_path / "a.exr")
+    shown = found["id"] > 0
+    points = np.stack(
+        [found[f"P.{axis}"][shown].astype(np.float64) for axis in "XYZ"] + [np.ones(shown.sum())], axis=-1
+    )
+    seen = points @ header["worldToCamera"].astype(np.float64)
+    # Coordinates and matrix are rounded to float32: 4 products of numbers up to 30, half an ulp each twice over.
+    assert np.abs(seen[:, 2] - found["Z"][shown]).max() <= 8 * 30 * 2.0**-24
+    in_image = points @ header["worldToNDC"].astype(np.float64)
+    rows, columns = np.nonzero(shown)
+    place = in_image[:, :2] / in_image[:, 3:] * [64, 48]
+    assert np.abs(place - np.stack([columns, rows], axis=-1) - 0.5).max() < 0.01  # 1/256 px of snapping, twice
