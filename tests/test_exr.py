@@ -318,7 +318,7 @@ REFUSED = [
     (np.zeros((2, 2, 3)), {"metadata": {"type": "x"}}, "the name of an attribute"),
     (np.zeros((2, 2, 3)), {"metadata": {"pixelAspectRatio": 0.0}}, "from 1e-6 to 1e6"),
     (np.zeros((2, 2, 3)), {"window": (0, 0, 2, 1)}, "inside 2 x 2 pixels"),
-    (np.zeros((2, 2, 3)), {"window": "auto"}, "drawn or None"),
+    (np.zeros((2, 2, 3)), {"window": "auto"}, "drawn, covered or None"),
 ]
 
 
