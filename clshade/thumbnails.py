@@ -14,6 +14,7 @@ from .validation import Array
 
 SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away
 UNIT_OFF = 1e-2  # by how much a direction's length may differ from 1: half floats are off by 1e-3
+COLORS = ("red", "green", "blue")
 NOTHING = (96, 96, 96)  # gray of what is NaN or infinite where colors stand for numbers
 _RANGE = (1.0, 99.0)  # percentiles between which colors spread: one far pixel would take them all
 
@@ -57,8 +58,9 @@ def _of_group(group: Group, encoded: bool) -> Thumbnail:
     if group.family == "XYZ" and len(planes) == 3 and _directions(stacked):
         return Thumbnail(_codes(np.where(stacked.any(axis=-1, keepdims=True), (stacked + 1.0) / 2.0, 0.0)), "(n + 1)/2")
     if group.family == "UVW":
+        colors = ", ".join(f"{color} {name[-1].lower()}" for color, name in zip(COLORS, group.names, strict=False))
         with np.errstate(invalid="ignore"):
-            return Thumbnail(_codes(_three(stacked % 1.0)), "red u, green v, from 0 to 1, repeated")
+            return Thumbnail(_codes(_three(stacked % 1.0)), f"{colors}, from 0 to 1, repeated")
     return Thumbnail(
         _codes(_three(np.stack([_spread(plane)[0] for plane in planes], axis=-1))), "each component's range"
     )

@@ -107,6 +107,27 @@ def test_whole_numbers_are_compared_exactly():
     assert found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"].different == 2
 
 
+def test_large_images_are_compared_in_strips(monkeypatch):
+    """Of one, two, three rows: the same figures, and the worst pixel in the last strip."""
+    reference = layers()
+    changed = {name: plane.copy() for name, plane in reference.items()}
+    changed["G"] += np.float32(0.01)
+    changed["R"][23, 31] = np.nan
+    changed["id"][22, 3] += 1
+    whole = found(changed, reference, threshold=0.005)
+    assert whole["RGB"].over == 24 * 32
+    for rows in (1, 2, 3):
+        monkeypatch.setattr(comparing, "_STRIP", rows * 32)
+        for name, layer in found(changed, reference, threshold=0.005).items():
+            expected = vars(whole[name])
+            for field, value in vars(layer).items():  # sums in another order
+                if isinstance(value, float):
+                    assert value == pytest.approx(expected[field], rel=1e-12), field
+                else:
+                    assert str(value) == str(expected[field]), field  # the worst pixel's NaN equals no NaN
+    assert (whole["RGB"].worst[:2], whole["id"].worst[:2]) == ((31, 23), (3, 22))
+
+
 def test_half_floats_against_floats():
     reference = {"Z": np.float32([[0.1, 0.5]])}
     layer = found({"Z": reference["Z"].astype(np.float16)}, reference)["Z"]

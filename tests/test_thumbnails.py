@@ -87,7 +87,8 @@ def test_directions_and_positions():
 
 def test_texture_coordinates_repeat():
     uv = np.array([[[0.0, 0.25], [1.5, -0.25], [np.nan, 0.5]]])
-    pixels = thumbnails(split("uv", "UV", uv))["uv"].pixels
+    pixels, note = thumbnails(split("uv", "UV", uv))["uv"]
+    assert note == "red u, green v, from 0 to 1, repeated"
     assert pixels.tolist() == [[[0, 64, 0], [128, 191, 0], list(NOTHING)]]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -14,9 +14,10 @@ from ..pictures import Picture, named_pixel
 from ..plain import in_line, plain
 from ..reading import complaint, quoted
 from ..validation import Array
-from .image_errors import flip_of_seen, psnr_of_seen, relmse, seen, ssim_of_seen
+from .image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 from .tables import as_lines, digits
 
+_STRIP = 1 << 20  # pixels that are compared at a time
 UNEQUAL = math.inf  # the error of a value that is NaN or infinite where the other is not the same
 
 
@@ -169,17 +170,32 @@ def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
     return {name: groups.get(name) or single[name] for name in names}
 
 
+def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Group]]:
+    """Rows of a layer of both images, few enough at a time that large images need little more memory than they have."""
+    count, columns = group.planes[0].shape
+    step = max(1, _STRIP // columns)
+    for start in range(0, count, step):
+        rows = slice(start, start + step)
+        part, other = (each._replace(planes=tuple(plane[rows] for plane in each.planes)) for each in (group, reference))
+        yield rows, part, other
+
+
 def errors_of(group: Group, reference: Group) -> Array:
     """(M, N) float64: each pixel's error; of whole numbers 1 where they differ."""
     worst = np.zeros(group.planes[0].shape)
-    for plane, other in zip(group.planes, reference.planes, strict=True):
-        value, expected = plane.astype(np.float64), other.astype(np.float64)
-        finite = np.isfinite(value) & np.isfinite(expected)
-        with np.errstate(invalid="ignore"):
-            same = (value == expected) | (np.isnan(value) & np.isnan(expected))
-            error = np.where(finite, np.abs(value - expected), np.where(same, 0.0, UNEQUAL))
-        np.maximum(worst, error, out=worst)
-    return (worst > 0.0).astype(np.float64) if is_exact(group, reference) else worst
+    for rows, part, other in _strips(group, reference):
+        for plane, expected in zip(part.planes, other.planes, strict=True):
+            np.maximum(worst[rows], _errors(plane.astype(np.float64), expected.astype(np.float64)), out=worst[rows])
+    if is_exact(group, reference):
+        np.sign(worst, out=worst)
+    return worst
+
+
+def _errors(value: Array, expected: Array) -> Array:
+    finite = np.isfinite(value) & np.isfinite(expected)
+    with np.errstate(invalid="ignore"):
+        same = (value == expected) | (np.isnan(value) & np.isnan(expected))
+        return np.where(finite, np.abs(value - expected), np.where(same, 0.0, UNEQUAL))
 
 
 def is_exact(group: Group, reference: Group) -> bool:
@@ -224,17 +240,18 @@ def _worst(picture: Picture, reference: Picture, pair: tuple[Group, Group], erro
 def _measures(group: Group, reference: Group) -> dict[str, float | None]:
     """Over the values that are finite in both images; 0 where there are none."""
     count, maximum, total, squared, relative = 0, 0.0, 0.0, 0.0, 0.0
-    for plane, other in zip(group.planes, reference.planes, strict=True):
-        finite = np.isfinite(plane) & np.isfinite(other)
-        value, expected = plane[finite].astype(np.float64), other[finite].astype(np.float64)
-        if not value.size:
-            continue
-        error = np.abs(value - expected)
-        count += value.size
-        maximum = max(maximum, float(error.max()))
-        total += float(error.sum())
-        squared += float(np.square(error).sum())
-        relative += relmse(value, expected) * value.size
+    for _, part, other in _strips(group, reference):
+        for plane, wanted in zip(part.planes, other.planes, strict=True):
+            finite = np.isfinite(plane) & np.isfinite(wanted)
+            value, expected = plane[finite].astype(np.float64), wanted[finite].astype(np.float64)
+            if not value.size:
+                continue
+            error = np.abs(value - expected)
+            count += value.size
+            maximum = max(maximum, float(error.max()))
+            total += float(error.sum())
+            squared += float(np.square(error).sum())
+            relative += relmse(value, expected) * value.size
     count = max(count, 1)
     return {
         "maximum": maximum,
@@ -248,12 +265,17 @@ def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str
     """Those of colors: of three channels R, G, B, or of the gray of a PNG."""
     if (group.family, len(group.planes)) != ("RGB", 3) and not (picture.bits and group.names == ("Y",)):
         return {}
-    images = [
-        np.stack(each.planes * (3 // len(each.planes)), axis=-1).astype(np.float64) for each in (group, reference)
-    ]
-    shown, expected = images if picture.bits else [seen(image) for image in images]
-    return {
-        "psnr": psnr_of_seen(shown, expected),
-        "ssim": ssim_of_seen(shown, expected),
-        "flip": flip_of_seen(shown, expected),
-    }
+
+    def shown(each: Group) -> Array:
+        stacked = np.stack(each.planes * (3 // len(each.planes)), axis=-1)
+        return stacked if picture.bits else seen(stacked)
+
+    squared = sum(
+        float(np.square(shown(part).astype(np.float64) - shown(other)).sum())
+        for _, part, other in _strips(group, reference)
+    )
+    found: dict[str, float | None] = {"psnr": decibels(squared / (3 * group.planes[0].size))}
+    if has_ssim() or has_flip():  # of whole images
+        images = (shown(group), shown(reference))
+        found = {**found, "ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
+    return found

@@ -47,17 +47,16 @@ def relmse(image: Array, reference: Array) -> float:
 
 
 def psnr(image: Array, reference: Array) -> float:
-    return psnr_of_seen(seen(image), seen(reference))
+    return decibels(float(np.mean(_squared(seen(image), seen(reference)))))
 
 
 def flip(image: Array, reference: Array) -> float | None:
     return flip_of_seen(seen(image), seen(reference))
 
 
-def psnr_of_seen(image: Array, reference: Array) -> float:
-    """Decibels, of encoded images from 0 to 1; infinite for equal ones."""
-    error = float(np.mean(_squared(image, reference)))
-    return -10.0 * math.log10(error) if error else math.inf
+def decibels(squared: float) -> float:
+    """PSNR of a mean squared difference of values from 0 to 1; infinite for none."""
+    return -10.0 * math.log10(squared) if squared else math.inf
 
 
 def flip_of_seen(image: Array, reference: Array) -> float | None:
