@@ -25,6 +25,11 @@ def at_level(level: int) -> Iterator[None]:
         _level = before
 
 
+def quiet() -> bool:
+    """Whether bars of progress are left out, too."""
+    return _level < NORMAL
+
+
 def warning(text: str) -> None:
     """A line about what is other than was meant, unless quiet."""
     if _level >= NORMAL:

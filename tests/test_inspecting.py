@@ -270,3 +270,10 @@ def test_no_figure_costs_no_matplotlib(tmp_path):
 def test_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         inspecting.statistics(tmp_path / "none.exr")
+
+
+def test_verbose_names_what_was_read(tmp_path, capsys):
+    exr.write(tmp_path / "a.exr", np.zeros((2, 2, 3)))
+    assert cli.main(["inspect", str(tmp_path / "a.exr"), "--verbose"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"clshade: read {tmp_path / 'a.exr'}: 3 channels, ")

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from .. import oracle
+from .. import oracle, telling
 from ..device import Device, open_device
 from ..errors import InputError
 from ..features import OPTIONAL
@@ -195,7 +195,9 @@ def run(
         jobs.append(("scenes", scenes, partial(scene_failures, open_device(device))))
     for name, count, failures in jobs:
         start, wrong = time.perf_counter(), 0
-        for number in tqdm(range(first, first + count), desc=name, unit="", disable=None, leave=False):
+        # None: shown on a terminal alone.
+        hidden = telling.quiet() or None
+        for number in tqdm(range(first, first + count), desc=name, unit="", disable=hidden, leave=False):
             for failure in failures([number], seed):
                 wrong += 1
                 tqdm.write(str(failure), file=stream)
