@@ -191,3 +191,25 @@ def test_a_map_needs_a_texture(saved_course, tmp_path):
     done = run("demotmap.py", tmp_path, "--scene", str(saved_course / "h3.npy"))
     assert done.returncode == 2
     assert "--texture: expected an image" in done.stderr
+
+
+def test_the_gallery(opened, tmp_path):
+    """Eight pictures, each with colors of its own; the one in README is of the same size."""
+    done = run("gallery.py", tmp_path, "--out", "new/folder")
+    assert done.returncode == 0, done.stderr
+    sheet = png.read(tmp_path / "new" / "folder" / "gallery.png")
+    assert sheet.shape == png.read(DEMOS / "gallery.png").shape
+    rows, columns = sheet.shape[:2]
+    panels = [sheet[i * rows // 2 :, j * columns // 4 :][60:200, 20:250] for i in range(2) for j in range(4)]
+    means = np.array([panel.mean(axis=(0, 1)) for panel in panels])
+    apart = np.abs(means[:, None] - means[None]).max(axis=2)
+    assert (apart + 255 * np.eye(8)).min() > 2.0
+    assert min(len(np.unique(panel.reshape(-1, 3), axis=0)) for panel in panels) >= 5
+
+
+def test_the_gallery_where_it_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = run("gallery.py", tmp_path, "--out", "file")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("gallery.py: file")
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,70 @@
+"""The picture at the head of README: built-in scenes, and the layers of one of them, on a sheet.
+
+python demos/gallery.py [--out DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
+    sys.path.insert(0, str(CHECKOUT))
+
+import sheet  # noqa: E402
+
+import clshade  # noqa: E402
+from clshade import exr, png  # noqa: E402
+from clshade.errors import ClshadeError, InputError  # noqa: E402
+from clshade.thumbnails import thumbnails  # noqa: E402
+
+SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
+SCENES = {
+    "teapot": "textures and highlights under colored lights",
+    "torus_knot": "100,000 triangles, depth per pixel",
+    "box_room": "flat faces under a light at the ceiling",
+    "course": "the course's preset: painter's order, centroid light",
+}
+LAYERS = {
+    "N": "layer N: normals, (n + 1)/2",
+    "albedo": "layer albedo: color before light",
+    "Z": "layer Z: depth",
+    "object_id": "layer object_id: one color a mesh",
+}
+
+
+def panels() -> list[sheet.Panel]:
+    """One for each scene, then one for each layer of the first scene."""
+    found, first = [], next(iter(SCENES))
+    layers = tuple(LAYERS)
+    for name, about in SCENES.items():
+        scene = clshade.builtin(name, resolution=SIZE)
+        frame = clshade.render(scene, samples=16)
+        found.append(sheet.Panel(sheet.reduced(frame.to_png8()), name, about))
+    frame = clshade.render(clshade.builtin(first, resolution=SIZE), layers=layers)
+    pictures = thumbnails(exr.flatten(frame.channels()), side=max(SIZE))
+    return found + [sheet.Panel(sheet.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--out", default=".", help="folder for gallery.png (default: this one)")
+    options = parser.parse_args()
+    path = Path(options.out) / "gallery.png"
+    try:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path.parent}: --out: expected a folder, found {error.strerror}") from None
+        png.write(path, sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
+    except ClshadeError as error:
+        print(f"gallery.py: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    print(f"wrote {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
