@@ -89,7 +89,7 @@ def test_two_workers_one_of_which_is_killed(tmp_path, expected):
     assert sorted(drawn) == list(range(1, COUNT + 1))
     assert killed
     lost = [each for each in found if isinstance(each, Lost)]
-    assert [each.reason for each in lost] == ["killed by SIGKILL"]
+    assert [each.reason for each in lost] == ["was killed by SIGKILL"]
     written = {name: data for name, data in contents(tmp_path).items() if not name.startswith(".clshade-")}
     assert written == expected
     assert not children()

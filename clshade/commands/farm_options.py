@@ -11,6 +11,8 @@ from . import DONE
 from .arguments import device_option
 from .scene_options import chosen_saving, chosen_settings, picture_options
 
+CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
+
 if TYPE_CHECKING:
     from ..camera import Camera
     from ..scene import Scene
@@ -32,8 +34,17 @@ def output_options(parser: argparse.ArgumentParser) -> None:
 
 def worker_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("who draws")
-    group.add_argument(
+    either = group.add_mutually_exclusive_group()
+    either.add_argument(
         "--workers", type=int, default=1, metavar="N", help="processes on this machine (default: this one alone)"
+    )
+    either.add_argument("--scheduler", metavar="tcp://HOST:8786", help="the workers of this Dask scheduler")
+    group.add_argument(
+        "--timeout",
+        type=float,
+        default=CONNECT_SECONDS,
+        metavar="S",
+        help=f"seconds to wait for the scheduler and for a worker (default: {CONNECT_SECONDS:g})",
     )
     device_option(parser)
 
@@ -47,6 +58,8 @@ def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Came
         cameras,
         arguments.output,
         workers=arguments.workers,
+        scheduler=arguments.scheduler,
+        timeout=arguments.timeout,
         overwrite=arguments.overwrite,
         progress=not arguments.quiet,
         device=arguments.device,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
 import time
 import traceback
@@ -15,6 +17,10 @@ from ..errors import ClshadeError, WorkerError
 from ..frame import output_paths
 from ..renderer import Renderer
 from ..scene import Scene, Settings
+
+# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL before
+# and since 4, Intel's.
+THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +44,22 @@ class Task:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A frame whose files are written. render_ms, save_ms: what that took. size: bytes of the two files."""
+    """A frame whose files are written. render_ms, save_ms: what that took. size: bytes of the two files. worker: the
+    process that drew it, host:pid."""
 
     number: int
     render_ms: float
     save_ms: float
     size: int
     warnings: tuple[str, ...]
+    worker: str
 
 
 @dataclass(frozen=True)
 class Lost:
-    """A worker that ended before its frame `number` was done; another one draws it. reason: how it ended."""
+    """A worker that ended before these frames were done; others draw them. reason: how it ended, a predicate."""
 
-    number: int
+    numbers: tuple[int, ...]
     reason: str
 
 
@@ -87,7 +95,8 @@ class FrameWriter:
             failure = WorkerError(f"frame {task.number}: {type(error).__name__}: {error}")
             failure.__notes__ = [traceback.format_exc()]  # pickled with it, which its cause would not be
             raise failure from error
-        return Drawn(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings))
+        worker = f"{socket.gethostname()}:{os.getpid()}"
+        return Drawn(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings), worker)
 
     def close(self) -> None:
         with self._lock:

@@ -19,16 +19,12 @@ from multiprocessing.connection import Connection, wait
 
 from .. import interrupts
 from ..errors import WorkerError
-from .job import Drawn, FrameWriter, Job, Lost, Task
+from .job import THREADS, Drawn, FrameWriter, Job, Lost, Task
 
 MOST_WORKERS = 256
 ATTEMPTS = 3  # at a frame, before it is given up: it may be what kills the workers
 POLL = 0.1  # seconds after which Python looks whether there was an interrupt
 PATIENCE = 0.6  # seconds that workers have to end when told to; an interrupted process has GRACE and CLEARING itself
-
-# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL before
-# and since 4, Intel's.
-THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
 
 
 def processors() -> int:
@@ -103,8 +99,8 @@ class _Worker:
         if code is None or code >= 0:
             return f"ended with exit code {code}"
         with contextlib.suppress(ValueError):
-            return f"killed by {signal.Signals(-code).name}"
-        return f"killed by signal {-code}"
+            return f"was killed by {signal.Signals(-code).name}"
+        return f"was killed by signal {-code}"
 
 
 class _Crew:
@@ -134,9 +130,9 @@ class _Crew:
                     self._dismiss(worker)
                     attempts[task.number] += 1
                     if attempts[task.number] == ATTEMPTS:
-                        found = f"{ATTEMPTS} workers ended while they drew it, the last {reason}"
+                        found = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
                         raise WorkerError(f"frame {task.number}: {found}") from None
-                    yield Lost(task.number, reason)
+                    yield Lost((task.number,), reason)
                     self._employ(self._start(), task)
                     continue
                 if isinstance(answer, Exception):

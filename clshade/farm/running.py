@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,8 +21,6 @@ from .frames import parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Task
 from .local import MOST_WORKERS, draw_locally
 
-CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
-
 
 @dataclass(frozen=True)
 class Run:
@@ -29,6 +28,7 @@ class Run:
 
     drawn, skipped: numbers of frames. lost: workers that ended before their frame was done. seconds: from start to end,
     starting workers included. draw_ms: median of what a frame took its worker to draw and write. size: bytes written.
+    workers: those that drew frames.
     """
 
     drawn: int
@@ -69,7 +69,7 @@ def draw_frames(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-    timeout: float = CONNECT_SECONDS,
+    timeout: float = 10.0,
     overwrite: bool = False,
     progress: bool = True,
     device: str | None = None,
@@ -100,12 +100,14 @@ def draw_frames(
         check_output(paths[left[0]][0], **check)
     job = Job(scene, settled, device, saving)
     tasks = [Task(number, cameras[number], paths[number][0].absolute()) for number in left]
-    drawn, lost, crew = [], 0, min(workers, max(len(tasks), 1))
+    drawn, lost = [], 0
     with _Progress(len(cameras), len(cameras) - len(tasks), progress) as bar:
         for each in _results(job, tasks, workers, scheduler, timeout) if tasks else ():
             if isinstance(each, Lost):
                 lost += 1
-                bar.say(f"frame {each.number}: its worker was {each.reason}: it is drawn again")
+                many = len(each.numbers) > 1
+                numbers = ", ".join(map(str, each.numbers))
+                bar.say(f"frame{'s' * many} {numbers} drawn again: the worker {each.reason}")
                 continue
             drawn.append(each)
             bar.advance(each)
@@ -116,7 +118,7 @@ def draw_frames(
         seconds=time.perf_counter() - start,
         draw_ms=_median([each.render_ms + each.save_ms for each in drawn]),
         size=sum(each.size for each in drawn),
-        workers=crew,
+        workers=len({each.worker for each in drawn}),
         first=str(paths[min(paths)][0]),
         last=str(paths[max(paths)][0]),
     )
@@ -133,6 +135,12 @@ def _is_there(path: Path) -> bool:
 def _results(
     job: Job, tasks: Sequence[Task], workers: int, scheduler: str | None, timeout: float
 ) -> Iterator[Drawn | Lost]:
+    if scheduler is not None:
+        if importlib.util.find_spec("distributed") is None:
+            raise InputError('--scheduler: expected dask.distributed, found none: `pip install "clshade[cluster]"`')
+        from .cluster import draw_on_cluster
+
+        return draw_on_cluster(job, tasks, scheduler, timeout)
     if workers > 1:
         return draw_locally(job, tasks, workers)
     return _draw_here(job, tasks)

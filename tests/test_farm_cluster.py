@@ -1,0 +1,179 @@
+"""Frames by a Dask cluster: a real scheduler and workers on loopback, one of which is killed midway."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from clusters import Cluster
+from devices import working_devices
+
+from clshade import cli
+from clshade.errors import DeviceError, InputError, WorkerError
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames
+from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
+from clshade.scene import Settings
+from clshade.scenes import builtin
+
+cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
+
+COUNT = 40
+PATIENT = 60.0  # seconds, for busy machines
+
+pytestmark = [
+    pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here"),
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+]
+
+
+def job(**changes: object) -> Job:
+    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
+    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
+
+
+def tasks(folder: Path, count: int = COUNT) -> list[Task]:
+    frames = parse_frames(f"1..{count}")
+    cameras = orbit(builtin("icosphere").camera.with_resolution((64, 48)), frames.numbers, frames)
+    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+
+
+@pytest.fixture
+def cluster(tmp_path_factory) -> Iterator[Cluster]:
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        yield cluster
+    finally:
+        cluster.close()
+
+
+def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
+    """All frames are there, and the same files as one process writes."""
+    workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    with FrameWriter(job()) as writer:
+        for task in tasks(here):
+            writer.draw(task)
+
+    cluster.wait_for_workers(2)
+    found: list[Drawn | Lost] = []
+    for each in cluster_module.draw_on_cluster(job(), tasks(there), cluster.address, PATIENT):
+        found.append(each)
+        if len(found) == COUNT // 4:
+            assert isinstance(each, Drawn)
+            busy = workers[int(each.worker.rpartition(":")[2])]
+            busy.send_signal(signal.SIGKILL)
+            busy.wait()
+    lost = [each for each in found if isinstance(each, Lost)]
+    drawn = [each for each in found if isinstance(each, Drawn)]
+    assert [each.reason.partition(" ")[2] for each in lost] == ["is gone"]
+    assert sorted(each.number for each in drawn) == list(range(1, COUNT + 1))
+    assert len({each.worker for each in drawn}) == 2
+    written = {path.name: path.read_bytes() for path in there.iterdir() if not path.name.startswith(".clshade-")}
+    assert written == {path.name: path.read_bytes() for path in here.iterdir()}
+    assert len(written) == 2 * COUNT
+
+
+def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATIENT) -> list[Drawn | Lost]:
+    return list(cluster_module.draw_on_cluster(given, listed, address, timeout))
+
+
+def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, capsys, monkeypatch):
+    with pytest.raises(InputError, match=r"expected workers within 1 s .*`dask worker tcp://.*found none$"):
+        draw_all(cluster.address, job(), tasks(tmp_path), 1.0)
+    worker = cluster.worker()
+    with pytest.raises(DeviceError, match=r"^frame 1: no OpenCL device matches 'no-such'"):
+        draw_all(cluster.address, job(device="no-such"), tasks(tmp_path, 1))
+    monkeypatch.setattr(cluster_module, "code_digest", lambda: "another")
+    with pytest.raises(WorkerError, match=r"^worker tcp://.*expected the clshade that runs here"):
+        draw_all(cluster.address, job(), tasks(tmp_path, 1))
+    monkeypatch.undo()
+
+    monkeypatch.chdir(tmp_path)  # the workers have another current folder
+    command = ("turntable", "icosphere", "--frames", "1..4", "--resolution", "64,48", "--preset", "course")
+    further = ("--scheduler", cluster.address, "-o", "#.exr", "--timeout", "60")
+    assert cli.main([*command, *further]) == 0
+    out, err = capsys.readouterr()
+    assert "1 worker" in out
+    assert "4/4" in err
+    assert len(list(tmp_path.iterdir())) == 8
+
+    worker.send_signal(signal.SIGKILL)
+    worker.wait()
+    with pytest.raises((InputError, WorkerError), match="worker"):
+        draw_all(cluster.address, job(), tasks(tmp_path, 2), 2.0)
+
+
+def test_the_last_worker_and_then_the_scheduler_are_lost(tmp_path, cluster):
+    for lost, text in (("worker", "no worker is left"), ("scheduler", "gone|no worker is left")):
+        worker = cluster.worker()
+        results = cluster_module.draw_on_cluster(job(), tasks(tmp_path, 800), cluster.address, 3.0 if lost else PATIENT)
+        next(results)
+        process = worker if lost == "worker" else cluster.scheduler
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        with pytest.raises(WorkerError, match=text):
+            list(results)
+
+
+# Refused before anything is drawn
+
+
+def refused(capsys: pytest.CaptureFixture[str], address: str) -> tuple[str, float]:
+    """The line on standard error, and how long it took."""
+    start = time.perf_counter()
+    arguments = ("turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2", "--quiet")
+    assert cli.main([*arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1, err
+    return err, time.perf_counter() - start
+
+
+@pytest.mark.parametrize("address", ["host", "tcp://host", "http://127.0.0.1:8786", "tcp://a b:1", "tcp://:1", ""])
+def test_addresses_that_are_none(tmp_path, capsys, monkeypatch, address):
+    monkeypatch.chdir(tmp_path)
+    assert "expected an address such as tcp://host:8786" in refused(capsys, address)[0]
+
+
+def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # nobody listens
+        address = f"tcp://127.0.0.1:{nobody.getsockname()[1]}"
+        line, seconds = refused(capsys, address)
+        assert address in line
+        assert "2 s" in line
+        assert seconds < 20.0
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        line, seconds = refused(capsys, f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        assert seconds < 20.0
+    assert "tcp://no-such-host.invalid:8786" in refused(capsys, "tcp://no-such-host.invalid:8786")[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_workers_and_a_scheduler_exclude_each_other(capsys):
+    assert cli.main(["turntable", "--workers", "2", "--scheduler", "tcp://host:1"]) == 2
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def test_without_dask(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert 'pip install "clshade[cluster]"' in refused(capsys, "tcp://127.0.0.1:8786")[0]
+
+
+def test_the_code_s_digest_changes_with_the_code(tmp_path, monkeypatch):
+    before = cluster_module.code_digest()
+    (tmp_path / "one.cl").write_text("kernel")
+    monkeypatch.setattr(cluster_module, "kernel_folder", lambda: tmp_path)
+    assert cluster_module.code_digest.__wrapped__() != before
