@@ -191,7 +191,7 @@ def test_refused_camera_files(tmp_path, value, parts):
 
 def test_the_readme_s_cameras(tmp_path):
     text = (Path(__file__).resolve().parent.parent / "README.md").read_text()
-    example = text.split("```json\n")[1].split("```")[0]
+    example = text.split("```json cameras.json\n")[1].split("```")[0]
     first, second, third = cameras_of(tmp_path, example)
     assert (first.eye.tolist(), second.resolution) == ([-2.4, 4.9, 9.2], (640, 480))
     assert (third.plane, third.principal) == ((0.6, 0.8), (0.5, 0.45))

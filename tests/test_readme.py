@@ -101,7 +101,9 @@ def test_descriptions_of_arrays_are_found_and_checked():
 def commands(block: Block) -> list[list[str]]:
     """The command lines of a shell block, without what installs something, runs the tests or serves until it is stopped
     (tests/test_farm.py starts those)."""
-    lines = [shlex.split(part, comments=True) for line in block.text.splitlines() for part in line.split("&&")]
+    # Not shlex's comments: to it the # of `out.####.exr` begins one.
+    code = [re.sub(r"(^|\s)#\s.*", "", line) for line in block.text.splitlines()]
+    lines = [shlex.split(part) for line in code for part in line.split("&&")]
     return [
         words
         for words in lines
@@ -110,8 +112,8 @@ def commands(block: Block) -> list[list[str]]:
 
 
 def case(words: list[str]) -> Any:
-    """The demos take long, and tests/test_demos.py runs them on small images."""
-    slow = any(word.startswith("demos/") for word in words)
+    """The demos and a whole turn take long; tests/test_demos.py and tests/test_farm.py run them on small images."""
+    slow = any(word.startswith("demos/") or word == "turntable" for word in words)
     return pytest.param(words, id=" ".join(words[1:]), marks=[pytest.mark.long] if slow else [])
 
 
