@@ -104,7 +104,8 @@ def test_whole_numbers_are_compared_exactly():
     changed = {"id": np.uint32([[2**32 - 2, 7, 0]])}
     layer = found(changed, reference, threshold=1e9)["id"]
     assert (layer.exact, layer.different, layer.over, layer.maximum) == (True, 1, 1, None)
-    assert found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"].different == 2
+    layer = found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"]
+    assert (layer.different, layer.nonfinite, layer.worst[:2]) == (2, 0, (0, 0))  # none is worse than the other
 
 
 def test_large_images_are_compared_in_strips(monkeypatch):
@@ -276,6 +277,7 @@ def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
     shown = np.argwhere((np.asarray(errors) != errors[-1, -1]).any(axis=-1))
     assert shown.tolist() == [[0, 1], [250, 250]]  # of blocks of 4 x 4
     assert errors[0, 1].tolist() == list(comparing_figure.UNEQUAL_COLOR)
+    assert errors[250, 250].tolist() == [252, 255, 164]  # the end of `inferno`: the largest, not a mean
 
 
 def test_a_color_means_the_same_in_both_images():
