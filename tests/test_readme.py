@@ -36,7 +36,7 @@ BLOCKS = [
     for found in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
-OTHERS_OPTIONS = {"--dist", "--info"}  # of pytest-xdist, of oiiotool
+OTHERS_OPTIONS = {"--dist", "--info", "--port", "--nworkers", "--nthreads"}  # of pytest-xdist, oiiotool, dask
 
 
 def at_line(block: Block) -> str:
