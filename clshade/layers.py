@@ -15,6 +15,7 @@ from .validation import Array
 if TYPE_CHECKING:
     from .renderer import Attributes
 
+_BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
 
 
@@ -77,15 +78,18 @@ class Layers:
         for buffer in found.values():
             buffer.to_host()
         if "P" in arrays:
-            arrays["P"] = _in_the_world(arrays["P"], owners.to_host(), camera.eye, scale)
+            world = self._pool.take((rows, columns, 3), np.float64).array[:] if real != np.float64 else arrays["P"]
+            _put_in_the_world(arrays["P"], owners.to_host(), camera.eye, scale, world)
+            arrays["P"] = world
         return arrays
 
 
-def _in_the_world(points: Array, owners: Array, eye: Array, scale: float) -> Array:
-    """Eye-relative points (M, N, 3), times `scale`, as (M, N, 3) float64 in world space: float32 would lose, far from the
-    origin, what they are right to. 0 where nobody owns the pixel."""
-    world = points.astype(np.float64)
-    world /= scale
-    world += eye
-    world[owners < 0] = 0.0
-    return world
+def _put_in_the_world(points: Array, owners: Array, eye: Array, scale: float, world: Array) -> None:
+    """Eye-relative points (M, N, 3), times `scale`, to world space, float64 (M, N, 3): float32 would lose, far from the
+    origin, what they are right to. 0 where nobody owns the pixel. `world` may be `points`."""
+    rows = max(1, _BAND // points.shape[1])
+    for start in range(0, len(points), rows):  # so much at a time as the caches hold
+        band = slice(start, start + rows)
+        np.divide(points[band], scale, out=world[band], dtype=np.float64)
+        world[band] += eye
+        np.copyto(world[band], 0.0, where=(owners[band] < 0)[..., None])
