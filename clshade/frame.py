@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from .errors import InputError
+from .layer_tables import material_numbers
 from .scene import Scene, Settings
 from .validation import Array, choice, refuse
 
@@ -100,9 +102,20 @@ class Frame:
         metadata = exr.camera_metadata(self.scene.camera)
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
+        metadata |= self._names()
         if not deterministic:
             metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
         return metadata if self.check is None else {**metadata, **self.check.metadata()}
+
+    def _names(self) -> dict[str, str]:
+        """What the numbers of the layers object_id and material_id stand for: JSON, number -> name, where it has one."""
+        meshes, found = self.scene.meshes, {}
+        if "object_id" in self._layers:
+            found["objectNames"] = {number: mesh.name for number, mesh in enumerate(meshes, 1) if mesh.name}
+        if "material_id" in self._layers:
+            numbered = zip(material_numbers(self.scene), meshes, strict=True)
+            found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
+        return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items()}
 
     def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""

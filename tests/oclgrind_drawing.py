@@ -18,6 +18,7 @@ from clshade import binning, course, oracle, programs, stages
 from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.checks.cases import lit
+from clshade.checks.compare_layers import assert_layers
 from clshade.device import Device, open_device
 from clshade.renderer import Renderer
 from clshade.scene import Material, Scene, Texture
@@ -118,11 +119,14 @@ def draw(form: str) -> float:
         device, lanes = replace(device, is_cpu=False, setup_run=1, lanes=1), 1
     worst = 0.0
     for scene, options in scenes():
-        with Renderer(scene, device=device, lanes=lanes, layers=("Z", "id"), **options) as renderer:
+        with Renderer(scene, device=device, lanes=lanes, layers="all", **options) as renderer:
             for _ in range(2 if scene.background is None else 1):  # the second frame finds all memory used
                 frame = renderer.render()
             expected = oracle.render(frame.scene, frame.settings)
             worst = max(worst, compare.assert_frame(frame, expected, frame.scene, frame.settings))
+            ties = compare.assert_same_ids(frame, expected, frame.scene, frame.settings)
+            layers = oracle.render_layers(frame.scene, frame.settings)
+            assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     course.shared_device = lambda: device  # type: ignore[assignment]
     up, eye = np.array([0.0, 0, 1]), np.array([0.0, 0, 5])
     lights = np.array([[1.0, 2, 3], [3.0, 1, 1]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import sysconfig
@@ -132,6 +133,17 @@ def test_a_cropped_file_reads_as_the_whole_one(frame, window, tmp_path, half):
         )
         assert whole[name].tobytes() == cropped[name].tobytes(), name
     assert (tmp_path / "True.exr").stat().st_size < (tmp_path / "False.exr").stat().st_size
+
+
+def test_the_header_names_objects_and_materials(opened, tmp_path):
+    named = replace(wedge(), name="Keil \u00e4", material=replace(wedge().material, name="T\u00f6n"))
+    scene = Scene((dome(), replace(named, name=""), named), CAMERA)
+    clshade.render(scene, device=opened, layers=("object_id", "material_id")).save(tmp_path / "a")
+    _, header = exr.read(tmp_path / "a.exr")
+    assert json.loads(header["objectNames"]) == {"1": "dome", "3": "Keil \u00e4"}
+    assert json.loads(header["materialNames"]) == {"1": "shell", "2": "T\u00f6n"}
+    clshade.render(scene, device=opened, layers=("object_id",)).save(tmp_path / "a")
+    assert "materialNames" not in exr.read(tmp_path / "a.exr")[1]
 
 
 def test_what_is_not_cropped(opened, tmp_path):
