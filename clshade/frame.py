@@ -115,7 +115,7 @@ class Frame:
         if "material_id" in self._layers:
             numbered = zip(material_numbers(self.scene), meshes, strict=True)
             found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
-        return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items()}
+        return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
 
     def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""

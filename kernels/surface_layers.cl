@@ -20,10 +20,12 @@ typedef struct {
     reals3 weights;
 } Shown;
 
-// Weights of the corners as the mesh has them: where a placement mirrors, the renderer has turned the last two.
+// Weights of the corners as the mesh has them: where a placement mirrors, the renderer has turned the last two. Rounding may
+// take one of them below 0.
 void put_weights(reals3 *target, ints mine, Weights m, int turned)
 {
-    reals3 all = {(1.0f - m.b1) - m.b2, turned ? m.b2 : m.b1, turned ? m.b1 : m.b2};
+    reals zero = (reals)(0.0f), last = fmax(m.b2, zero), middle = fmax(m.b1, zero);
+    reals3 all = {fmax((1.0f - m.b1) - m.b2, zero), turned ? last : middle, turned ? middle : last};
     put_vector(target, mine, all);
 }
 

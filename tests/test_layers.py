@@ -66,6 +66,7 @@ def test_layers_are_the_oracles(device, case):
 
 def assert_background_is_0(frame: Frame) -> None:
     empty = frame["id"] == 0
+    assert frame["barycentrics"].min() >= 0
     for name in set(LAYERS) - {"Z"}:
         assert not frame[name][empty].any(), name
     assert np.isposinf(frame["Z"][empty]).all()
