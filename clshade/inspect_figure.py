@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .inspecting import luminance, stops_of
-from .layer_plots import ShownFigure, draw_thumbnails, panel_size, plain_text, show_pixels
+from .layer_plots import ShownFigure, draw_thumbnails, first_few, panel_size, plain_text, show_pixels
 from .pictures import Picture
 from .thumbnails import Thumbnail, thinned, thumbnails
 from .tonemap import tonemap
@@ -28,7 +28,7 @@ _MIDDLE = (0.1, 99.9)  # percent of the lit pixels that false colors spread over
 def draw(picture: Picture, title: str) -> ShownFigure:
     """The figure. Without a color layer it has the layers alone. Every k-th pixel of a large image is shown, so that
     none is averaged away; the histogram counts all of them."""
-    pictures = thumbnails(picture.channels, encoded=bool(picture.bits))
+    pictures = first_few(thumbnails(picture.channels, encoded=bool(picture.bits)))
     columns = min(len(pictures), 6)
     rows = math.ceil(len(pictures) / columns)
     panel = _WIDTH / max(columns, 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 
 from .thumbnails import Thumbnail
 from .validation import Array
+
+MOST = 60  # layers in a figure
 
 _INCHES = 3.0  # a panel's longer side
 _TITLE = 0.45  # above it
@@ -57,16 +60,24 @@ def draw_thumbnails(figure: Any, pictures: Mapping[str, Thumbnail], columns: int
         axes.set_axis_off()
 
 
-def plot_thumbnails(pictures: Mapping[str, Thumbnail], title: str = "") -> ShownFigure:
-    """A figure of the pictures, at most four in a row."""
+def plot_thumbnails(pictures: Mapping[str, Thumbnail]) -> ShownFigure:
+    """A figure of the pictures, the first 60 of them, at most four in a row."""
+    pictures = first_few(pictures)
     columns = min(len(pictures), _COLUMNS)
     width, height = panel_size(next(iter(pictures.values())).pixels.shape)
-    size = (columns * width, math.ceil(len(pictures) / columns) * (height + _TITLE) + (0.3 if title else 0.0))
+    size = (columns * width, math.ceil(len(pictures) / columns) * (height + _TITLE))
     figure = ShownFigure(figsize=size, dpi=100, layout="constrained")
-    if title:
-        figure.suptitle(plain_text(title), fontsize=9)
     draw_thumbnails(figure, pictures, columns)
     return figure
+
+
+def first_few(pictures: Mapping[str, Thumbnail]) -> dict[str, Thumbnail]:
+    """As many as a picture has room for, which has at most 2^16 pixels a side. The last one's note counts the others."""
+    shown = dict(itertools.islice(pictures.items(), MOST))
+    if len(pictures) > MOST:
+        name, last = shown.popitem()
+        shown[name] = last._replace(note=f"{last.note}; {len(pictures) - MOST} more layers")
+    return shown
 
 
 def plain_text(text: str) -> str:

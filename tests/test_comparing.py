@@ -289,3 +289,17 @@ def test_a_color_means_the_same_in_both_images():
     assert (shown[0][0, 0] == shown[1][0, 0]).all()
     assert (shown[0][64, 64] == shown[1][128, 128]).all()
     assert np.abs(shown[0][128, 128] - shown[1][128, 128]).max() > 50
+
+
+def test_of_many_layers_those_that_differ_are_shown(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(comparing_figure.MOST + 10)}
+    exr.write("a.exr", planes)
+    planes["L049"] += 1
+    exr.write("b.exr", planes)
+    drawn, draw = [], comparing_figure.draw
+    monkeypatch.setattr(
+        comparing_figure, "draw", lambda layers, **given: drawn.append(list(layers)) or draw(layers, **given)
+    )
+    assert run(capsys, "b.exr", "a.exr", "-o", "d.png")[0] == 0
+    assert drawn == [["L049", *(f"L{k:03}" for k in range(comparing_figure.MOST - 1))]]

@@ -240,6 +240,16 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
     figure.savefig(tmp_path / "a.png")
 
 
+def test_a_thousand_layers(tmp_path):
+    """No more than a picture has room for; how many are left out is told."""
+    channels = {f"L{k:04}": np.zeros((2, 200), np.float32) for k in range(1000)}
+    figure = inspect_figure.draw(Picture(channels), "a")
+    titles = [axes.get_title() for axes in figure.axes if axes.images]
+    assert len(titles) == 60
+    assert titles[-1].endswith("; 940 more layers")
+    figure.savefig(tmp_path / "a.png")
+
+
 def test_false_colors():
     values = np.array([[0.0, -1.0, np.nan, np.inf], [0.25, 1.0, 4.0, 1e30]])
     pixels = inspect_figure.false_colors(values, -2.0, 2.0).pixels

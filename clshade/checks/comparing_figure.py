@@ -13,6 +13,7 @@ from ..thumbnails import thinned, thumbnails
 from ..validation import Array
 from .comparing import errors_of
 
+MOST = 40  # layers in the picture, which has at most 2^16 pixels a side
 SIDE = 512  # pixels along the longer side of a panel, at most
 UNEQUAL_COLOR = (0, 255, 255)
 

@@ -39,7 +39,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="exit with 1 if any channel of any pixel is off by more than X, in the channel's units (PNG: from 0 to 1), "
         "is NaN or infinite in one image alone, or if any whole number differs (default: exit with 0)",
     )
-    parser.add_argument("-o", "--output", metavar="PNG", help="write a picture of both images and of their difference")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="PNG",
+        help="write a picture of both images and their difference, layer by layer; of the first 40 layers that differ",
+    )
     parser.add_argument("--json", action="store_true", help="print all figures as JSON; an infinite PSNR is null")
 
 
@@ -57,6 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
         from ..checks import comparing_figure
 
         layers = comparing.chosen_layers(image, reference, arguments.layer)
+        different_first = sorted(layers, key=lambda name: not found.layers[name].different)
+        if len(layers) > comparing_figure.MOST:
+            layers = {name: layers[name] for name in different_first[: comparing_figure.MOST]}
         figure = comparing_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
         with atomic.replacing(arguments.output) as file:
             figure.savefig(file, format="png")
