@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from ..checks.defaults import BENCH_FRAMES
+from ..checks.defaults import BENCH_FRAMES, CREW_FRAMES
+from ..errors import InputError
 from . import DONE, FAILED
-from .arguments import device_option
+from .arguments import device_option, numbers
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("workloads", nargs="*", metavar="WORKLOAD", help="these only (default: all)")
     parser.add_argument("--list", action="store_true", help="name all workloads and peers")
     parser.add_argument(
-        "--frames", type=int, default=BENCH_FRAMES, metavar="N", help=f"of each workload (default: {BENCH_FRAMES})"
+        "--frames",
+        type=int,
+        metavar="N",
+        help=f"of each workload (default: {BENCH_FRAMES}), or of the turntable (default: {CREW_FRAMES})",
     )
     parser.add_argument(
         "--peers",
@@ -21,11 +25,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="renderers to draw in turns with, such as llvmpipe,numpy, or none (default: all but opengl)",
     )
     parser.add_argument("--scaling", action="store_true", help="time and memory against triangles and pixels")
+    parser.add_argument(
+        "--workers",
+        type=numbers(int, None, "whole numbers such as 2,4"),
+        metavar="N,...",
+        help="a turntable by so many processes each, in turns with one process",
+    )
+    parser.add_argument("--scheduler", metavar="tcp://HOST:8786", help="and by the workers of this Dask scheduler")
     parser.add_argument("-o", "--out", metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.workers or arguments.scheduler:
+        return _run_crews(arguments)
     from ..checks import bench
     from ..checks.peers import DEFAULT
 
@@ -38,8 +51,25 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.device,
         names=arguments.workloads,
         peers_named=peers,
-        frames=arguments.frames,
+        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         with_scaling=arguments.scaling,
+        out=arguments.out,
+    )
+    return DONE if passed else FAILED
+
+
+def _run_crews(arguments: argparse.Namespace) -> int:
+    from ..checks import crews
+
+    if arguments.workloads or arguments.scaling or arguments.peers:
+        raise InputError(
+            "bench: expected either --workers and --scheduler, or workloads, --scaling and --peers, found both"
+        )
+    passed = crews.run(
+        arguments.workers or (1,),
+        scheduler=arguments.scheduler,
+        device=arguments.device,
+        frames=CREW_FRAMES if arguments.frames is None else arguments.frames,
         out=arguments.out,
     )
     return DONE if passed else FAILED
