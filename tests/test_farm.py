@@ -13,9 +13,9 @@ from devices import working_devices
 from clshade import cli, exr
 from clshade.camera import Camera
 from clshade.errors import InputError
+from clshade.farm import draw_frames
 from clshade.farm.cameras import FIELDS, orbit, read_cameras
 from clshade.farm.frames import parse_frames, parse_pattern
-from clshade.farm.running import draw_frames
 from clshade.scenes import builtin
 
 SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
@@ -266,6 +266,7 @@ COMMANDS = [
     (("turntable", "-o", "out.exr"), ("--output", "'out.exr'", "out.####.exr")),
     (("turntable", "-o", "nowhere/out.##.exr"), ("nowhere", "there is no folder")),
     (("turntable", "--workers", "0"), ("workers", "0")),
+    (("turntable", "--timeout", "0"), ("timeout", "above 0")),
     (("turntable", "--workers", "two"), ("--workers", "'two'")),
     (("turntable", "--compression", "rar"), ("compression", "'rar'")),
     (("animate", "icosphere"), ("CAMERAS.json",)),

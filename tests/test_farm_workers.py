@@ -195,3 +195,18 @@ def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, nu
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == len(left) + 4
     assert all((tmp_path / f"{name}.exr").stat().st_mtime_ns == when for name, when in before.items())
     assert f"{len(before)} there already" in out
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_says_that_a_worker_was_killed(tmp_path):
+    process = start(tmp_path, "--frames", f"1..{5 * COUNT}")
+    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
+    workers = [pid for pid in descendants(process.pid) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert "drawn again: the worker was killed by SIGKILL" in err
+    assert "; 1 ended early, the frames drawn again" in out
+    assert f"{5 * COUNT}/{5 * COUNT}" in err
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT

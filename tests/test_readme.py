@@ -99,15 +99,17 @@ def test_descriptions_of_arrays_are_found_and_checked():
 
 
 def commands(block: Block) -> list[list[str]]:
-    """The command lines of a shell block, without what installs something, runs the tests or serves until it is stopped
-    (tests/test_farm.py starts those)."""
+    """The command lines of a shell block, without what installs something, runs the tests, or needs servers
+    (tests/test_farm_cluster.py starts those)."""
     # Not shlex's comments: to it the # of `out.####.exr` begins one.
     code = [re.sub(r"(^|\s)#\s.*", "", line) for line in block.text.splitlines()]
     lines = [shlex.split(part) for line in code for part in line.split("&&")]
     return [
         words
         for words in lines
-        if words and not {"venv", "install"} & set(words) and Path(words[0]).name not in ("pytest", "dask")
+        if words
+        and not {"venv", "install", "--scheduler"} & set(words)
+        and Path(words[0]).name not in ("pytest", "dask")
     ]
 
 

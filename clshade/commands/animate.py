@@ -24,8 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..farm.cameras import read_cameras
-    from ..farm.frames import parse_frames
+    from ..farm import parse_frames, read_cameras
 
     frames = None if arguments.frames is None else parse_frames(arguments.frames)
     scene = load_scene(arguments)

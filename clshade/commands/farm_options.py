@@ -51,7 +51,7 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
 
 def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
     """Draws the frames that the options ask for, and says what came of it."""
-    from ..farm.running import draw_frames
+    from ..farm import draw_frames
 
     found = draw_frames(
         scene,

@@ -32,8 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..farm.cameras import orbit
-    from ..farm.frames import parse_frames
+    from ..farm import orbit, parse_frames
     from ..validation import number
 
     frames = parse_frames(arguments.frames)

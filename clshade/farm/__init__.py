@@ -1,4 +1,7 @@
-"""Many frames of one scene: by this process, by several on this machine, or by the workers of a Dask cluster.
+"""Many frames of one scene: by this process, by several on this machine, or by the workers of a Dask cluster."""
 
-`running.draw_frames` is what the commands `turntable` and `animate` call.
-"""
+from .cameras import orbit, read_cameras
+from .frames import parse_frames
+from .running import Run, draw_frames
+
+__all__ = ["Run", "draw_frames", "orbit", "parse_frames", "read_cameras"]

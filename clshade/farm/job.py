@@ -18,8 +18,8 @@ from ..frame import output_paths
 from ..renderer import Renderer
 from ..scene import Scene, Settings
 
-# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL before
-# and since 4, Intel's.
+# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL's older
+# and newer name for it, Intel's.
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
 
 

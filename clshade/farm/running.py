@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..frame import check_output
 from ..renderer import settle
 from ..scene import Scene
-from ..validation import integer
+from ..validation import integer, number
 from .frames import parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Task
 from .local import MOST_WORKERS, draw_locally
@@ -88,6 +88,7 @@ def draw_frames(
     """
     start = time.perf_counter()
     integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
+    number("draw_frames", "timeout", timeout, above=0.0)
     if not cameras:
         raise InputError("draw_frames: cameras: expected one or more, found none")
     pattern = parse_pattern(output, len(cameras))
