@@ -73,7 +73,7 @@ class Crews:
 
     def title(self) -> str:
         columns, rows = RESOLUTION
-        return f"{self.frames} frames of {self.scene}, {columns}x{rows}, {self.rounds} times each; {self.machine}"
+        return f"{self.frames} frames of {self.scene}, {columns}x{rows}, {self.rounds} times each"
 
     def stats(self) -> dict[str, Any]:
         return {**asdict(self), "crews": [{**asdict(crew), "seconds": crew.seconds._asdict()} for crew in self.crews]}
@@ -112,7 +112,10 @@ def run(
         seconds, draw_ms, found = zip(*results, strict=True)
         crews.append(Crew(name, spread(seconds), spread(draw_ms).median, found[0] if len(set(found)) == 1 else ""))
     measured = Crews(scene, frames, machine(), rounds, tuple(crews))
-    print("\n".join([measured.title(), "", *tables.as_lines(COLUMNS, measured.rows()), "", NOTE]), file=stream)
+    print(
+        "\n".join([measured.machine, measured.title(), "", *tables.as_lines(COLUMNS, measured.rows()), "", NOTE]),
+        file=stream,
+    )
     if out is not None:
         for path in _write(measured, out):
             print(f"wrote {path}", file=stream)
@@ -142,9 +145,9 @@ def _write(measured: Crews, prefix: str) -> list[Path]:
     rows = measured.rows()
     atomic.write_bytes(csv, tables.as_csv(COLUMNS, rows).encode())
     atomic.write_bytes(as_json, (json.dumps(measured.stats(), indent=2) + "\n").encode())
-    text = [measured.title(), "", *tables.as_markdown(COLUMNS, rows), "", NOTE]
+    text = [f"{measured.machine}, {measured.title()}", "", *tables.as_markdown(COLUMNS, rows), "", NOTE]
     atomic.write_bytes(markdown, ("\n".join(text) + "\n").encode())
-    figure = figures.blank(6.0, 1.4 + 0.45 * len(rows))
+    figure = figures.blank(6.5, 1.6 + 0.45 * len(rows))
     axes = figure.subplots()
     names = [crew.name for crew in measured.crews]
     low, median, high = (
@@ -154,6 +157,6 @@ def _write(measured: Crews, prefix: str) -> list[Path]:
     axes.barh(names, median, xerr=reach, color=figures.OURS, ecolor=figures.MUTED, capsize=3)
     axes.invert_yaxis()
     axes.set(xlabel="frames a second, starting included (bars: the middle half of the runs)")
-    axes.set_title(measured.title(), fontsize=7)
+    figure.suptitle(f"{measured.machine}\n{measured.title()}", fontsize=8)
     figures.save(figure, figure_path, colors=64)
     return [csv, as_json, markdown, figure_path]
