@@ -95,6 +95,13 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     with pytest.raises(WorkerError, match=r"^worker tcp://.*expected the clshade that runs here"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()
+    monkeypatch.setattr(cluster_module, "VISIBLE", 0.5)
+    monkeypatch.setattr(cluster_module, "output_paths", lambda path: [tmp_path / "on-a-disk-of-its-own"])
+    with pytest.raises(WorkerError, match=rf"workers that write to this machine's {tmp_path}, found frame 1 written"):
+        draw_all(cluster.address, job(), tasks(tmp_path, 1))
+    monkeypatch.undo()
+    for path in tmp_path.iterdir():
+        path.unlink()
 
     monkeypatch.chdir(tmp_path)  # the workers have another current folder
     command = ("turntable", "icosphere", "--frames", "1..4", "--resolution", "64,48", "--preset", "course")
