@@ -269,6 +269,7 @@ COMMANDS = [
     (("turntable", "--timeout", "0"), ("timeout", "above 0")),
     (("turntable", "--workers", "two"), ("--workers", "'two'")),
     (("turntable", "--compression", "rar"), ("compression", "'rar'")),
+    (("turntable", "--device", "no-such"), ("frame 1", "no OpenCL device matches 'no-such'")),
     (("animate", "icosphere"), ("CAMERAS.json",)),
     (("animate", "icosphere", "none.json"), ("none.json", "no such file")),
     (("animate", "icosphere", "c.json", "--frames", "1..3"), ("--frames", "1..2")),

@@ -136,7 +136,7 @@ def test_the_last_worker_and_then_the_scheduler_are_lost(tmp_path, cluster):
 def refused(capsys: pytest.CaptureFixture[str], address: str) -> tuple[str, float]:
     """The line on standard error, and how long it took."""
     start = time.perf_counter()
-    arguments = ("turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2", "--quiet")
+    arguments = ("turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2")
     assert cli.main([*arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""

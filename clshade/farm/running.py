@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import telling
 from ..camera import Camera
@@ -20,6 +20,9 @@ from ..validation import integer, number
 from .frames import parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Task
 from .local import MOST_WORKERS, draw_locally
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 
 @dataclass(frozen=True)
@@ -158,20 +161,30 @@ def _median(values: Sequence[float]) -> float:
 
 
 class _Progress:
-    """A bar with rate and remaining time on standard error, and lines above it; warnings of frames once each."""
+    """A bar with rate and remaining time on standard error, and lines above it; warnings of frames once each.
+
+    It appears with the first frame: what is refused is told in one line.
+    """
 
     def __init__(self, total: int, done: int, shown: bool) -> None:
-        from tqdm import tqdm
-
-        # A log gets a line now and then, a terminal what changes.
-        interval = 0.1 if sys.stderr is not None and sys.stderr.isatty() else 10.0
-        self._bar = tqdm(
-            total=total, initial=done, unit="frame", disable=not shown, mininterval=interval, smoothing=0.1, leave=True
-        )
+        self._total, self._done, self._shown = total, done, shown
+        self._start = time.time()  # tqdm's clock
+        self._bar: tqdm | None = None
         self._said: set[str] = set()
 
+    def _appear(self) -> tqdm:
+        if self._bar is None:
+            from tqdm import tqdm
+
+            # A log gets a line now and then, a terminal what changes.
+            interval = 0.1 if sys.stderr is not None and sys.stderr.isatty() else 10.0
+            options = {"unit": "frame", "mininterval": interval, "smoothing": 0.1, "disable": not self._shown}
+            self._bar = tqdm(total=self._total, initial=self._done, **options)
+            self._bar.start_t = self._bar.last_print_t = self._start
+        return self._bar
+
     def say(self, message: str) -> None:
-        self._bar.clear()
+        self._appear().clear()
         telling.warning(message)
 
     def advance(self, drawn: Drawn) -> None:
@@ -179,10 +192,11 @@ class _Progress:
             if warning not in self._said:
                 self._said.add(warning)
                 self.say(f"frame {drawn.number}: {warning}")
-        self._bar.update()
+        self._appear().update()
 
     def __enter__(self) -> _Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()
