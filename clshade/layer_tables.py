@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .features import Features, uses_normal_indices
-from .scene import Material, Scene, Settings
+from .scene import Material, Scene, Settings, Texture
 from .validation import Array
 
 if TYPE_CHECKING:
@@ -41,30 +42,34 @@ class LayerTables(NamedTuple):
     materials: Array | None = None
 
 
-def _same(a: Material, b: Material) -> bool:
-    """Whether two materials are equal, name and texture included."""
-    fields = ("name", "ka", "kd", "ks", "n", "color", "sides", "two_sided", "alpha_cutoff")
-    if not all(np.array_equal(getattr(a, name), getattr(b, name)) for name in fields):
-        return False
-    s, t = a.texture, b.texture
-    if s is t:
-        return True
-    if s is None or t is None:
-        return False
-    return s.wrap == t.wrap and s.lookup == t.lookup and np.array_equal(s.image, t.image)
+def _fields(material: Material) -> tuple:
+    """All that two materials have to share to be equal, hashable: every field, of the texture all but its texels."""
+    values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
+    texture = material.texture
+    described = None if texture is None else (texture.image.shape, texture.wrap, texture.lookup)
+    return (*(tuple(value) if isinstance(value, np.ndarray) else value for value in values), described)
+
+
+def _same_texels(a: Texture | None, b: Texture | None) -> bool:
+    return a is b or (a is not None and b is not None and np.array_equal(a.image, b.image))
 
 
 def material_numbers(scene: Scene) -> tuple[int, ...]:
-    """The number of each mesh's material, from 1 in the order of the meshes; equal materials share one."""
-    found: list[Material] = []
-    numbers: dict[int, int] = {}
+    """The number of each mesh's material, from 1 in the order of the meshes; equal materials, name and texels included,
+    share one."""
+    numbers: dict[int, int] = {}  # by id
+    alike: dict[tuple, list[tuple[Texture | None, int]]] = {}  # scenes may have thousands: few are compared in pairs
+    count = 0
     for mesh in scene.meshes:
         material = mesh.material
-        if id(material) not in numbers:
-            same = next((k for k, other in enumerate(found) if _same(material, other)), len(found))
-            if same == len(found):
-                found.append(material)
-            numbers[id(material)] = same + 1
+        if id(material) in numbers:
+            continue
+        known = alike.setdefault(_fields(material), [])
+        number = next((number for texture, number in known if _same_texels(texture, material.texture)), 0)
+        if not number:
+            number = count = count + 1
+            known.append((material.texture, number))
+        numbers[id(material)] = number
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
 
 

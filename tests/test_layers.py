@@ -11,7 +11,7 @@ from devices import needs_float64
 from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
-from clshade import oracle, programs
+from clshade import layer_tables, oracle, programs
 from clshade.camera import Camera
 from clshade.checks import compare, compare_layers
 from clshade.features import OPTIONAL
@@ -258,6 +258,17 @@ def test_equal_materials_share_a_number():
     assert material_numbers(scene) == (1, 1, 2, 2, 3, 4, 1)
     assert tuple(oracle.layers.material_numbers(scene)) == material_numbers(scene)
     assert material_numbers(replace(scene, meshes=())) == ()
+
+
+def test_many_materials_are_not_compared_in_pairs(monkeypatch):
+    """Of 3000 scalars alone, none; of two textures of one size, one comparison."""
+    compared = []
+    monkeypatch.setattr(layer_tables.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
+    materials = [Material(kd=k / 3000, name=f"{k % 7}") for k in range(3000)]
+    materials += [Material(texture=replace(CHECKERS, image=CHECKERS.image + np.float32(k))) for k in range(2)]
+    scene = Scene(tuple(replace(wedge(), material=material) for material in materials), CAMERA)
+    assert material_numbers(scene) == tuple(range(1, 3003))
+    assert len(compared) == 1
 
 
 def test_all_is_every_layer():
