@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,3 +35,8 @@ def in_line(value: Any) -> str:
         text = str(plain(value, words=True))
     text = text if text.isprintable() else text.encode("unicode_escape").decode("ascii")
     return text if len(text) <= _MOST else text[: _MOST - 3] + "..."
+
+
+def named_values(values: Mapping[str, Any]) -> str:
+    """Names and values as a part of one line."""
+    return ", ".join(f"{in_line(name)} {value!s}" for name, value in values.items())

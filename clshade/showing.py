@@ -77,8 +77,8 @@ def plot_layers(frame: Frame) -> Any:
     """A matplotlib figure of a frame's image, coverage and layers."""
     from .exr import flatten
     from .frame import default_tonemap
-    from .layer_plots import plot_thumbnails
-    from .thumbnails import Thumbnail, thinned, thumbnails
+    from .inspection.layer_plots import plot_thumbnails
+    from .inspection.thumbnails import Thumbnail, thinned, thumbnails
 
     pictures = thumbnails(flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")

@@ -18,7 +18,7 @@ import sheet  # noqa: E402
 import clshade  # noqa: E402
 from clshade import exr, png  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.thumbnails import thumbnails  # noqa: E402
+from clshade.inspection.thumbnails import thumbnails  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
 SCENES = {

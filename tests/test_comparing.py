@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from clshade import cli, exr, png
-from clshade.checks import comparing, comparing_figure, image_errors
-from clshade.pictures import Picture
+from clshade.checks import image_errors
+from clshade.inspection import comparing, comparing_figure
+from clshade.inspection.pictures import Picture
 
 RNG = np.random.default_rng(11)
 SHAPE = (24, 32)
@@ -238,6 +239,8 @@ def test_refused(files, capsys):
         (("a.exr", "b.exr", "--threshold", "-1"), ("--threshold", "'-1'")),
         (("a.exr", "b.exr", "--threshold", "nan"), ("--threshold", "'nan'")),
         (("a.exr", "b.exr", "-o", "none/a.png"), ("none/a.png", "there is no folder")),
+        (("a.exr", "b.exr", "-o", "a.exr"), ("--output", ".png", "a.exr")),
+        (("a.png", "a.png", "-o", "./a.png"), ("--output", "another file than is read", "./a.png")),
     ):
         code, out, err = run(capsys, *arguments, "-o", "new.png") if "-o" not in arguments else run(capsys, *arguments)
         assert (code, out, len(err)) == (2, "", 1), arguments

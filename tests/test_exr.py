@@ -352,7 +352,7 @@ def test_a_child_made_by_fork_can_write(path):
 
 def test_importing_costs_no_library():
     code = (
-        "import sys, clshade.exr, clshade.png, clshade.tonemap, clshade.inspecting\n"
+        "import sys, clshade.exr, clshade.png, clshade.tonemap, clshade.inspection.statistics\n"
         "print({'OpenEXR', 'PIL', 'matplotlib', 'pyopencl'} & set(sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=True)

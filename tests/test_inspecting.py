@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import cli, exr, inspect_figure, inspecting, png
+from clshade import cli, exr, png
 from clshade.errors import InputError
-from clshade.pictures import Picture
+from clshade.inspection import statistics, statistics_figure
+from clshade.inspection.pictures import Picture
 from clshade.tonemap import tonemap
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,7 +34,7 @@ def planted():
 
 
 def test_statistics_of_a_channel():
-    found = inspecting.statistics({"Z": planted()})
+    found = statistics.image_statistics({"Z": planted()})
     assert found.shape == (9, 12)
     channel = found.channels["Z"]
     assert (channel.nan, channel.inf, channel.negative) == (2, 3, 2)
@@ -46,15 +47,15 @@ def test_statistics_of_a_channel():
 def test_a_file_and_its_arrays_have_the_same_statistics(tmp_path):
     given = {"RGB": np.dstack([planted()] * 3), "id": np.arange(108, dtype=np.uint32).reshape(9, 12)}
     exr.write(tmp_path / "a.exr", given)
-    found = inspecting.statistics(tmp_path / "a.exr")
-    assert found == inspecting.statistics(given)
+    found = statistics.image_statistics(tmp_path / "a.exr")
+    assert found == statistics.image_statistics(given)
     assert list(found.channels) == ["R", "G", "B", "id"]
-    assert found.channels["id"] == inspecting.ChannelStatistics("uint", 0, 107, 53.5, (1, 5, 54, 102, 106), 0, 0, 0)
-    assert inspecting.statistics(str(tmp_path / "a.exr")) == found
+    assert found.channels["id"] == statistics.ChannelStatistics("uint", 0, 107, 53.5, (1, 5, 54, 102, 106), 0, 0, 0)
+    assert statistics.image_statistics(str(tmp_path / "a.exr")) == found
 
 
 def test_nothing_finite():
-    channel = inspecting.statistics({"Z": np.full((2, 2), np.inf, np.float32)}).channels["Z"]
+    channel = statistics.image_statistics({"Z": np.full((2, 2), np.inf, np.float32)}).channels["Z"]
     assert (channel.nan, channel.inf, channel.negative) == (0, 4, 0)
     assert all(math.isnan(v) for v in (channel.minimum, channel.maximum, channel.mean, *channel.percentiles))
 
@@ -65,26 +66,26 @@ def test_dynamic_range():
     gray[0] = 2.0**-3
     gray[1] = 2.0**5
     gray[2, :5] = 0, -1, np.nan, np.inf, -np.inf
-    found = inspecting.statistics(np.dstack([gray] * 3))
+    found = statistics.image_statistics(np.dstack([gray] * 3))
     assert found.stops == pytest.approx(8, abs=1e-12)
     assert found.stops_most == pytest.approx(8, abs=1e-12)
     gray[2, 5] = 1e30
-    found = inspecting.statistics(np.dstack([gray] * 3))
+    found = statistics.image_statistics(np.dstack([gray] * 3))
     assert found.stops == pytest.approx(math.log2(1e30) + 3, abs=1e-6)
     assert found.stops_most == pytest.approx(8, abs=1e-12)
-    assert inspecting.statistics({"Y": gray}).stops == pytest.approx(found.stops)
-    assert inspecting.statistics(np.zeros((2, 2, 3))).stops is None
+    assert statistics.image_statistics({"Y": gray}).stops == pytest.approx(found.stops)
+    assert statistics.image_statistics(np.zeros((2, 2, 3))).stops is None
 
 
 @pytest.mark.parametrize(("one", "other", "ratio"), [(0, 1, 0.7152 / 0.2126), (0, 2, 0.2126 / 0.0722)])
 def test_dynamic_range_weighs_the_colors(one, other, ratio):
     pixels = np.zeros((1, 2, 3), np.float32)
     pixels[0, 0, one] = pixels[0, 1, other] = 1.0
-    assert inspecting.statistics(pixels).stops == pytest.approx(math.log2(ratio))
+    assert statistics.image_statistics(pixels).stops == pytest.approx(math.log2(ratio))
 
 
 def test_the_table():
-    text = inspecting.format_statistics(inspecting.statistics({"R": planted(), "id": np.uint32([[7] * 12] * 9)}))
+    text = statistics.format_statistics(statistics.image_statistics({"R": planted(), "id": np.uint32([[7] * 12] * 9)}))
     lines = text.splitlines()
     assert lines[0] == "12 x 9 pixels"
     assert lines[1].split() == words("channel type min 1 % 5 % median mean 95 % 99 % max NaN Inf negative")
@@ -92,7 +93,9 @@ def test_the_table():
     assert lines[3].split() == words("id uint 7 7 7 7 7 7 7 7 0 0 0")
     assert len({len(line) for line in lines[1:4]}) == 1
     assert lines[4] == "dynamic range: none (no pixel of positive luminance)"
-    text = inspecting.format_statistics(inspecting.statistics(np.float32([[[1] * 3, [8] * 3]])))
+    text = statistics.format_statistics(statistics.image_statistics({"id": np.uint32([[0, 2**32 - 1, 12345678]])}))
+    assert text.splitlines()[2].split()[2:10] == words("0 0 0 12345678 1.43577e+09 4294967295 4294967295 4294967295")
+    text = statistics.format_statistics(statistics.image_statistics(np.float32([[[1] * 3, [8] * 3]])))
     assert text.endswith("dynamic range: 3.0 stops, 3.0 without 0.1 % at either end")
 
 
@@ -166,7 +169,7 @@ def test_sixteen_bits_of_a_png_are_kept(tmp_path):
     from PIL import Image
 
     Image.fromarray(np.uint16([[1, 65535]])).save(tmp_path / "a.png")
-    found = inspecting.statistics(tmp_path / "a.png")
+    found = statistics.image_statistics(tmp_path / "a.png")
     assert found.channels["Y"].minimum == pytest.approx(1 / 65535, rel=1e-6)
     # sRGB's curve is a line of slope 12.92 there.
     assert found.stops == pytest.approx(math.log2(65535 * 12.92), rel=1e-6)
@@ -212,7 +215,7 @@ def panels_of(figure):
 @pytest.mark.parametrize("shape", [(1200, 1600), (300, 2), (1, 1)])
 def test_exposures(shape):
     color = np.float32([0.4, 0.1, 0.02])
-    shown = panels_of(inspect_figure.draw(Picture(exr.flatten(np.broadcast_to(color, (*shape, 3)))), "a"))
+    shown = panels_of(statistics_figure.draw(Picture(exr.flatten(np.broadcast_to(color, (*shape, 3)))), "a"))
     for stops in range(-4, 5):
         name = {0: "as it is", 1: "+1 stop", -1: "-1 stop"}.get(stops, f"{stops:+d} stops")
         assert (shown[name] == tonemap(color.reshape(1, 1, 3), "srgb", stops)).all(), name
@@ -226,7 +229,7 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
         "Z": np.full((40, 60), np.inf, np.float32),
         "id": np.eye(40, 60, dtype=np.uint32),
     }
-    figure = inspect_figure.draw(Picture(channels), "a $name_ of\nothers")
+    figure = statistics_figure.draw(Picture(channels), "a $name_ of\nothers")
     shown = panels_of(figure)
     assert {"RGB", "Z", "id"} <= set(shown)
     red = (shown["as it is"] == [255, 0, 0]).all(axis=-1)
@@ -243,16 +246,16 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
 def test_a_thousand_layers(tmp_path):
     """No more than a picture has room for; how many are left out is told."""
     channels = {f"L{k:04}": np.zeros((2, 200), np.float32) for k in range(1000)}
-    figure = inspect_figure.draw(Picture(channels), "a")
+    figure = statistics_figure.draw(Picture(channels), "a")
     titles = [axes.get_title() for axes in figure.axes if axes.images]
     assert len(titles) == 60
-    assert titles[-1].endswith("; 940 more layers")
+    assert titles[-1].replace("\n", " ").endswith("; 940 more layers")
     figure.savefig(tmp_path / "a.png")
 
 
 def test_false_colors():
     values = np.array([[0.0, -1.0, np.nan, np.inf], [0.25, 1.0, 4.0, 1e30]])
-    pixels = inspect_figure.false_colors(values, -2.0, 2.0).pixels
+    pixels = statistics_figure.false_colors(values, -2.0, 2.0).pixels
     assert pixels[0].tolist() == [[0, 0, 0], [0, 0, 0], [255, 0, 255], [255, 255, 255]]
     assert len({tuple(pixel) for pixel in pixels[1].tolist()}) == 3
     assert (pixels[1, 2] == pixels[1, 3]).all()  # held to the highest
@@ -267,6 +270,10 @@ def test_the_figure_of_the_command(tmp_path, capsys, monkeypatch):
     assert png.read(tmp_path / "b.png").std() > 10
     assert cli.main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "none" / "a.png")]) == 2
     assert "there is no folder" in capsys.readouterr().err
+    for output, expected in (("a.exr", "ends in .png"), ("b.png", "another file")):
+        assert cli.main(["inspect", str(tmp_path / "b.png"), "-o", str(tmp_path / output)]) == 2
+        assert expected in capsys.readouterr().err
+    assert inspected(capsys, tmp_path / "a.exr")[0] == 0
 
 
 def test_no_figure_costs_no_matplotlib(tmp_path):
@@ -279,7 +286,7 @@ def test_no_figure_costs_no_matplotlib(tmp_path):
 
 def test_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        inspecting.statistics(tmp_path / "none.exr")
+        statistics.image_statistics(tmp_path / "none.exr")
 
 
 def test_verbose_names_what_was_read(tmp_path, capsys):

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import oracle
+from .. import figures, oracle
 from ..oracle import coverage, transform
 from ..scene import Scene, Settings
 from ..validation import Array
-from . import compare, figures
+from . import compare
 from .cases import flat, lit
 from .cases.bench import Bench, expected_light
 from .cases.light import DISTANCES, exact_highlights, in_the_lobe, lobe_error, near_light, unit

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import figures
 from ..frame import default_tonemap
 from ..tonemap import tonemap
 from ..validation import Array
-from . import figures
 from .labels import label_points
 from .study import SHOWN, Study
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 from collections.abc import Sequence
 from typing import Any
 
 from ..checks.defaults import PIXELS
+from ..errors import InputError
 
 
 def numbers(kind: type, count: int | None, form: str) -> Any:
@@ -73,6 +75,19 @@ def device_option(parser: argparse.ArgumentParser) -> None:
         "--device",
         help="pocl, intel, nvidia, rusticl, part of a platform's name, or P:D (default: CLSHADE_DEVICE, PoCL)",
     )
+
+
+def check_picture(output: str, inputs: Sequence[str]) -> None:
+    """Refuses, before anything is read, a picture that cannot be written, that is not called .png, or that would take the
+    place of one of the files it is made from."""
+    from .. import atomic
+
+    if not output.lower().endswith(".png"):
+        raise InputError(f"--output: expected a file name that ends in .png, found {atomic.shown(output)}")
+    atomic.check(output)
+    for name in inputs:
+        if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):
+            raise InputError(f"--output: expected another file than is read, found {atomic.shown(output)}")
 
 
 def with_values(arguments: Sequence[str]) -> list[str]:

@@ -7,9 +7,10 @@ import math
 from typing import TYPE_CHECKING
 
 from . import DONE, FAILED
+from .arguments import check_picture
 
 if TYPE_CHECKING:
-    from ..checks.comparing import Comparison
+    from ..inspection.comparing import Comparison
 
 
 def _threshold(text: str) -> float:
@@ -50,24 +51,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from .. import atomic, telling
-    from ..checks import comparing
-    from ..pictures import read_picture
+    from ..inspection import comparing
+    from ..inspection.pictures import read_picture
 
     if arguments.output:
-        atomic.check(arguments.output)
+        check_picture(arguments.output, (arguments.image, arguments.reference))
     image, reference = read_picture(arguments.image), read_picture(arguments.reference)
     found = comparing.compared(image, reference, arguments.layer, arguments.threshold)
     _print(found, arguments)
     if arguments.output:
-        from ..checks import comparing_figure
+        from .. import figures
+        from ..inspection import comparing_figure
 
         layers = comparing.chosen_layers(image, reference, arguments.layer)
         different_first = sorted(layers, key=lambda name: not found.layers[name].different)
         if len(layers) > comparing_figure.MOST:
             layers = {name: layers[name] for name in different_first[: comparing_figure.MOST]}
         figure = comparing_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
-        with atomic.replacing(arguments.output) as file:
-            figure.savefig(file, format="png")
+        figures.save(figure, arguments.output)
         telling.progress(f"wrote {atomic.shown(arguments.output)}")
     return DONE if found.passed else FAILED
 

@@ -6,10 +6,10 @@ import argparse
 from typing import TYPE_CHECKING
 
 from . import DONE
-from .arguments import numbers
+from .arguments import check_picture, numbers
 
 if TYPE_CHECKING:
-    from ..pictures import Picture
+    from ..inspection.pictures import Picture
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -38,25 +38,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from .. import atomic, inspecting, telling
-    from ..pictures import read_picture
+    from .. import atomic, telling
+    from ..inspection import statistics
+    from ..inspection.pictures import read_picture
 
     if arguments.output:
-        atomic.check(arguments.output)
+        check_picture(arguments.output, (arguments.file,))
     picture = read_picture(arguments.file)
     if arguments.json:
         _print_json(arguments, picture)
     else:
-        pixels = inspecting.format_pixels(picture, arguments.pixel)
-        print(inspecting.format_statistics(inspecting.statistics(picture)))
-        print(inspecting.format_header(picture.header))
+        pixels = statistics.format_pixels(picture, arguments.pixel)
+        print(statistics.format_statistics(statistics.image_statistics(picture)))
+        print(statistics.format_header(picture.header))
         if pixels:
             print(pixels)
     if arguments.output:
-        from .. import inspect_figure
+        from .. import figures
+        from ..inspection import statistics_figure
 
-        with atomic.replacing(arguments.output) as file:
-            inspect_figure.draw(picture, atomic.shown(arguments.file)).savefig(file, format="png")
+        figures.save(statistics_figure.draw(picture, atomic.shown(arguments.file)), arguments.output)
         telling.progress(f"wrote {atomic.shown(arguments.output)}")
     return DONE
 
@@ -64,9 +65,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _print_json(arguments: argparse.Namespace, picture: Picture) -> None:
     import json
 
-    from .. import inspecting
+    from ..inspection import statistics
     from ..plain import plain
 
-    pixels = inspecting.pixel_stats(picture, arguments.pixel)
-    figures = inspecting.statistics(picture).stats()
-    print(json.dumps({"file": arguments.file, **figures, "header": plain(picture.header), "pixels": pixels}, indent=2))
+    pixels = statistics.pixel_stats(picture, arguments.pixel)
+    found = statistics.image_statistics(picture).stats()
+    print(json.dumps({"file": arguments.file, **found, "header": plain(picture.header), "pixels": pixels}, indent=2))

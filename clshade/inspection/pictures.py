@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from . import exr, images, telling
-from .atomic import Path, shown
+from .. import exr, images, telling
+from ..atomic import Path, shown
+from ..errors import InputError
+from ..reading import complaint, read_file, size_of
+from ..validation import Array
 from .channel_groups import color_group
-from .errors import InputError
-from .reading import complaint, read_file, size_of
-from .validation import Array
 
 _EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
 _MAX_BYTES = 1 << 31  # of a PNG

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..channel_groups import Group, grouped
-from ..pictures import Picture, named_pixel
-from ..plain import in_line, plain
+from ..checks.image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
+from ..checks.tables import as_lines, digits
+from ..plain import in_line, named_values, plain
 from ..reading import complaint, quoted
 from ..validation import Array
-from .image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
-from .tables import as_lines, digits
+from .channel_groups import Group, grouped
+from .pictures import Picture, named_pixel
 
 _STRIP = 1 << 20  # pixels that are compared at a time
 UNEQUAL = math.inf  # the error of a value that is NaN or infinite where the other is not the same
@@ -102,12 +102,9 @@ class Comparison:
         return [f"{width} x {height} pixels", *as_lines(header, rows), *self._worst_lines(), self._verdict()]
 
     def _worst_lines(self) -> list[str]:
-        def listed(values: dict[str, Any]) -> str:
-            return ", ".join(f"{in_line(name)} {value!s}" for name, value in values.items())
-
         return [
             f"{in_line(name)} at {each.worst.x},{each.worst.y} (column, row from the top): "
-            f"{listed(each.worst.values)}; expected {listed(each.worst.reference)}"
+            f"{named_values(each.worst.values)}; expected {named_values(each.worst.reference)}"
             for name, each in self.layers.items()
             if each.worst is not None
         ]

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from .atomic import Path
+from ..atomic import Path
+from ..checks.tables import as_lines
+from ..plain import in_line, named_values, plain
+from ..validation import Array
 from .pictures import Picture, named_pixel, picture_of
-from .plain import in_line, plain
-from .validation import Array
 
 PERCENTILES = (1, 5, 50, 95, 99)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ
@@ -106,7 +107,7 @@ def stops_of(color: Array) -> Array:
     return np.log2(values[np.isfinite(values) & (values > 0.0)])
 
 
-def statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statistics:
+def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statistics:
     """Statistics of every channel of an image.
 
     source: path of an EXR or PNG file, a Picture, or what `exr.flatten` takes: a dict of (M, N) arrays, or an array
@@ -132,20 +133,20 @@ def statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statisti
 def format_statistics(found: Statistics) -> str:
     """The statistics as a table of text, one line per channel, with the size above and the dynamic range below."""
     head = ["channel", "type", "min", "1 %", "5 %", "median", "mean", "95 %", "99 %", "max", "NaN", "Inf", "negative"]
-    rows = [head]
+    rows = []
     for name, c in found.channels.items():
         first, low, middle, high, last = c.percentiles
-        values = [f"{v:.6g}" for v in (c.minimum, first, low, middle, c.mean, high, last, c.maximum)]
-        rows.append([in_line(name), c.type, *values, str(c.nan), str(c.inf), str(c.negative)])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
-    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+        form = ".0f" if c.type == "uint" else ".6g"  # names of things are shown whole
+        ranks = [f"{v:{form}}" for v in (c.minimum, first, low, middle, high, last, c.maximum)]
+        ranks.insert(4, f"{c.mean:.6g}")
+        rows.append([in_line(name), c.type, *ranks, str(c.nan), str(c.inf), str(c.negative)])
     height, width = found.shape
     if found.stops is None or found.stops_most is None:
         closing = "dynamic range: none (no pixel of positive luminance)"
     else:
         of = "" if found.color == "RGB" else f" ({in_line(found.color)})"
         closing = f"dynamic range{of}: {found.stops:.1f} stops, {found.stops_most:.1f} without 0.1 % at either end"
-    return "\n".join([f"{width} x {height} pixels", *lines, closing])
+    return "\n".join([f"{width} x {height} pixels", *as_lines(head, rows), closing])
 
 
 def format_header(header: Mapping[str, Any]) -> str:
@@ -162,8 +163,7 @@ def format_pixels(picture: Picture, places: Sequence[tuple[int, int]]) -> str:
     """The values of all channels at columns x and rows y, a line for each pixel. Raises InputError outside the image."""
     lines = []
     for x, y in places:
-        values = ", ".join(f"{in_line(name)} {value!s}" for name, value in named_pixel(picture, x, y).items())
-        lines.append(f"pixel {x},{y} (column, row from the top): {values}")
+        lines.append(f"pixel {x},{y} (column, row from the top): {named_values(named_pixel(picture, x, y))}")
     return "\n".join(lines)
 
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..images import srgb_to_linear
+from ..tonemap import tonemap
+from ..validation import Array
 from .channel_groups import Group, grouped
-from .images import srgb_to_linear
-from .tonemap import tonemap
-from .validation import Array
 
 SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away
 UNIT_OFF = 1e-2  # by how much a direction's length may differ from 1: half floats are off by 1e-3

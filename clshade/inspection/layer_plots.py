@@ -5,20 +5,22 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..validation import Array
 from .thumbnails import Thumbnail
-from .validation import Array
 
 MOST = 60  # layers in a figure
 
 _INCHES = 3.0  # a panel's longer side
 _TITLE = 0.45  # above it
 _COLUMNS = 4
+_LETTERS = 40  # of a line above a panel: as wide as the narrowest, six in a row
 
 
 class ShownFigure(Figure):
@@ -55,7 +57,7 @@ def draw_thumbnails(figure: Any, pictures: Mapping[str, Thumbnail], columns: int
     rows = math.ceil(len(pictures) / columns)
     panels = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     for axes, (name, picture) in zip(panels, pictures.items(), strict=False):
-        show_pixels(axes, picture.pixels, f"{plain_text(name)}\n{picture.note}")
+        show_pixels(axes, picture.pixels, f"{plain_text(name)}\n{textwrap.fill(picture.note, _LETTERS)}")
     for axes in panels[len(pictures) :]:
         axes.set_axis_off()
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import atomic
+from . import atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,7 +25,7 @@ def blank(width: float, height: float, dpi: int = 110) -> Figure:
     return figure
 
 
-def save(figure: Figure, path: Path, colors: int | None = None) -> None:
+def save(figure: Figure, path: str | Path, colors: int | None = None) -> None:
     """As PNG, with a palette of so many colors if these are given: a third of the size. Raises OutputError."""
     from PIL import Image
 

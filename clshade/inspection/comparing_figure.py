@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..channel_groups import Group
-from ..layer_plots import ShownFigure, panel_size, plain_text, show_pixels
-from ..thumbnails import thinned, thumbnails
+from .. import figures
 from ..validation import Array
+from .channel_groups import Group
+from .layer_plots import panel_size, plain_text, show_pixels
+from .thumbnails import thinned, thumbnails
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 from .comparing import errors_of
 
 MOST = 40  # layers in the picture, which has at most 2^16 pixels a side
@@ -20,12 +24,11 @@ UNEQUAL_COLOR = (0, 255, 255)
 _PANEL, _TITLE, _BAR = 3.6, 0.5, 0.9  # inches
 
 
-def draw(layers: Mapping[str, tuple[Group, Group]], *, encoded: bool, titles: tuple[str, str]) -> ShownFigure:
+def draw(layers: Mapping[str, tuple[Group, Group]], *, encoded: bool, titles: tuple[str, str]) -> Figure:
     """layers: as `comparing.chosen_layers` gives them. titles: of image and reference. Both are shown in one range of
     values. Of a large image every k-th pixel, but the largest error of each k x k."""
     width, height = panel_size(next(iter(layers.values()))[0].planes[0].shape, _PANEL)
-    size = (3 * width + _BAR, len(layers) * (height + _TITLE))
-    figure = ShownFigure(figsize=size, dpi=100, layout="constrained")
+    figure = figures.blank(3 * width + _BAR, len(layers) * (height + _TITLE), dpi=100)
     rows = figure.subplots(len(layers), 3, squeeze=False)
     for axes, (name, (group, reference)) in zip(rows, layers.items(), strict=True):
         both = _side_by_side(name, group, reference, encoded)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .inspecting import luminance, stops_of
-from .layer_plots import ShownFigure, draw_thumbnails, first_few, panel_size, plain_text, show_pixels
+from .. import figures
+from ..tonemap import tonemap
+from ..validation import Array
+from .layer_plots import draw_thumbnails, first_few, panel_size, plain_text, show_pixels
 from .pictures import Picture
+from .statistics import luminance, stops_of
 from .thumbnails import Thumbnail, thinned, thumbnails
-from .tonemap import tonemap
-from .validation import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STOPS = tuple(range(-4, 5))
 NAN, INFINITE, BLACK = (255, 0, 255), (255, 255, 255), (0, 0, 0)  # false colors of what has no stops
@@ -25,7 +29,7 @@ _BINS = 120  # of the histogram, at most
 _MIDDLE = (0.1, 99.9)  # percent of the lit pixels that false colors spread over
 
 
-def draw(picture: Picture, title: str) -> ShownFigure:
+def draw(picture: Picture, title: str) -> Figure:
     """The figure. Without a color layer it has the layers alone. Every k-th pixel of a large image is shown, so that
     none is averaged away; the histogram counts all of them."""
     pictures = first_few(thumbnails(picture.channels, encoded=bool(picture.bits)))
@@ -52,8 +56,8 @@ def _parts(figure: Any, rows: int, columns: int, **ratios: Any) -> list[Any]:
     return list(figure.subfigures(rows, columns, squeeze=False, **ratios).reshape(-1))
 
 
-def _blank(height: float, title: str) -> ShownFigure:
-    figure = ShownFigure(figsize=(_WIDTH, height + _TITLE), dpi=100, layout="constrained")
+def _blank(height: float, title: str) -> Figure:
+    figure = figures.blank(_WIDTH, height + _TITLE, dpi=100)
     figure.suptitle(plain_text(title), fontsize=10)
     return figure
 
