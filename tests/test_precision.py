@@ -12,10 +12,10 @@ from devices import needs_float64
 import clshade
 from clshade import oracle, scenes
 from clshade.checks import compare
-from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
+from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.errors import DeviceError, InputError
 from clshade.renderer import Renderer
-from clshade.scene import PRECISIONS, Mesh, Scene
+from clshade.scene import PRECISIONS, Material, Mesh, Scene, Texture
 from kernels import Probe
 
 RESOLUTION = (97, 71)
@@ -161,6 +161,23 @@ def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
     scene = replace(scenes.builtin("box_room"), name="room")
     frames = [draw(device, scene, precision=precision, resolution=RESOLUTION, lanes=each) for each in (None, lanes)]
     assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
+
+
+def test_large_texture_coordinates_in_float64(device):
+    """Found by the fuzzer: coordinates of some thousand hold fewer digits of a texel, which float64's bound counts, and
+    which float32's pairs, of 48 bits, still miss."""
+    needs_float64(device)
+    image = np.random.default_rng(6).uniform(0, 1, (33, 33, 3)).astype(np.float32)
+    uvs = np.random.default_rng(7).uniform(-2e4, 2e4, (120, 2))
+    scene = scene_of(blob(40, 2, uvs=uvs, material=Material(texture=Texture(image))))
+    frame = draw(device, scene, shader="nolight", precision="float64")
+    expected = oracle.render(scene, frame.settings)
+    allowed = compare.allowed(scene, frame.settings)
+    assert 1e-10 < allowed * 1e-12 < 1e-8
+    assert 1.0 < compare.assert_frame(frame, expected, scene, frame.settings) < allowed / 3.0
+    single = draw(device, scene, shader="nolight")
+    off = np.abs(single.rgb - expected.rgb).max(axis=-1)[single["id"] == frame["id"]]
+    assert off.max() > 10.0 * allowed * 1e-12
 
 
 def test_texture_at_vertex_and_clipped_triangles_in_float64(device):

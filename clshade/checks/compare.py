@@ -7,11 +7,13 @@ top, as `clshade.frame.Frame` has them. Shape, type and finiteness are checked b
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ..oracle import OracleFrame, depth_at, nearest_depths
+from ..oracle.corners import held
 from ..scene import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -30,6 +32,8 @@ DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
 ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
 # fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
 FAST_PER_TEXEL = 16.0
+# float64 in float64, as the oracle does: some four roundings of each side, to 2^-53 of the largest coordinate, times texels.
+FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
 
 
 def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
@@ -127,11 +131,24 @@ def assert_same_ids(
 def allowed(scene: Scene, settings: Settings) -> float:
     """How many of `color_bound` a color of this scene may be off. A sum over samples rounds once per sample, to 2^-24 of
     what is summed so far, half of the whole on average."""
-    precision = settings.precision
-    textures = [mesh.material.texture for mesh in scene.meshes if mesh.uvs is not None]
-    texels = max((max(texture.image.shape[:2]) for texture in textures if texture is not None), default=0)
-    roundings = settings.samples / 2 if settings.samples > 1 and precision != "float64" else 0.0
-    return ALLOWED[precision] + roundings + (FAST_PER_TEXEL * texels if precision == "fast" else 0.0)
+    precision, more = settings.precision, 0.0
+    if settings.samples > 1 and precision != "float64":
+        more += settings.samples / 2
+    if precision == "fast":
+        more += FAST_PER_TEXEL * max((texels for texels, _ in _textures(scene)), default=0)
+    elif precision == "float64":
+        more += FLOAT64_PER_TEXEL * max((texels * reach for texels, reach in _textures(scene)), default=0.0)
+    return ALLOWED[precision] + more
+
+
+def _textures(scene: Scene) -> Iterator[tuple[int, float]]:
+    """Of each mesh with a texture, texels along its larger side, and the largest texture coordinate: 0 where all are equal,
+    as between those nothing is rounded."""
+    for mesh in scene.meshes:
+        if mesh.uvs is not None and mesh.material.texture is not None:
+            uvs = held(mesh.uvs)
+            constant = not len(uvs) or (uvs == uvs[0]).all()
+            yield max(mesh.material.texture.image.shape[:2]), 0.0 if constant else float(np.abs(uvs).max())
 
 
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
