@@ -165,3 +165,8 @@ def _run(arguments: Sequence[str]) -> int:
             raise
         print(f"clshade: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED
+    except MemoryError as error:
+        if parsed.debug:
+            raise
+        print(f"clshade: out of memory: {' '.join(str(error).split())}".rstrip(": "), file=sys.stderr)
+        return REFUSED

@@ -46,6 +46,7 @@ FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and posit
 _OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
 _MAX_BYTES = 1 << 34  # of a file that is read
 _MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
+_MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
 _PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
 _LOCK = threading.Lock()  # the number of OpenEXR's threads and the standard streams belong to the whole process
@@ -373,8 +374,12 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
     return parts
 
 
-def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, Array]:
+def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]], owner: str) -> dict[str, Array]:
     """The channels of all parts, of the display window. A name that an earlier part has gets its part's in front."""
+    x0, y0, x1, y1 = parts[0][1]["displayWindow"]
+    channel_bytes = sum(plane.itemsize for channels, _ in parts for plane in channels.values())
+    if channel_bytes * (x1 - x0 + 1) * (y1 - y0 + 1) > _MAX_SHOWN:  # a small file may have a large display window
+        raise complaint(owner, "channels", f"at most {_MAX_SHOWN} bytes in the display window", "more")
     merged: dict[str, Array] = {}
     for number, (channels, header) in enumerate(parts):
         for name, plane in channels.items():
@@ -391,7 +396,8 @@ def _displayed(plane: Array, data: Window, display: Window, outside: float) -> A
     """The pixels of the display window, `outside` where the data window has none."""
     if data == display:
         return plane
-    whole = np.full((display[3] - display[1] + 1, display[2] - display[0] + 1), outside, plane.dtype)
+    shape = display[3] - display[1] + 1, display[2] - display[0] + 1
+    whole = np.full(shape, outside, plane.dtype) if outside else np.zeros(shape, plane.dtype)  # takes no memory yet
     x0, y0 = max(data[0], display[0]), max(data[1], display[1])
     x1, y1 = min(data[2], display[2]) + 1, min(data[3], display[3]) + 1
     if x0 < x1 and y0 < y1:
@@ -408,7 +414,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     come first. Of several parts all channels; a name that an earlier part has gets its part's name and a dot in front.
     header: the attributes, of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
     Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
-    larger than 2^28 pixels.
+    larger than 2^28 pixels, 2^35 bytes or the memory.
     """
     owner = shown(path)
     data = read_file(path, _MAX_BYTES)
@@ -417,10 +423,12 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     try:
         with _quiet():
             parts = _decode(data, owner)
+        planes = _merged(parts, owner)
+    except MemoryError:
+        raise complaint(owner, "file", "an image that fits into memory", "a larger one") from None
     except (InputError, ImportError):
         raise
     except Exception as error:  # the decoder raises anything at all
         raise complaint(owner, "file", "an OpenEXR image", " ".join(str(error).split()) or "damaged data") from None
-    planes = _merged(parts)
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
     return {name: planes[name] for name in names}, parts[0][1]

@@ -274,6 +274,17 @@ def test_interrupted(capsys, monkeypatch):
     assert len(err) == 1
 
 
+@pytest.mark.parametrize(("error", "line"), [(MemoryError(), ""), (MemoryError("9 GiB\nwanted"), ": 9 GiB wanted")])
+def test_out_of_memory(capsys, monkeypatch, error, line):
+    def stop(*arguments):
+        raise error
+
+    monkeypatch.setattr(render, "load_scene", stop)
+    assert run(capsys, *SMALL) == (2, "", [f"clshade: out of memory{line}"])
+    with pytest.raises(MemoryError):
+        run(capsys, "--debug", *SMALL)
+
+
 def interrupted(code: str, cwd: Path) -> tuple[int, str]:
     """Exit code and standard error of `python -m clshade render` where `code` runs first and sends SIGINT."""
     (cwd / "sitecustomize.py").write_text(code)

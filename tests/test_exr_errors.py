@@ -192,3 +192,24 @@ def test_a_header_that_claims_too_many_pixels(path, capfd):
     start = data.index(name) + len(name)
     path.write_bytes(data[:start] + struct.pack("<4i", 0, 0, 65535, 65535) + data[start + 16 :])
     assert "displayWindow: expected 1 to 268435456 pixels" in bad(path, capfd)
+
+
+def test_a_small_file_with_a_large_display_window(path, capfd, monkeypatch):
+    """Refused before any memory is taken, or where there is none; what is 0 outside of the data window takes none."""
+    exr.write(path, {"c": np.ones((2, 2), np.float32)}, window=(0, 0, 0, 0))
+    data = path.read_bytes()
+    start = data.index(b"displayWindow\0box2i\0") + len(b"displayWindow\0box2i\0") + 4
+    large = struct.pack("<4i", 0, 0, 16383, 16383)
+    path.write_bytes(data[:start] + large + data[start + 16 :])
+    channels, _ = exr.read(path)
+    assert channels["c"].shape == (16384, 16384)
+    assert channels["c"][:2, :2].tolist() == [[1.0, 0.0], [0.0, 0.0]]
+    monkeypatch.setattr(exr, "_MAX_SHOWN", 2**30 - 1)
+    assert "channels: expected at most 1073741823 bytes in the display window, found more" in bad(path, capfd)
+    monkeypatch.undo()
+
+    def none_left(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(exr, "_displayed", none_left)
+    assert "an image that fits into memory" in bad(path, capfd)
