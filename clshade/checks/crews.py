@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from .. import atomic
+from .. import atomic, figures
 from ..errors import InputError
 from . import tables
 from .bench_tables import paths
@@ -139,8 +139,6 @@ def _draw(scene: str, frames: int, options: Sequence[object], turn: int) -> tupl
 
 
 def _write(measured: Crews, prefix: str) -> list[Path]:
-    from . import figures
-
     csv, as_json, markdown, figure_path = paths(prefix)
     rows = measured.rows()
     atomic.write_bytes(csv, tables.as_csv(COLUMNS, rows).encode())
