@@ -79,10 +79,10 @@ class Frame:
         instance. object_id, material_id (uint32): the mesh's index in the scene plus 1, all instances alike; the number
         of its material, from 1 in the order of the meshes, equal materials alike. N (3 components): the unit normal
         that the light sees, world space, 0 where there is none. P (3, float64): the position seen, world space, right
-        to a few roundings of its distance from the eye. albedo (3): vertex color times texel, what the light is
-        multiplied by. uv (2): texture coordinates as the mesh has them, not wrapped. barycentrics (3): the weights of
-        the face's corners, in the order in which the mesh names them. N, albedo, uv and barycentrics are interpolated
-        as the settings say; P, as Z, always in perspective.
+        to a few roundings of its distance from the eye. albedo (3): vertex color times material's color times texel,
+        what the light is multiplied by. uv (2): texture coordinates as the mesh has them, not wrapped. barycentrics
+        (3): the weights of the face's corners, in the order in which the mesh names them. N, albedo, uv and
+        barycentrics are interpolated as the settings say; P, as Z, always in perspective.
         """
         if name not in self._layers:
             found = f"{name!r}, and rendered were: {', '.join(self._layers) or 'none'}"

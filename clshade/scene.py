@@ -302,8 +302,8 @@ class Settings:
         and plain texture coordinates, right to about 3e-5, the same bits too. `float64`: the image is float64 then; not
         every device has it.
     samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
-        pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Z and id
-        and all other layers are those of the place nearest the center.
+        pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Layers
+        are those of the place nearest the center.
     sample_shading: light every sample.
     resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
         bright samples from standing out but makes edges of bright surfaces darker than they are. Without a background

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..plain import plain
 from ..tonemap import srgb_curve
 from ..validation import Array, refuse
 
@@ -33,8 +34,8 @@ class ImageError:
     flip: float | None
 
     def stats(self) -> dict[str, float | None]:
-        """The figures, as JSON takes them: it has no infinity."""
-        return {**vars(self), "psnr": self.psnr if math.isfinite(self.psnr) else None}
+        """The figures, as JSON takes them: null for the infinite PSNR of equal images."""
+        return plain(vars(self))
 
 
 def rmse(image: Array, reference: Array) -> float:

@@ -124,14 +124,19 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
 
 def picture_options(group: argparse._ArgumentGroup) -> None:
     """How images are written: the keywords of `Frame.save`."""
+    from ..exr import COMPRESSIONS
+    from ..tonemap import OPERATORS
+
     group.add_argument(
         "--tonemap",
-        choices=("none", "srgb", "reinhard", "hable", "aces"),
+        choices=OPERATORS,
         help="of the PNG (default: none for course scenes, else srgb)",
     )
     group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
     group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
-    group.add_argument("--compression", default="zip", metavar="NAME", help="of the EXR (default: zip)")
+    group.add_argument(
+        "--compression", default="zip", metavar="NAME", help=f"of the EXR: {', '.join(COMPRESSIONS)} (default: zip)"
+    )
     group.add_argument(
         "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
     )

@@ -20,7 +20,7 @@ class OracleLayers:
 
     N: (M, N, 3) unit normal in world space, or 0; of a two-sided material seen from behind turned round.
     P: (M, N, 3) position in world space; like Z always that of the point seen, whatever the interpolation.
-    albedo: (M, N, 3) what the light is multiplied by: vertex color times texel.
+    albedo: (M, N, 3) what the light is multiplied by: vertex color times material's color times texel.
     uv: (M, N, 2) texture coordinates as the mesh has them, not wrapped.
     object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
         number, counted from 1 in the order of the meshes.
