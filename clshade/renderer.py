@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import clipping, layout, packing, sampling
+from . import layout, packing, sampling
 from .binning import TileLists
 from .camera import Camera
 from .device import Device, shared_device
@@ -22,6 +22,7 @@ from .frame import Frame
 from .geometry import camera_axes
 from .layers import Layers
 from .memory import Pool
+from .pieces import piece_table
 from .scene import Scene, Settings
 from .sorting import front_to_back
 from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
@@ -268,24 +269,17 @@ class Renderer:
         corners = self._faces.array[faces]
         d = self._positions.array[corners].astype(np.float64) - camera.eye
         points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self._axes], axis=-1)
-        cut = clipping.clip(points, camera, self._near)
-        table = np.zeros(len(cut.source), self._structs.Piece)
-        z = points[..., 2]
-        if self.features["DEPTH_TEST"]:
-            table["key_depth"] = cut.points[..., 2].min(axis=1)
-        else:
-            table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
-        z_scaled = np.minimum(cut.points[..., 2] * self._scale, layout.MOST_DEPTH)
-        w = -z_scaled if camera.orthographic else 1.0 / z_scaled
-        table["w"], table["w_low"] = w, w - w.astype(self._structs.real)
-        snapped = clipping.snap(clipping.image_positions(cut.points, camera))
-        table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
-        table["face"] = faces[cut.source]
-        table["weights"] = cut.weights.reshape(-1, 9)
-        if self._uvs_host[0] is not None:
-            parts = self._uvs_host[0][self._uvs_host[1][faces]].astype(np.float64)
-            uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)
-            table["uv"], table["uv_low"] = uv, uv - uv.astype(self._structs.real)
+        uvs, uv_faces = self._uvs_host
+        table = piece_table(
+            points,
+            faces,
+            None if uvs is None else uvs[uv_faces[faces]],
+            camera,
+            self._structs,
+            near=self._near,
+            scale=self._scale,
+            depth_test=bool(self.features["DEPTH_TEST"]),
+        )
         self._pieces = Buffer(self.device, table)
         return len(table)
 
