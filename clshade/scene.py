@@ -98,6 +98,10 @@ class Texture:
         set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
 
+    def __repr__(self) -> str:
+        rows, columns, channels = self.image.shape
+        return f"<Texture {self.name or 'unnamed'}: {columns}x{rows}, {channels} channels>"
+
 
 @dataclass(frozen=True, eq=False)
 class Material:
@@ -207,6 +211,14 @@ class Mesh:
         placements.flags.writeable = False
         set_fields(self, instances=placements)
 
+    def __repr__(self) -> str:
+        counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")
+        return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {_count(len(np.asarray(self.instances)), 'instance')}>"
+
+
+def _count(number: int, singular: str, plural: str = "") -> str:
+    return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
+
 
 def _without_nonfinite(verts: Array, faces: Array) -> tuple[Array, Array, int]:
     """Finite vertices, faces, and the number of faces that used another vertex. Those shrink to a point at a vertex that
@@ -273,6 +285,12 @@ class Scene:
     def nonfinite(self) -> int:
         """Number of triangles dropped for a vertex that is NaN or infinite, instances counted."""
         return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+
+    def __repr__(self) -> str:
+        columns, rows = self.camera.resolution
+        counts = _count(len(self.meshes), "mesh", "meshes"), _count(len(self.lights), "light")
+        what = ", ".join((_count(self.face_count, "triangle"), *counts, f"{columns}x{rows}", f"preset {self.preset}"))
+        return f"<Scene {self.name or 'unnamed'}: {what}>"
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """For notebooks: a line of text, and the scene drawn small. What draws is named, not imported: a scene knows

@@ -33,20 +33,11 @@ def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
     return file.getvalue()
 
 
-def scene_text(scene: Scene) -> str:
-    """A line: what is in the scene."""
-    columns, rows = scene.camera.resolution
-    counts = (("triangle", scene.face_count), ("mesh", len(scene.meshes)), ("light", len(scene.lights)))
-    plurals = {"mesh": "meshes"}
-    named = ", ".join(f"{n:,} {word if n == 1 else plurals.get(word, word + 's')}" for word, n in counts)
-    return f"Scene {scene.name or 'unnamed'}: {named}, {columns}x{rows}, preset {scene.preset}"
-
-
 def scene_bundle(scene: Scene) -> dict[str, Any]:
     """MIME type -> content: a line of text, and the scene drawn small where a device is found. Never raises."""
     from .renderer import render
 
-    text = scene_text(scene)
+    text = repr(scene)
     longer = max(scene.camera.resolution)
     columns, rows = (max(1, side * SCENE_SIDE // max(longer, SCENE_SIDE)) for side in scene.camera.resolution)
     try:
@@ -69,7 +60,10 @@ def show_frame(frame: Frame, tonemap: str | None, exposure: float) -> None:
         return
     from PIL import Image, ImageShow
 
-    if not ImageShow.show(Image.fromarray(pixels), title=frame.scene.name or "clshade"):
+    # The last resort of Pillow, where IPython is installed, is to print the object: that shows nothing.
+    viewers = [each for each in ImageShow._viewers if not isinstance(each, ImageShow.IPythonViewer)]
+    image, title = Image.fromarray(pixels), frame.scene.name or "clshade"
+    if not any(viewer.show(image, title=title) for viewer in viewers):
         raise OutputError("Frame.show: found no program that shows images; Frame.save writes files")
 
 

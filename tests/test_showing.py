@@ -96,12 +96,19 @@ def test_show_opens_a_viewer_outside_of_notebooks(frame, monkeypatch):
     from PIL import ImageShow
 
     shown = []
-    monkeypatch.setattr(ImageShow, "show", lambda image, title: bool(shown.append((np.asarray(image), title))) or True)
+
+    class Viewer:
+        def show(self, image, title):
+            shown.append((np.asarray(image), title))
+            return True
+
+    # Pillow's last one, which would print the object, counts for none.
+    monkeypatch.setattr(ImageShow, "_viewers", [ImageShow.IPythonViewer(), Viewer()])
     assert frame.show() is None
     assert frame.show("none", exposure=-1.0) is None
     assert (shown[0][0] == frame.to_png8()).all()
     assert shown[1][0][0, 0].tolist() == [128, 0, 0]
-    monkeypatch.setattr(ImageShow, "show", lambda image, title: False)
+    monkeypatch.setattr(ImageShow, "_viewers", [ImageShow.IPythonViewer()])
     with pytest.raises(OutputError, match=r"no program that shows images; Frame\.save"):
         frame.show()
 
@@ -150,7 +157,7 @@ def test_a_scene_is_drawn_small(monkeypatch, resolution, small):
     assert given.camera.resolution == small
     assert (given.camera.plane == scene.camera.plane, options) == (True, {"samples": 1})  # the same view
     assert decoded(bundle[PNG]).shape == (small[1], small[0], 3)
-    assert bundle["text/plain"].startswith(f"Scene quads: {scene.face_count} triangles, ")
+    assert bundle["text/plain"].startswith(f"<Scene quads: {scene.face_count} triangles, ")
     assert f"{resolution[0]}x{resolution[1]}" in bundle["text/plain"]
 
 
@@ -197,8 +204,14 @@ def test_a_scene_on_the_device(opened):
 
 
 def test_words():
+    """What a terminal shows: a line, however much there is."""
     scene = clshade.builtin("quads")
-    empty = replace(scene, meshes=(), lights=(), name="")
-    assert showing.scene_text(empty).startswith("Scene unnamed: 0 triangles, 0 meshes, 0 lights, ")
+    assert repr(replace(scene, meshes=(), lights=(), name="")).startswith(
+        "<Scene unnamed: 0 triangles, 0 meshes, 0 lights, "
+    )
     one = replace(scene, lights=scene.lights[:1], meshes=scene.meshes[:1])
-    assert ", 1 mesh, 1 light, " in showing.scene_text(one)
+    assert ", 1 mesh, 1 light, " in repr(one)
+    body = clshade.builtin("teapot").meshes[0]
+    assert repr(body) == "<Mesh body: 3,160 triangles, 1,601 vertices, 1 instance>"
+    assert repr(body.material.texture) == "<Texture body: 512x512, 3 channels>"
+    assert len(repr(body.material)) < 400
