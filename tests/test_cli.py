@@ -162,7 +162,8 @@ def test_bad_usage(capsys, arguments, parts):
 BAD = [
     (("no_such_file.obj",), ("no_such_file.obj",)),
     (("no_such_file.npy",), ("no_such_file.npy",)),
-    (("no_such_scene",), ("no_such_scene",)),
+    (("no_such_scene",), ("no_such_scene", "a file or one of", "teapot")),
+    (("n" * 5000,), ("nnn", "a file or one of")),
     (("scene.xyz",), ("scene.xyz", "extension", ".npy", ".obj")),
     (("empty.obj",), ("empty.obj",)),
     (("text.npy",), ("text.npy",)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -172,6 +173,8 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     else:
         from .. import loading
 
+        if not Path(name).suffix and not os.path.exists(name):
+            raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}")
         scene = loading.load(name, resolution=arguments.resolution, **options)
     taken = (time.perf_counter() - start) * 1e3
     telling.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")

@@ -20,7 +20,7 @@ MOST = 60  # layers in a figure
 _INCHES = 3.0  # a panel's longer side
 _TITLE = 0.45  # above it
 _COLUMNS = 4
-_LETTERS = 40  # of a line above a panel: as wide as the narrowest, six in a row
+_LETTERS = 18  # to an inch of a line above a panel
 
 
 class ShownFigure(Figure):
@@ -56,8 +56,9 @@ def draw_thumbnails(figure: Any, pictures: Mapping[str, Thumbnail], columns: int
     """The pictures, each with name and note, in rows of so many, into a figure or a part of one."""
     rows = math.ceil(len(pictures) / columns)
     panels = figure.subplots(rows, columns, squeeze=False).reshape(-1)
+    letters = max(12, int(_LETTERS * figure.bbox.width / figure.dpi / columns))
     for axes, (name, picture) in zip(panels, pictures.items(), strict=False):
-        show_pixels(axes, picture.pixels, f"{plain_text(name)}\n{textwrap.fill(picture.note, _LETTERS)}")
+        show_pixels(axes, picture.pixels, f"{plain_text(name)}\n{textwrap.fill(picture.note, letters)}")
     for axes in panels[len(pictures) :]:
         axes.set_axis_off()
 
