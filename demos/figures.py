@@ -21,6 +21,7 @@ import numpy as np  # noqa: E402
 import sheet  # noqa: E402
 
 import clshade  # noqa: E402
+from clshade.checks.tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.images import as_texture  # noqa: E402
 from clshade.scene import Scene  # noqa: E402
@@ -226,11 +227,7 @@ def _run(
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
-    folder = Path(options.out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: --out: expected a folder, found {error.strerror}") from None
+    folder = made_folder(options.out)
     importing = threading.Thread(target=sheet.prepare, daemon=True)
     importing.start()
     build_all(scene, figures)

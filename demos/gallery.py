@@ -17,7 +17,8 @@ import sheet  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade import exr, png  # noqa: E402
-from clshade.errors import ClshadeError, InputError  # noqa: E402
+from clshade.checks.tables import made_folder  # noqa: E402
+from clshade.errors import ClshadeError  # noqa: E402
 from clshade.inspection.thumbnails import thumbnails  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
@@ -52,12 +53,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", default=".", help="folder for gallery.png (default: this one)")
     options = parser.parse_args()
-    path = Path(options.out) / "gallery.png"
     try:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path.parent}: --out: expected a folder, found {error.strerror}") from None
+        path = made_folder(options.out) / "gallery.png"
         png.write(path, sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
     except ClshadeError as error:
         print(f"gallery.py: {' '.join(str(error).split())}", file=sys.stderr)
