@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -152,9 +153,10 @@ def start(folder: Path, *further: str) -> subprocess.Popen[str]:
 
 def descendants(pid: int) -> list[int]:
     found = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            found += [int(child), *descendants(int(child))]
+    with contextlib.suppress(OSError):  # a thread or process that has just ended
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                found += [int(child), *descendants(int(child))]
     return found
 
 
@@ -197,11 +199,39 @@ def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, nu
     assert f"{len(before)} there already" in out
 
 
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    return [pid for pid in descendants(process.pid) if b"spawn_main" in command_line(pid)]
+
+
+def command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def blocked(pid: int) -> int:
+    """The signals that a process holds back, as a mask."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.split("SigBlk:")[1].split()[0], 16)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_interrupts_wait_until_workers_have_started(tmp_path):
+    """Else an interrupt of the whole group, as by a terminal, shows a traceback of each worker's imports."""
+    process = start(tmp_path)
+    wait_until(lambda: workers_of(process) or process.poll() is not None)
+    assert [blocked(pid) >> (signal.SIGINT - 1) & 1 for pid in workers_of(process)[:1]] == [1]
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "clshade: interrupted\n")
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_a_run_says_that_a_worker_was_killed(tmp_path):
     process = start(tmp_path, "--frames", f"1..{5 * COUNT}")
     wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
-    workers = [pid for pid in descendants(process.pid) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    workers = workers_of(process)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
     out, err = process.communicate(timeout=120)

@@ -12,10 +12,13 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from types import FrameType
 
 from .. import interrupts
 from ..errors import WorkerError
@@ -63,11 +66,32 @@ def _end_all() -> None:
 
 @contextlib.contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """A process started in the block gets no interrupt until it can handle one (`interrupts.leave_soon`)."""
+    """An interrupt in the block is handled after it: half a start would leave a process that nobody ends. A process
+    started in it gets none until it can handle one (`interrupts.leave_soon`)."""
+    handler = signal.getsignal(signal.SIGINT)
+    late: list[tuple[int, FrameType | None]] = []
+    handled_here = callable(handler) and threading.current_thread() is threading.main_thread()
+    if handled_here:
+        signal.signal(signal.SIGINT, lambda number, frame: late.append((number, frame)))
+    try:
+        with _interrupts_blocked():
+            yield
+    finally:
+        if handled_here:
+            signal.signal(signal.SIGINT, handler)
+    if callable(handler) and late:
+        handler(*late[0])
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """For processes started in the block: they inherit the mask."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    resource_tracker.ensure_running()  # starting it, as the first process would, lets interrupts through again
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
@@ -82,8 +106,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, threads), daemon=True)
-        with _interrupts_held_back():
-            self.process.start()
+        self.process.start()
         theirs.close()  # else the pipe would outlive the process
         self.task: Task | None = None
 
@@ -146,8 +169,9 @@ class _Crew:
             worker.process.join(PATIENCE)
 
     def _start(self) -> _Worker:
-        worker = _Worker(self._threads)
-        self._workers.append(worker)
+        with _interrupts_held_back():
+            worker = _Worker(self._threads)
+            self._workers.append(worker)
         return worker
 
     def _employ(self, worker: _Worker, task: Task) -> None:
