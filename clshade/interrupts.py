@@ -22,6 +22,7 @@ GRACE = 0.3  # seconds that Python has to end the process in its own way
 CLEARING = 1.0  # seconds that it may then take to say so and to remove what is temporary
 
 _told = threading.Lock()
+_stderr: int | None = None  # standard error as it was at first: what prints by itself is kept from it at times (exr.py)
 _at_end: list[Callable[[], None]] = []
 _late = threading.Event()
 
@@ -44,15 +45,23 @@ def at_end(clear: Callable[[], None]) -> Callable[[], None]:
 
 def tell() -> None:
     """Says so, in one line on standard error; once in a process."""
-    if _told.acquire(blocking=False):
+    if not _told.acquire(blocking=False):
+        return
+    if _stderr is None:
         print("clshade: interrupted", file=sys.stderr)
+        return
+    with contextlib.suppress(OSError):
+        os.write(_stderr, b"clshade: interrupted\n")
 
 
 def leave_soon(*, quiet: bool = False) -> None:
     """From now on an interrupt ends the process even if its main thread does not get to handle it. For the main thread
     of a process that runs a command, before it starts others. quiet: another process says so."""
+    global _stderr
     if quiet:
         _told.acquire(blocking=False)
+    with contextlib.suppress(OSError):
+        _stderr = os.dup(2)
     signal.signal(signal.SIGINT, _raise)
     if not hasattr(signal, "pthread_sigmask"):
         return

@@ -54,7 +54,8 @@ def test_without_flip_evaluator(monkeypatch):
 
 @pytest.mark.skipif(not image_errors.has_flip(), reason="flip-evaluator is not installed")
 def test_flip():
-    assert flip(flat(0.5), flat(0.5)) == pytest.approx(0.0, abs=1e-6)
+    assert flip(flat(0.5), flat(0.5)) == 0.0
+    assert flip(flat(0.5), flat(0.5) + 1e-9) == pytest.approx(0.0, abs=1e-6)
     assert flip(flat(1.0), flat(0.0)) > 0.9
     near, far = (flip(flat(0.5 + d), flat(0.5)) for d in (0.01, 0.2))
     assert 0.0 < near < far < 1.0

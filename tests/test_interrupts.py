@@ -40,6 +40,8 @@ WRITING = "import os; os.fsync = stuck"
 # What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
 WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
 CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
+# As where OpenEXR reads: what it prints by itself is kept from standard error meanwhile.
+UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
 FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
 THROWN_AWAY = "from clshade import runtimes; runtimes.SLOTS = 0; " + BUILDING
 
@@ -94,7 +96,7 @@ def assert_ends_soon(process: subprocess.Popen[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "hook", [BUILDING, WRITING, WAITING, FAILING], ids=["building", "writing", "waiting", "failing"]
+    "hook", [BUILDING, WRITING, WAITING, FAILING, UNHEARD], ids=["building", "writing", "waiting", "failing", "unheard"]
 )
 def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, hook):
     assert_ends_soon(start(folder, tmp_path / "cache", hook))
