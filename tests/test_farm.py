@@ -58,7 +58,7 @@ def test_frames(text, numbers, ends):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a", "1-5", "1...5", "5..1", "1..5..0", "-3..3", "1..", "1,,2", "1..999999999", "9" * 40, "1.5", "²"]
+    "text", ["", "a", "1-5", "1...5", "5..1", "1..5..0", "-3..3", "1..", "1,,2", "1..1000000000", "9" * 40, "1.5", "²"]
 )
 def test_refused_frames(text):
     with pytest.raises(InputError, match=r"^--frames: expected "):
@@ -73,12 +73,13 @@ def test_refused_frames(text):
         ("###.png", 0, "000"),
         ("v1.2.#.exr", 10, "v1.2.10"),
         ("take#3/out.##.exr", 4, "take#3/out.04"),
+        ("/a/#", 4, "/a/4"),
+        ("a.exr.#.PNG", 4, "a.exr.4"),
         ("single.exr", 9, "single"),
     ],
 )
 def test_file_names(text, number, stem):
-    paths = parse_pattern(text, 1).paths(number)
-    assert paths == (Path(f"{stem}.exr"), Path(f"{stem}.png"))
+    assert parse_pattern(text, 1).names(number) == (f"{stem}.exr", f"{stem}.png")
 
 
 @pytest.mark.parametrize(("text", "count"), [("out.exr", 2), ("a#b#.exr", 1), ("##/out.exr", 2), ("##/", 1), ("", 1)])
@@ -110,6 +111,18 @@ def test_some_frames_of_a_turn_are_where_all_of_them_are():
     assert (later[9].eye == BASE.eye).all()
     every_second = parse_frames("1..8..2")
     assert (orbit(BASE, [7], every_second)[7].eye == whole[7].eye).all()
+
+
+def test_cameras_of_a_turn_are_made_when_they_are_asked_for(monkeypatch):
+    made: list[float] = []
+    monkeypatch.setattr("clshade.farm.cameras.moved", lambda camera, azimuth: made.append(azimuth))
+    turn = parse_frames("1..1000000")
+    found = orbit(BASE, turn.numbers, turn)
+    assert (len(found), next(iter(found)), 0 in found) == (1_000_000, 1, False)
+    assert found[250_001] is None
+    assert made == [90.0]
+    with pytest.raises(KeyError):
+        found[0]
 
 
 def test_a_turn_the_other_way_and_a_part_of_one():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
-from dataclasses import fields, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from ..atomic import Path, shown
@@ -20,14 +20,36 @@ MAX_BYTES = 1 << 27
 FIELDS = (*(field.name for field in fields(Camera)), "fov")
 
 
-def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> dict[int, Camera]:
-    """The cameras of frames on a circle about `up` through what the camera looks at.
+def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> Mapping[int, Camera]:
+    """The cameras of frames on a circle about `up` through what the camera looks at, made when they are asked for: a
+    million would take minutes.
 
     turn: the frames that go round by `degrees` (above 0: to the camera's right); its first one is `camera` itself, and
     the one after its last would be the first again after a whole turn, so that a film of them has no standstill.
     """
-    angles = {number: math.fmod(degrees * (number - turn.first) / turn.span, 360.0) for number in numbers}
-    return {number: moved(camera, azimuth=angle) for number, angle in angles.items()}
+    return _Orbit(camera, dict.fromkeys(numbers), turn, degrees)
+
+
+@dataclass(frozen=True, eq=False)
+class _Orbit(Mapping[int, Camera]):
+    """numbers: the keys, in order."""
+
+    camera: Camera
+    numbers: Mapping[int, None]
+    turn: Frames
+    degrees: float
+
+    def __getitem__(self, number: int) -> Camera:
+        if number not in self.numbers:
+            raise KeyError(number)
+        angle = math.fmod(self.degrees * (number - self.turn.first) / self.turn.span, 360.0)
+        return moved(self.camera, azimuth=angle)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.numbers)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
 
 
 def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:

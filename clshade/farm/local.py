@@ -7,6 +7,7 @@ of its processes dies, and a Pool waits forever for what it was doing.)
 from __future__ import annotations
 
 import contextlib
+import itertools
 import multiprocessing
 import os
 import pickle
@@ -14,8 +15,8 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import FrameType
@@ -35,17 +36,19 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def draw_locally(job: Job, tasks: Sequence[Task], workers: int) -> Iterator[Drawn | Lost]:
+def draw_locally(job: Job, tasks: Iterable[Task], workers: int) -> Iterator[Drawn | Lost]:
     """Draws the tasks and gives what came of each as soon as it is there, in any order.
 
     Raises what `FrameWriter.draw` did in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
     Whatever ends the iteration early ends the workers.
     """
-    crew = _Crew(job, min(workers, len(tasks)))
+    waiting = iter(tasks)
+    first = list(itertools.islice(waiting, workers))
+    crew = _Crew(job, len(first))
     _crews.add(crew)
     interrupted = False
     try:
-        yield from crew.draw(tasks)
+        yield from crew.draw(first, waiting)
     except KeyboardInterrupt:
         interrupted = True
         crew.interrupt()  # they end by themselves; `_end_all` waits for that, when everything has been said
@@ -131,16 +134,15 @@ class _Crew:
 
     def __init__(self, job: Job, size: int) -> None:
         self._job = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
-        self._threads = max(1, processors() // size)
+        self._threads = max(1, processors() // max(1, size))
         self._workers: list[_Worker] = []
-        self._size = size
 
-    def draw(self, tasks: Sequence[Task]) -> Iterator[Drawn | Lost]:
-        waiting = deque(tasks)
+    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[Drawn | Lost]:
+        """first: what the workers begin with, one task each."""
         attempts: Counter[int] = Counter()
-        started = [self._start() for _ in range(min(self._size, len(waiting)))]
-        for worker in started:
-            self._employ(worker, waiting.popleft())
+        started = [self._start() for _ in first]
+        for worker, begun in zip(started, first, strict=True):
+            self._employ(worker, begun)
         while busy := {worker.pipe: worker for worker in self._workers if worker.task is not None}:
             for pipe in wait(list(busy), POLL):
                 worker = busy[pipe]  # type: ignore[index]
@@ -160,10 +162,11 @@ class _Crew:
                     continue
                 if isinstance(answer, Exception):
                     raise answer
-                if waiting:
-                    worker.begin(waiting.popleft())
-                else:
+                following = next(waiting, None)
+                if following is None:
                     self._dismiss(worker)
+                else:
+                    worker.begin(following)
                 yield answer
         for worker in self._workers:
             worker.process.join(PATIENCE)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import stat
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,59 +100,64 @@ def draw_frames(
     saving = dict(saving or {})
     check = {name: value for name, value in saving.items() if name in ("tonemap", "exposure", "compression")}
     scene, settled = settle(scene, **settings)
-    paths = {number: pattern.paths(number) for number in cameras}
-    left = [number for number in cameras if overwrite or not all(map(_is_there, paths[number]))]
+    left = [number for number in cameras if overwrite or not all(map(_is_there, pattern.names(number)))]
     if left:
-        check_output(paths[left[0]][0], **check)
+        check_output(pattern.names(left[0])[0], **check)
+    skipped = len(cameras) - len(left)
     job = Job(scene, settled, device, saving)
-    tasks = [Task(number, cameras[number], paths[number][0].absolute()) for number in left]
-    drawn, lost = [], 0
-    with _Progress(len(cameras), len(cameras) - len(tasks), progress) as bar:
-        for each in _results(job, tasks, workers, scheduler, timeout) if tasks else ():
+    tasks = (Task(number, cameras[number], Path(pattern.names(number)[0]).absolute()) for number in left)
+    draw_ms: list[float] = []
+    drawn_by: set[str] = set()
+    size = lost = 0
+    with _Progress(len(cameras), skipped, progress) as bar:
+        for each in _results(job, tasks, workers, scheduler, timeout) if left else ():
             if isinstance(each, Lost):
                 lost += 1
                 many = len(each.numbers) > 1
                 numbers = ", ".join(map(str, each.numbers))
                 bar.say(f"frame{'s' * many} {numbers} drawn again: the worker {each.reason}")
                 continue
-            drawn.append(each)
+            draw_ms.append(each.render_ms + each.save_ms)
+            drawn_by.add(each.worker)
+            size += each.size
             bar.advance(each)
     return Run(
-        drawn=len(drawn),
-        skipped=len(cameras) - len(tasks),
+        drawn=len(draw_ms),
+        skipped=skipped,
         lost=lost,
         seconds=time.perf_counter() - start,
-        draw_ms=_median([each.render_ms + each.save_ms for each in drawn]),
-        size=sum(each.size for each in drawn),
-        workers=len({each.worker for each in drawn}),
-        first=str(paths[min(paths)][0]),
-        last=str(paths[max(paths)][0]),
+        draw_ms=_median(draw_ms),
+        size=size,
+        workers=len(drawn_by),
+        first=pattern.names(min(cameras))[0],
+        last=pattern.names(max(cameras))[0],
     )
 
 
-def _is_there(path: Path) -> bool:
+def _is_there(name: str) -> bool:
     """Whether a file is; an empty one, which other programs leave, is no frame."""
     try:
-        return path.is_file() and path.stat().st_size > 0
-    except OSError:
+        found = os.stat(name)
+    except (OSError, ValueError):  # a null character, which `check_output` refuses
         return False
+    return stat.S_ISREG(found.st_mode) and found.st_size > 0
 
 
 def _results(
-    job: Job, tasks: Sequence[Task], workers: int, scheduler: str | None, timeout: float
+    job: Job, tasks: Iterable[Task], workers: int, scheduler: str | None, timeout: float
 ) -> Iterator[Drawn | Lost]:
     if scheduler is not None:
         if importlib.util.find_spec("distributed") is None:
             raise InputError('--scheduler: expected dask.distributed, found none: `pip install "clshade[cluster]"`')
         from .cluster import draw_on_cluster
 
-        return draw_on_cluster(job, tasks, scheduler, timeout)
+        return draw_on_cluster(job, list(tasks), scheduler, timeout)
     if workers > 1:
         return draw_locally(job, tasks, workers)
     return _draw_here(job, tasks)
 
 
-def _draw_here(job: Job, tasks: Sequence[Task]) -> Iterator[Drawn]:
+def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[Drawn]:
     with FrameWriter(job) as writer:
         for task in tasks:
             yield writer.draw(task)
