@@ -37,6 +37,18 @@ def encode(file: BinaryIO, rgb8: np.ndarray) -> None:
     Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
 
 
+def resolution(path: Path) -> tuple[int, int] | None:
+    """Columns and rows as the header says, nothing else being read; None where there is no PNG that can be read."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(24)  # signature, the first chunk's length and name, columns, rows
+    except OSError:
+        return None
+    if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
+        return None
+    return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:], "big")
+
+
 def read(path: Path) -> np.ndarray:
     """Read a PNG as uint8 (M, N, 3), row 0 at the top.
 

@@ -235,6 +235,10 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert (code, found["drawn"], found["skipped"], found["frames"]) == (0, 2, 1, 3)
     assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
 
+    assert "warning" not in err
+    err = run(capsys, *command, "--resolution", "64,48")[2]
+    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+
     (tmp_path / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
     assert (tmp_path / "out.0009.exr").read_bytes() == b"something else"

@@ -149,3 +149,14 @@ def test_a_header_that_claims_too_many_pixels(path):
     header = b"IHDR" + struct.pack(">II", 30000, 30000) + data[24:29]
     path.write_bytes(data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:])
     assert "at most 268435456 pixels, found 30000 x 30000" in bad(path)
+
+
+def test_the_resolution_of_a_file(tmp_path):
+    path = tmp_path / "a.png"
+    png.write(path, np.zeros((3, 500, 3), np.uint8))
+    assert png.resolution(path) == (500, 3)
+    path.write_bytes(path.read_bytes()[:23])
+    assert png.resolution(path) is None
+    path.write_bytes(b"something else, and long enough")
+    assert png.resolution(path) is None
+    assert png.resolution(tmp_path) is None

@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import telling
+from .. import png, telling
 from ..camera import Camera
 from ..errors import InputError
 from ..frame import check_output
 from ..renderer import settle
 from ..scene import Scene
 from ..validation import integer, number
-from .frames import parse_pattern
+from .frames import Pattern, parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Task
 from .local import MOST_WORKERS, draw_locally
 
@@ -104,6 +104,9 @@ def draw_frames(
     if left:
         check_output(pattern.names(left[0])[0], **check)
     skipped = len(cameras) - len(left)
+    if skipped:
+        drawn_now = set(left)
+        _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
     job = Job(scene, settled, device, saving)
     tasks = (Task(number, cameras[number], Path(pattern.names(number)[0]).absolute()) for number in left)
     draw_ms: list[float] = []
@@ -141,6 +144,15 @@ def _is_there(name: str) -> bool:
     except (OSError, ValueError):  # a null character, which `check_output` refuses
         return False
     return stat.S_ISREG(found.st_mode) and found.st_size > 0
+
+
+def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera]) -> None:
+    """Warns of a frame that is there in another resolution, of an earlier run with other options."""
+    name = pattern.names(number)[1]
+    found, expected = png.resolution(name), cameras[number].resolution
+    if found is not None and found != expected:
+        there, here = ("{}x{}".format(*size) for size in (found, expected))
+        telling.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")
 
 
 def _results(
