@@ -24,7 +24,7 @@ from clshade.scenes import builtin
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 
 COUNT = 40
-PATIENT = 60.0  # seconds, for busy machines
+PATIENT = 120.0  # seconds, for busy machines
 
 pytestmark = [
     pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here"),
@@ -86,8 +86,8 @@ def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATI
 
 
 def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, capsys, monkeypatch):
-    with pytest.raises(InputError, match=r"expected workers within 1 s .*`dask worker tcp://.*found none$"):
-        draw_all(cluster.address, job(), tasks(tmp_path), 1.0)
+    with pytest.raises(InputError, match=r"expected workers within 5 s .*`dask worker tcp://.*found none$"):
+        draw_all(cluster.address, job(), tasks(tmp_path), 5.0)
     worker = cluster.worker()
     with pytest.raises(DeviceError, match=r"^frame 1: no OpenCL device matches 'no-such'"):
         draw_all(cluster.address, job(device="no-such"), tasks(tmp_path, 1))
@@ -115,13 +115,14 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     worker.send_signal(signal.SIGKILL)
     worker.wait()
     with pytest.raises((InputError, WorkerError), match="worker"):
-        draw_all(cluster.address, job(), tasks(tmp_path, 2), 2.0)
+        draw_all(cluster.address, job(), tasks(tmp_path, 2), 5.0)
 
 
 def test_the_last_worker_and_then_the_scheduler_are_lost(tmp_path, cluster):
     for lost, text in (("worker", "no worker is left"), ("scheduler", "gone|no worker is left")):
         worker = cluster.worker()
-        results = cluster_module.draw_on_cluster(job(), tasks(tmp_path, 800), cluster.address, 3.0 if lost else PATIENT)
+        cluster.wait_for_workers(1)
+        results = cluster_module.draw_on_cluster(job(), tasks(tmp_path, 800), cluster.address, 5.0)
         next(results)
         process = worker if lost == "worker" else cluster.scheduler
         process.send_signal(signal.SIGKILL)
@@ -158,12 +159,12 @@ def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
         line, seconds = refused(capsys, address)
         assert address in line
         assert "2 s" in line
-        assert seconds < 20.0
+        assert seconds < PATIENT
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         line, seconds = refused(capsys, f"tcp://127.0.0.1:{silent.getsockname()[1]}")
-        assert seconds < 20.0
+        assert seconds < PATIENT
     assert "tcp://no-such-host.invalid:8786" in refused(capsys, "tcp://no-such-host.invalid:8786")[0]
     assert not list(tmp_path.iterdir())
 

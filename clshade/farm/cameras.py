@@ -61,7 +61,7 @@ def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
     owner = shown(path)
     listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)
     if not isinstance(listed, list) or not listed:
-        found = "an empty list" if listed == [] else f"{type(listed).__name__} {found_text(listed)}"
+        found = "an empty list" if listed == [] else "an object" if isinstance(listed, dict) else found_text(listed)
         raise complaint(owner, "JSON", "a list of cameras, [{...}, ...]", found)
     if len(listed) > MOST:
         raise complaint(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
