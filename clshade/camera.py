@@ -29,6 +29,14 @@ def checked_resolution(owner: str, value: Any) -> tuple[int, int]:
     )
 
 
+def height_seen(who: str, name: str, degrees: Any) -> float:
+    """How high the image is at distance 1, of a vertical field of view. Raises InputError, which names `who` and `name`."""
+    angle = number(who, name, degrees)
+    if not 1e-6 <= angle < 180.0:
+        raise refuse(who, name, "degrees from 1e-6 to less than 180", degrees)
+    return 2.0 * math.tan(math.radians(angle) / 2.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A pinhole camera.
@@ -78,11 +86,8 @@ class Camera:
 
     @classmethod
     def from_fov(cls, eye: Any, lookat: Any, up: Any, fov: float, resolution: tuple[int, int] = (800, 600)) -> Camera:
-        """A camera with square pixels from its vertical field of view, in degrees, between 0 and 180."""
-        fov = number("Camera.from_fov", "fov", fov, above=0.0)
-        if fov >= 180.0:
-            raise refuse("Camera.from_fov", "fov", "degrees between 0 and 180", fov)
-        height = 2.0 * math.tan(math.radians(fov) / 2.0)
+        """A camera with square pixels from its vertical field of view, in degrees, from 1e-6 to less than 180."""
+        height = height_seen("Camera.from_fov", "fov", fov)
         columns, count_rows = checked_resolution("Camera.from_fov", resolution)
         return cls(eye, lookat, up, 1.0, (height, height * columns / count_rows), (columns, count_rows))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .camera import Camera
+from .camera import Camera, height_seen
 from .geometry import camera_axes
 from .validation import Array, number, refuse, vector
 
@@ -36,7 +36,7 @@ def moved(
     position, focal_point, up: 3-vectors, world space, in place of eye, lookat and up.
     azimuth, elevation: degrees by which the eye goes round the focal point: to its right about `up`, and upwards
         (elevation stays short of the poles: the sum with the camera's own must lie between -90 and 90).
-    view_angle: vertical field of view, degrees between 0 and 180; pixels become square.
+    view_angle: vertical field of view, degrees from 1e-6 to less than 180; pixels become square.
     orthographic: parallel projection of what the perspective camera sees at the focal point's distance.
     Raises InputError for refused numbers.
     """
@@ -55,11 +55,8 @@ def moved(
         offset = _rotated(_rotated(offset, right, -elevation), up_axis, azimuth)
         camera = replace(camera, eye=camera.lookat + offset)
     if view_angle is not None:
-        angle = number(who, "view angle", view_angle, above=0.0)
-        if angle >= 180.0:
-            raise refuse(who, "view angle", "degrees between 0 and 180", view_angle)
         columns, rows = camera.resolution
-        height = 2.0 * math.tan(math.radians(angle) / 2.0)
+        height = height_seen(who, "view angle", view_angle)
         camera = replace(camera, focal=1.0, plane=(height, height * columns / rows))
     if orthographic and not camera.orthographic:
         scale = float(np.linalg.norm(offset)) / camera.focal

@@ -9,19 +9,23 @@ from clshade.camera import Camera
 from clshade.errors import InputError
 from clshade.loading import load
 from clshade.renderer import settle
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0))
 EYE = ((0, 0, 0), (0, 0, 1), (0, 1, 0))
 K, POSE = np.diag([9.0, 9.0, 1.0]), np.eye(4)
 SCENE = Scene((), CAMERA)
 IMAGE = np.zeros((2, 2, 3))
+LAYER_NAMES = ", ".join(LAYERS)
 TRIANGLE = np.eye(3), [[0, 1, 2]]
 
 CASES = {
-    "layers=5": (lambda: Settings(layers=5), "Settings: layers: expected names of Z, id, found 5"),
-    "layers=None": (lambda: Settings(layers=None), "Settings: layers: expected names of Z, id, found None"),
-    "layers=(5,)": (lambda: Settings(layers=(5,)), "Settings: layers: expected one of Z, id, found 5"),
+    "layers=5": (lambda: Settings(layers=5), f"Settings: layers: expected names of {LAYER_NAMES}, or all, found 5"),
+    "layers=None": (
+        lambda: Settings(layers=None),
+        f"Settings: layers: expected names of {LAYER_NAMES}, or all, found None",
+    ),
+    "layers=(5,)": (lambda: Settings(layers=(5,)), f"Settings: layers: expected one of {LAYER_NAMES}, all, found 5"),
     "cull": (lambda: Settings(cull="false"), "Settings: cull: expected True or False, found 'false'"),
     "cull=0": (lambda: Settings(cull=0), "Settings: cull: "),
     "sample_shading": (lambda: Settings(sample_shading=np.array([0, 1])), "Settings: sample_shading: "),

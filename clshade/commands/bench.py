@@ -37,14 +37,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.workers or arguments.scheduler:
-        return _run_crews(arguments)
     from ..checks import bench
     from ..checks.peers import DEFAULT
 
     if arguments.list:
         print(bench.listing())
         return DONE
+    if arguments.workers or arguments.scheduler:
+        return _run_crews(arguments)
     named = [name.strip() for name in (arguments.peers or "").split(",")]
     peers = DEFAULT if arguments.peers is None else () if named == ["none"] else tuple(named)
     passed = bench.run(
