@@ -1,7 +1,8 @@
-"""Which OpenCL devices the tests run on: every one that works."""
+"""Which OpenCL devices the tests run on: every one that works, or those of CLSHADE_TEST_PLATFORM, part of a name."""
 
 from __future__ import annotations
 
+import os
 from functools import cache
 
 import pytest
@@ -19,7 +20,8 @@ def needs_float64(device: Device) -> None:
 @cache
 def working_devices() -> tuple[str, ...]:
     """Indices "P:D" of the devices that work; empty where there is none."""
+    platform = os.environ.get("CLSHADE_TEST_PLATFORM", "").lower()
     try:
-        return tuple(info.index for info in list_devices() if info.works)
+        return tuple(info.index for info in list_devices() if info.works and platform in info.platform.lower())
     except DeviceError:
         return ()

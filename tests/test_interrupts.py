@@ -141,7 +141,7 @@ def undisturbed(opened, tmp_path_factory):
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95])
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.6, 0.8, 0.95])
 def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
     """With an empty cache; share: of the time that a run takes. Each file is the earlier or the new one, whole; after an
     interrupt all are earlier ones or all new."""
