@@ -9,17 +9,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import farm_jobs
 import pytest
 from clusters import Cluster
 from devices import working_devices
+from farm_jobs import job
 
 from clshade import cli
 from clshade.errors import DeviceError, InputError, WorkerError
-from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
-from clshade.scene import Settings
-from clshade.scenes import builtin
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 
@@ -32,15 +30,8 @@ pytestmark = [
 ]
 
 
-def job(**changes: object) -> Job:
-    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
-    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
-
-
 def tasks(folder: Path, count: int = COUNT) -> list[Task]:
-    frames = parse_frames(f"1..{count}")
-    cameras = orbit(builtin("icosphere").camera.with_resolution((64, 48)), frames.numbers, frames)
-    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+    return farm_jobs.tasks(folder, count, (64, 48))
 
 
 @pytest.fixture

@@ -12,17 +12,15 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import farm_jobs
 import pytest
 from devices import working_devices
+from farm_jobs import job
 
 from clshade import exr
 from clshade.errors import DeviceError, OutputError, WorkerError
-from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
 from clshade.farm.local import ATTEMPTS, draw_locally
-from clshade.scene import Settings
-from clshade.scenes import builtin
 
 ROOT = Path(__file__).resolve().parent.parent
 COUNT = 24
@@ -33,16 +31,8 @@ pytestmark = [
 ]
 
 
-def job(**changes: object) -> Job:
-    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
-    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
-
-
 def tasks(folder: Path, count: int = COUNT) -> list[Task]:
-    frames = parse_frames(f"1..{count}")
-    camera = builtin("icosphere").camera.with_resolution((32, 24))
-    cameras = orbit(camera, frames.numbers, frames)
-    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+    return farm_jobs.tasks(folder, count, (32, 24))
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -1,0 +1,23 @@
+"""A small job for several processes or a cluster to draw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames
+from clshade.farm.job import Job, Task
+from clshade.scene import Settings
+from clshade.scenes import builtin
+
+
+def job(**changes: object) -> Job:
+    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
+    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
+
+
+def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:
+    """Frames 1 to `count` of a turn."""
+    frames = parse_frames(f"1..{count}")
+    cameras = orbit(builtin("icosphere").camera.with_resolution(resolution), frames.numbers, frames)
+    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
