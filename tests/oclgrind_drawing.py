@@ -122,7 +122,7 @@ def draw(form: str) -> float:
             for _ in range(2 if scene.background is None else 1):  # the second frame finds all memory used
                 frame = renderer.render()
             expected = oracle.render(frame.scene, frame.settings)
-            worst = max(worst, compare.assert_frame(frame, expected, frame.scene, frame.settings))
+            worst = max(worst, compare.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
             ties = compare.assert_same_ids(frame, expected, frame.scene, frame.settings)
             layers = oracle.render_layers(frame.scene, frame.settings)
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)

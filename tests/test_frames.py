@@ -46,7 +46,7 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
     """Ids exact, depths within 4 ulp, colors within DESIGN's bound. Returns the largest error, in bounds."""
     expected = oracle.render(frame.scene, frame.settings)
-    return compare.assert_frame(frame, expected, frame.scene, frame.settings, factor)
+    return compare.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
 
 
 # Against the oracle

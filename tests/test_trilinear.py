@@ -44,7 +44,7 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 
 def assert_equals_oracle(frame: Frame) -> float:
     expected = oracle.render(frame.scene, frame.settings)
-    return compare.assert_frame(frame, expected, frame.scene, frame.settings)
+    return compare.assert_frame(frame, expected, frame.scene, frame.settings).bounds
 
 
 # The level of detail

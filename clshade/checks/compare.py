@@ -8,7 +8,7 @@ top, as `clshade.frame.Frame` has them. Shape, type and finiteness are checked b
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,18 @@ ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
 FAST_PER_TEXEL = 16.0
 # float64 in float64, as the oracle does: some four roundings of each side, to 2^-53 of the largest coordinate, times texels.
 FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
+
+
+class Agreement(NamedTuple):
+    """How far a frame agrees with the oracle.
+
+    bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
+    tie or left out by the caller. gates: (M, N) bool, pixels excepted where a highlight may be decided either way.
+    """
+
+    bounds: float
+    ties: np.ndarray
+    gates: np.ndarray
 
 
 def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
@@ -194,7 +206,15 @@ def assert_colors_within(
     light budget; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
     """
     assert_array("rgb", rgb, oracle.rgb.shape, dtype)
-    looked_at = np.ones(oracle.id.shape, bool) if skip is None else ~skip
+    skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
+    return _colors_agree(rgb, oracle, factor, precision, gate_fraction, skipped).bounds
+
+
+def _colors_agree(
+    rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: np.ndarray
+) -> Agreement:
+    """The comparison of `assert_colors_within`."""
+    looked_at = ~skip
     error, ratio = color_errors(rgb, oracle, precision)
     jumps = looked_at & oracle.gate & (ratio > factor)
     if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.id))):
@@ -204,7 +224,7 @@ def assert_colors_within(
     if bad.any():
         columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
         raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
-    return float(ratio[looked_at & ~oracle.gate].max(initial=0.0))
+    return Agreement(float(ratio[looked_at & ~oracle.gate].max(initial=0.0)), skip, jumps)
 
 
 def depth_roundings(Z: np.ndarray) -> int:
@@ -253,8 +273,8 @@ def assert_frame(
     *,
     gate_fraction: float = 0.01,
     skip: np.ndarray | None = None,
-) -> float:
-    """Ids, coverage, depths and colors of a frame. Returns the largest color error, in bounds.
+) -> Agreement:
+    """Ids, coverage, depths and colors of a frame.
 
     factor: None: what the settings' precision means. gate_fraction: see `assert_colors_within`. skip: (M, N) pixels not
     to look at.
@@ -266,5 +286,5 @@ def assert_frame(
     if settings.samples > 1:
         off = color_errors(frame.rgb, oracle, precision)[1] > factor
         ties = ties | depth_ties(scene, settings, off & ~ties)
-    options: dict[str, Any] = {"dtype": dtype, "precision": precision, "gate_fraction": gate_fraction}
-    return assert_colors_within(frame.rgb, oracle, factor, skip=ties, **options)
+    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
+    return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)

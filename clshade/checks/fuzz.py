@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
-from .. import oracle, telling
-from ..device import Device, open_device
-from ..errors import InputError
+from .. import oracle
+from ..device import Device
 from ..features import OPTIONAL
 from ..frame import Frame
 from ..oracle import OracleFrame
@@ -42,11 +39,39 @@ class Failure:
         return f"{self.what} {self.number}: {self.reason}" + (f" [{self.shrunk}]" if self.shrunk else "")
 
 
-def draw(device: Device, drawn: Drawn) -> Frame:
+@dataclass
+class Tally:
+    """How much was compared. covered: pixels of the image that something covers. gates, ties, alphas: pixels that are
+    excepted, each proven: at a highlight's gate, at a depth tie, decided by an alpha at its cutoff. again: scenes that
+    were drawn with another number of lanes, too."""
+
+    scenes: int = 0
+    pixels: int = 0
+    covered: int = 0
+    gates: int = 0
+    ties: int = 0
+    alphas: int = 0
+    again: int = 0
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+    def __str__(self) -> str:
+        def share(count: int) -> str:
+            return f"{count} ({count / max(self.covered, 1) * 1e6:.1f} per million)"
+
+        return (
+            f"{self.pixels:,} pixels, {self.covered:,} covered; excepted: {share(self.gates)} at a gate, "
+            f"{share(self.ties)} tied, {share(self.alphas)} at an alpha cutoff; {self.again:,} scenes drawn by two "
+            "numbers of lanes"
+        )
+
+
+def draw(device: Device, drawn: Drawn, lanes: int | None = None) -> Frame:
     """The frame of a random scene, all layers; in float32 where the device has no float64. A warning of arithmetic is an
-    error."""
+    error. lanes: None: the kind's."""
     kind, settings = drawn.kind, drawn.settings
-    lanes = kind.lanes if device.is_cpu else None
+    lanes = (lanes or kind.lanes) if device.is_cpu else None
     if not device.has_fp64:
         settings = replace(settings, precision="float32")
     with warnings.catch_warnings():
@@ -76,9 +101,9 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
     return (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
 
 
-def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
+def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | None = None) -> str:
     """What is wrong with a frame, "" if nothing: ids and coverage exact but for proven ties, depths within roundings, colors
-    and further layers within their bounds, all finite."""
+    and further layers within their bounds, all finite. tally: counts what was compared."""
     scene, settings = frame.scene, frame.settings
     with np.errstate(all="ignore"):
         if expected is None:
@@ -86,11 +111,18 @@ def problem(frame: Frame, expected: OracleFrame | None = None) -> str:
         try:
             skip = _excused_by_alpha(frame, expected)
             # Images of a few pixels may lie at a gate wholly.
-            compare.assert_frame(frame, expected, scene, settings, gate_fraction=1.0, skip=skip)
+            found = compare.assert_frame(frame, expected, scene, settings, gate_fraction=1.0, skip=skip)
             ties = compare.assert_same_ids(frame, expected, scene, settings, skip=skip)
             assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
         except AssertionError as error:
             return " ".join(str(error).split())
+    if tally is not None:
+        alphas = 0 if skip is None else int(skip.sum())
+        tally.pixels += frame.alpha.size
+        tally.covered += int((frame.alpha > 0.0).sum())
+        tally.gates += int(found.gates.sum())
+        tally.ties += int(found.ties.sum()) - alphas
+        tally.alphas += alphas
     return ""
 
 
@@ -106,13 +138,30 @@ def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
     return None
 
 
-def scene_problem(device: Device, drawn: Drawn) -> str:
+def scene_problem(device: Device, drawn: Drawn, tally: Tally | None = None) -> str:
     """What is wrong with the frame of a scene, or with drawing it at all."""
     try:
         frame = draw(device, drawn)
+        if drawn.again and device.is_cpu:
+            other = draw(device, drawn, drawn.kind.other_lanes)
+            if tally is not None:
+                tally.again += 1
+            if reason := different_bits(frame, other):
+                return f"with {drawn.kind.other_lanes} lanes: {reason}"
     except Exception as error:  # a valid scene: whatever it meets is a finding
         return f"{type(error).__name__}: {' '.join(str(error).split())}"
-    return problem(frame)
+    return problem(frame, tally=tally)
+
+
+def different_bits(one: Frame, other: Frame) -> str:
+    """Where two frames have other bits, in words, "" where nowhere."""
+    for name, a, b in (("rgba", one.rgba, other.rgba), *((k, one[k], other[k]) for k in one.layers)):
+        if a.tobytes() != b.tobytes():
+            pixels = [np.ascontiguousarray(x).reshape(*one.alpha.shape, -1).view(np.uint8) for x in (a, b)]
+            row, column = np.argwhere((pixels[0] != pixels[1]).any(axis=-1))[0].tolist()
+            values = f"{a[row, column].tolist()} and {b[row, column].tolist()}"
+            return f"{name} has other bits, first at row, column {(row, column)}: {values}"
+    return ""
 
 
 def shrink(drawn: Drawn, failing: Callable[[Drawn], bool], seconds: float = SHRINKING) -> str:
@@ -154,12 +203,14 @@ def _without(scene: Scene, k: int, faces: slice) -> Scene:
     return replace(scene, meshes=tuple(meshes))
 
 
-def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0) -> list[Failure]:
+def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0, tally: Tally | None = None) -> list[Failure]:
     """The failures among random scenes."""
     found = []
     for number in numbers:
         drawn = scene_of(number, seed)
-        reason = scene_problem(device, drawn)
+        reason = scene_problem(device, drawn, tally)
+        if tally is not None:
+            tally.scenes += 1
         if reason:
             shrunk = shrink(drawn, lambda smaller: bool(scene_problem(device, smaller)))
             found.append(Failure("scene", number, reason, shrunk))
@@ -170,37 +221,3 @@ def file_failures(numbers: Iterable[int], seed: int = 0) -> list[Failure]:
     """The failures among mutated files."""
     reasons = ((number, mutations.problem(number, seed)) for number in numbers)
     return [Failure("file", number, reason) for number, reason in reasons if reason]
-
-
-def run(
-    device: str | None = None,
-    *,
-    scenes: int = 1000,
-    files: int = 1000,
-    seed: int = 0,
-    first: int = 0,
-    stream: TextIO | None = None,
-) -> bool:
-    """Draws scenes and loads files `first`, `first` + 1, ...; prints each failure as it is found, then the counts. True
-    if there is none. Raises InputError and DeviceError."""
-    from tqdm import tqdm
-
-    stream = stream or sys.stdout
-    for name, value in (("scenes", scenes), ("files", files), ("seed", seed), ("first", first)):
-        if value < 0:
-            raise InputError(f"fuzz: --{name}: expected a whole number from 0, found {value}")
-    failed = 0
-    jobs: list[tuple[str, int, Callable[[Iterable[int], int], list[Failure]]]] = [("files", files, file_failures)]
-    if scenes:
-        jobs.append(("scenes", scenes, partial(scene_failures, open_device(device))))
-    for name, count, failures in jobs:
-        start, wrong = time.perf_counter(), 0
-        # None: shown on a terminal alone.
-        hidden = telling.quiet() or None
-        for number in tqdm(range(first, first + count), desc=name, unit="", disable=hidden, leave=False):
-            for failure in failures([number], seed):
-                wrong += 1
-                tqdm.write(str(failure), file=stream)
-        failed += wrong
-        print(f"{count} {name} (seed {seed}): {wrong} failed, {time.perf_counter() - start:.1f} s", file=stream)
-    return failed == 0

@@ -15,9 +15,11 @@ from .. import scene as model
 from ..camera import Camera
 from ..scene import Material, Mesh, PointLight, Scene, Settings, Texture
 from ..validation import Array
+from .random_extremes import stiffened
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 
 BLOCK = 50  # scenes in a row that share a kind
+LANES = (1, 4, 8, 16)  # numbers of pixels that the kernels handle together; a CPU's own is the last
 KINDS = 80  # after so many blocks the kinds begin again
 
 
@@ -28,7 +30,8 @@ class Kind:
 
     specialize: whether the program leaves out what is not needed; then the flags after it hold too. Without, all that is
     optional is compiled in and scenes have it or not.
-    lanes: pixels handled together on a CPU; None: what suits the device. sampled: whether pixels have several samples.
+    lanes: pixels handled together on a CPU; None: what suits the device. other_lanes: another number, for scenes that are
+    drawn again to compare the bits. sampled: whether pixels have several samples.
     """
 
     settings: Settings
@@ -51,16 +54,18 @@ class Kind:
     several: bool
     lanes: int | None
     sampled: bool
+    other_lanes: int = 1
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One random scene and how to draw it."""
+    """One random scene and how to draw it. again: whether it is drawn with `kind.other_lanes` too, all bits compared."""
 
     number: int
     kind: Kind
     scene: Scene
     settings: Settings
+    again: bool
 
 
 def kind_of(seed: int, block: int) -> Kind:
@@ -117,7 +122,8 @@ def kind_of(seed: int, block: int) -> Kind:
     # than fast allows for, see `compare.allowed`.
     if often(0.3) and finer["precision"] == "float32" and not textured:
         finer["precision"] = "fast"
-    return replace(kind, settings=replace(settings, **finer))
+    other = int(rng.choice([lanes for lanes in LANES if lanes != (kind.lanes or LANES[-1])]))
+    return replace(kind, settings=replace(settings, **finer), other_lanes=other)
 
 
 def scene_of(number: int, seed: int = 0) -> Drawn:
@@ -161,7 +167,9 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
     samples = int(rng.integers(2, 17)) if kind.sampled else 1
     if kind.sampled and rng.random() < 0.05:
         samples = int(rng.integers(17, model.MAX_SAMPLES + 1))
-    return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples))
+    if number % 2 == 0:
+        scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double)
+    return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0)
 
 
 def _nothing(rng: Random) -> Any:
