@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from devices import needs_float64
 
 from clshade import layout
 from clshade.oracle import texture
@@ -56,6 +59,7 @@ def test_every_wrap_and_lookup_at_random_coordinates(device):
     rng = np.random.default_rng(1)
     count = 20_000
     uv = np.where(rng.random((count, 2)) < 0.5, rng.uniform(-0.2, 1.2, (count, 2)), rng.uniform(-300, 300, (count, 2)))
+    uv[::4] *= np.exp2(rng.uniform(0, 30, (count // 4, 2)))
     which = rng.integers(0, len(TEXTURES), count)
     found, expected = look_up(device, uv, which), expected_of(uv, which)
     size = np.array([chosen.image.shape[1::-1] for chosen in TEXTURES])[which]
@@ -120,19 +124,22 @@ def test_undefined_low_parts_count_as_zero(device):
 
 FOOTPRINT = """
 #include "texture.clh"
-kernel void texels(global const float *high, global const float *low, global const int *size, global const int *wrap,
-                   global const int *lookup, global float *out)
+kernel void texels(global const REAL *high, global const REAL *low, global const int *size, global const int *wrap,
+                   global const int *lookup, global REAL *out)
 {
     int i = get_global_id(0) * LANES;
     pairs u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
     Span span = texels_along(wrapped(u, wrap[i], lookup[i]), (ints)(size[i]), wrap[i], lookup[i]);
-    float fraction[LANES];
-    int first[LANES], second[LANES];
+    REAL fraction[LANES];
+    integer first[LANES], second[LANES];
     STORE_LANES(span.fraction, fraction);
     STORE_LANES(span.first, first);
     STORE_LANES(span.second, second);
-    for (int k = 0; k < LANES; ++k)
-        vstore3((float3)(first[k], second[k], fraction[k]), i + k, out);
+    for (int k = 0; k < LANES; ++k) {
+        out[3 * (i + k)] = first[k];
+        out[3 * (i + k) + 1] = second[k];
+        out[3 * (i + k) + 2] = fraction[k];
+    }
 }
 """
 
@@ -157,6 +164,67 @@ def test_indices_stay_in_the_image_and_fractions_between_0_and_1(device):
     found = Probe(device, FOOTPRINT)("texels", high, low, *per_block, width=3)
     assert ((found[:, :2] >= 0) & (found[:, :2] < per_block[0][:, None])).all()
     assert ((found[:, 2] >= 0.0) & (found[:, 2] <= 1.0)).all()
+
+
+def shares_of(u: Fraction, size: int, lookup: str, wrap: str) -> dict[int, Fraction]:
+    """How much each texel of a row counts at coordinate u, exactly."""
+    held = min(max(u, Fraction(0)), Fraction(1))
+    if lookup == "course":
+        x = held * (size - 1)
+    else:
+        x = (held if wrap == "clamp" else u) * size - Fraction(1, 2)
+    first, shares = math.floor(x), {}
+    for i, share in ((first, first + 1 - x), (first + 1, x - first)):
+        i = int(texture.wrapped_index(np.array(i), size, "clamp" if lookup == "course" else wrap))
+        shares[i] = shares.get(i, Fraction(0)) + share
+    return shares
+
+
+def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of all magnitudes that the host lets through, every other one within a few roundings of a whole number."""
+    rng = np.random.default_rng(4)
+    unit = np.finfo(kind).epsneg
+    high = (rng.choice([-1, 1], count) * np.exp2(rng.triangular(-4, 40, 40, count))).astype(kind)
+    high[::2] = np.rint(high[::2]) + (rng.integers(-2, 3, count // 2) * unit * np.abs(np.rint(high[::2]))).astype(kind)
+    low = (rng.choice([0.0, 1.0, -1.0, 0.5, 0.3], count) * unit * np.abs(high)).astype(kind)
+    return high + low, low - ((high + low) - high)
+
+
+@pytest.mark.parametrize(
+    ("precision", "lanes"),
+    [("float32", None), ("float32", 1), ("fast", None), ("float64", None)]
+    + [pytest.param(precision, 1, marks=pytest.mark.long) for precision in ("fast", "float64")],
+)
+def test_texels_across_the_seam(device, precision, lanes):
+    """How much each texel counts, at coordinates of 1/16 to 2^40, many of them just beside a whole number.
+
+    In units of 2^-24, of float64 2^-53: 1 for the fraction's rounding and 1 for a share's that is what it leaves of 1. As the
+    comment in texture.clh says, 1 unit of 2^-48 of the coordinate and 6 of what is within the image, times texels. `fast` takes
+    the high part alone, right to 1 unit, and rounds within the image three times: 4 units times texels.
+    """
+    if precision == "float64":
+        needs_float64(device)
+    kind = np.float64 if precision == "float64" else np.float32
+    unit, count = float(np.finfo(kind).epsneg), 16 * 120
+    high, low = seam_coordinates(kind, count)
+    rng = np.random.default_rng(5)
+    which = [rng.integers(len(WRAPS), size=count // 16), rng.integers(4, size=count // 16) // 3]
+    sizes = np.repeat(rng.choice([1, 2, 3, 8, 1000, 32768], count // 16), 16)
+    wraps, lookups = (np.repeat(a, 16) for a in which)
+    features = {"FAST": int(precision == "fast"), "DOUBLE": int(precision == "float64")}
+    numbers = np.array([layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in WRAPS])[wraps]
+    modes = np.array([layout.CONSTANTS[f"LOOKUP_{name}"] for name in ("STANDARD", "COURSE")])[lookups]
+    arrays = (a.astype(np.int32) for a in (sizes, numbers, modes))
+    found = Probe(device, FOOTPRINT, lanes=lanes, **features)("texels", high, low, *arrays, width=3, dtype=kind)
+    for k in range(count):
+        u = Fraction(float(high[k])) + (0 if precision == "fast" else Fraction(float(low[k])))
+        expected = shares_of(u, int(sizes[k]), ("standard", "course")[lookups[k]], WRAPS[wraps[k]])
+        first, second, fraction = (float(value) for value in found[k])
+        shares = {int(first): 1.0 - fraction}
+        shares[int(second)] = shares.get(int(second), 0.0) + fraction
+        wrong = max(abs(float(expected.get(i, 0)) - shares.get(i, 0.0)) for i in {*expected, *shares})
+        within = 4.0 * unit if precision == "fast" else unit * unit * (abs(float(u)) + 6.0)
+        assert wrong <= 2.0 * unit + within * int(sizes[k]), (float(high[k]), float(low[k]), k)
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)

@@ -57,6 +57,10 @@ kernel void unit(global const float *x, global const float *y, global const floa
 PAIRS(sum, pair_sum)
 PAIRS(product, pair_product)
 PAIRS(quotient, pair_quotient)
+
+// b.high is the period, the same in all lanes.
+#define MODULO(a, b) pair_modulo(a, lanes_least(b.high))
+PAIRS(modulo, MODULO)
 """
 
 
@@ -227,7 +231,7 @@ def test_pairs_keep_48_bits(probe, operands, name, most):
     expected = {"sum": a + b, "product": a * b, "quotient": a / b}[name]
     scale = np.abs(a) + np.abs(b) if name == "sum" else np.abs(expected)
     assert (np.abs(found.sum(axis=1) - expected) / scale).max() <= most * 2.0**-48
-    assert (np.abs(found[:, 1]) <= 2.0**-22 * np.abs(found[:, 0])).all()  # the low part is one
+    assert np.array_equal(found[:, 0], float32(found.sum(axis=1)))  # the low part is what the high one leaves
     assert (np.abs(found[:, 0] - expected) / scale).max() > 2.0**-26  # and needed
 
 
@@ -235,6 +239,24 @@ def test_pair_sum_of_canceling_high_parts(probe):
     """What is left when the high parts cancel is the difference of the low parts, exactly."""
     a, b = (float32([1.0, 3.0]), float32([2.0**-30, -(2.0**-27)])), (float32([-1.0, -3.0]), float32([2.0**-31, 0.0]))
     assert probe("sum", *a, *b, width=2).sum(axis=1).tolist() == [2.0**-30 + 2.0**-31, -(2.0**-27)]
+
+
+@pytest.mark.parametrize("period", [1.0, 2.0])
+def test_modulo(probe, period):
+    """What is left of a pair, 2^-48 of it off at most; where the low part reaches beyond a multiple of the period, too."""
+    magnitude = np.exp2(random().uniform(-10, 40, 60_000))
+    values = magnitude * random(seed=8).normal(size=len(magnitude))
+    whole = period * np.rint(values / period)
+    beside = whole + random(seed=9).choice([-1, 1], len(whole)) * np.exp2(-random(seed=10).uniform(1, 60, len(whole)))
+    values = np.concatenate([values, whole, beside, [0.0, -0.0, 1e-30, -1e-30, 2.0**24 + 1, -(2.0**24) - 1]])
+    high, low = split(values)
+    known = high.astype(np.float64) + low
+    found = probe("modulo", high, low, *(np.full_like(high, value) for value in (period, 0.0)), width=2)
+    assert (found[:, 0] >= -(2.0**-22)).all()
+    assert (found[:, 0] <= period + 2.0**-22).all()
+    apart = found.astype(np.float64).sum(axis=1) - known
+    apart -= period * np.rint(apart / period)
+    assert (np.abs(apart) <= 2.0**-48 * np.maximum(np.abs(known), 1.0)).all()
 
 
 # Lanes
@@ -251,6 +273,7 @@ def test_lanes_do_not_change_a_bit(probes, operands):
         ("power", (t, n), {}),
         ("unit", tuple(v), {"width": 3}),
         *((name, operands[0], {"width": 2}) for name in ("sum", "product", "quotient")),
+        ("modulo", (*operands[0][:2], *np.float32([[2.0], [0.0]]).repeat(len(operands[0][0]), axis=1)), {"width": 2}),
     ]
     for name, inputs, options in calls:
         first, *others = (bits(probe(name, *inputs, **options)) for probe in probes.values())

@@ -30,6 +30,9 @@ DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
 # How many of `color_bound` a color may be off, by precision. fast: its lengths of directions are off by 4.7e-6 each, its
 # power by 7.4e-6 and 6.3e-6; a highlight amplifies the directions' by 2.4*sqrt(n) at most: 2.5e-5*sqrt(n), 420 * 2^-24.
 ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
+# float32 has texture coordinates as pairs: some eight of their roundings, 2^-48 of the largest coordinate, times texels, are
+# a bound where coordinates reach over so many texels. One is among the 32.
+TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
 # fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
 FAST_PER_TEXEL = 16.0
 # float64 in float64, as the oracle does: some four roundings of each side, to 2^-53 of the largest coordinate, times texels.
@@ -147,20 +150,24 @@ def allowed(scene: Scene, settings: Settings) -> float:
     if settings.samples > 1 and precision != "float64":
         more += settings.samples / 2
     if precision == "fast":
-        more += FAST_PER_TEXEL * max((texels for texels, _ in _textures(scene)), default=0)
+        more += FAST_PER_TEXEL * max((texels for texels, _, _ in _textures(scene)), default=0)
     elif precision == "float64":
-        more += FLOAT64_PER_TEXEL * max((texels * reach for texels, reach in _textures(scene)), default=0.0)
+        reaches = [0.0 if constant else texels * reach for texels, reach, constant in _textures(scene)]
+        more += FLOAT64_PER_TEXEL * max(reaches, default=0.0)
+    else:
+        reach = max((texels * reach for texels, reach, _ in _textures(scene)), default=0.0)
+        more += max(reach / TEXELS_PER_BOUND - 1.0, 0.0)
     return ALLOWED[precision] + more
 
 
-def _textures(scene: Scene) -> Iterator[tuple[int, float]]:
-    """Of each mesh with a texture, texels along its larger side, and the largest texture coordinate: 0 where all are equal,
-    as between those nothing is rounded."""
+def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
+    """Of each mesh with a texture, texels along its larger side, the largest texture coordinate, and whether all are equal:
+    between those the oracle rounds nothing, nor does float64."""
     for mesh in scene.meshes:
         if mesh.uvs is not None and mesh.material.texture is not None:
             uvs = held(mesh.uvs)
-            constant = not len(uvs) or (uvs == uvs[0]).all()
-            yield max(mesh.material.texture.image.shape[:2]), 0.0 if constant else float(np.abs(uvs).max())
+            constant = not len(uvs) or bool((uvs == uvs[0]).all())
+            yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
 
 
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
