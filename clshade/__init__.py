@@ -5,6 +5,8 @@ Public names are imported on first use, so that `import clshade` costs nothing.
 
 from __future__ import annotations
 
+import sys
+
 TYPE_CHECKING = False  # `typing` takes longer to import than all else that happens here
 
 __version__ = "0.1.0"
@@ -23,8 +25,10 @@ _HOMES = {
     "Renderer": "renderer",
     "Frame": "frame",
     "check": "checks.checking",
-    "course": "",
+    "course": "",  # a module of this name
     "errors": "",
+    "exr": "",
+    "farm": "",
 }
 
 __all__ = [*_HOMES, "__version__"]
@@ -34,6 +38,8 @@ if TYPE_CHECKING:
 
     from . import course as course
     from . import errors as errors
+    from . import exr as exr
+    from . import farm as farm
     from .camera import Camera as Camera
     from .checks.checking import check as check
     from .frame import Frame as Frame
@@ -51,7 +57,8 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        raise AttributeError(f"module 'clshade' has no attribute {name!r}")
+        # With name and obj Python adds the nearest of dir(clshade) to the traceback.
+        raise AttributeError(f"module 'clshade' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     import importlib
 
     home = _HOMES[name]

@@ -218,10 +218,65 @@ def test_every_public_name_can_be_had():
         clshade.no_such_name  # noqa: B018
 
 
+HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy", "dask", "distributed")
+MODULES = ("course", "errors", "exr", "farm")
+DOCUMENTED = {
+    "course": (
+        *("arguments", "bilerp", "calculate_normals", "gouraud_shading", "light", "release", "render_object"),
+        *("render_object_map", "save", "shade_gouraud", "shade_phong"),
+    ),
+    "errors": ("ClshadeError", "DeviceError", "InputError", "OutputError", "WorkerError"),
+    "exr": ("read", "write", "encode", "flatten"),
+    "farm": ("draw_frames", "orbit", "parse_frames", "read_cameras", "Run"),
+}
+
+
+def python(code: str) -> str:
+    """What a new interpreter prints; it fails the test where that ends with an error."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_module_is_an_attribute_after_the_plain_import(module):
+    """In an interpreter of its own, where nothing else has imported it; nothing heavy comes with it."""
+    names = DOCUMENTED[module]
+    shown = f"import sys, clshade; print(*(callable(getattr(clshade.{module}, n)) for n in {names}))"
+    assert set(python(shown).split()) == {"True"}
+    heavy = f"import sys, clshade; clshade.{module}; print(*(n for n in {HEAVY} if n in sys.modules))"
+    drawing = {"pyopencl"} if module in ("course", "farm") else set()
+    assert set(python(heavy).split()) <= {"numpy"} | drawing
+
+
+def test_public_names_are_listed_and_seen_by_type_checkers():
+    assert dir(clshade) == sorted(clshade.__all__)
+    assert set(MODULES) == {name for name, home in clshade._HOMES.items() if not home}
+    tree = ast.parse(PATHS[""].read_text())
+    (block,) = (node for node in tree.body if is_type_checking(node))
+    seen = {alias.asname: node.module for node in block.body for alias in node.names if node.level}
+    assert seen == {name: home or None for name, home in clshade._HOMES.items()}
+    assert (PACKAGE / "py.typed").is_file()
+    assert "py.typed" in (ROOT / "pyproject.toml").read_text()
+
+
+def test_every_path_of_the_readme_can_be_had():
+    text = (ROOT / "README.md").read_text()
+    paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
+    assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
+    for path in sorted(paths):
+        found: object = clshade
+        for name in path[1:].split("."):
+            found = getattr(found, name)
+
+
+def test_a_misspelt_name_is_answered_with_the_nearest():
+    with pytest.raises(AttributeError) as caught:
+        clshade.rendr  # noqa: B018
+    assert (caught.value.name, caught.value.obj) == ("rendr", clshade)  # from which a traceback takes its hint
+
+
 DRAWING = ("render", "turntable", "animate")  # whose settings have the choices of scene.py
-HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy", "distributed")
-
-
 @pytest.mark.parametrize(
     ("code", "allowed"),
     [
