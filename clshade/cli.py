@@ -9,11 +9,12 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
 
 from . import interrupts, telling
 from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
+from .commands.parser import Parser
 from .errors import ClshadeError
 from .interrupts import INTERRUPTED
 
@@ -31,22 +32,15 @@ COMMANDS = {
 }
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the usage in front."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(REFUSED, f"{self.prog}: {' '.join(message.split())}\n")
-
-
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these arguments: only the command that they name has its options."""
     from . import __version__
 
-    parser = _Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
-    parser.add_argument("--version", action="version", version=f"clshade {__version__}")
+    parser = Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
+    parser.add_argument("-V", "--version", action="version", version=f"clshade {__version__}")
     parser.set_defaults(debug=False, quiet=False, verbose=False)
     _general_options(parser)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     named = next((argument for argument in arguments if not argument.startswith("-")), None)
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about)
@@ -54,7 +48,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
             module = import_module(f".commands.{name}", __package__)
             module.add_options(command)
             _general_options(command)
-            command.set_defaults(run=module.run)
+            command.set_defaults(run=module.run, parser=command)
     return parser
 
 

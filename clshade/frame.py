@@ -4,20 +4,42 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .errors import InputError
 from .layer_tables import material_numbers
-from .scene import Scene, Settings
+from .scene import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
+from .spelling import hint
 from .validation import Array, choice, refuse
 
 if TYPE_CHECKING:
     from .checks.checking import Check
+
+
+OTHER_FORMATS = (
+    *(".jpg", ".jpeg", ".jp2", ".jxl", ".webp", ".avif", ".heic", ".gif", ".bmp", ".tif", ".tiff", ".tga", ".ico"),
+    *(".ppm", ".pgm", ".pnm", ".pfm", ".hdr", ".rgbe", ".pic", ".dds", ".dpx", ".cin", ".psd", ".svg", ".pdf", ".eps"),
+    *(
+        ".npy",
+        ".npz",
+        ".csv",
+        ".json",
+        ".obj",
+        ".glb",
+        ".gltf",
+        ".ply",
+        ".stl",
+        ".mp4",
+        ".mov",
+        ".avi",
+        ".mkv",
+        ".webm",
+    ),
+)  # extensions by which somebody asks for what is not written here
 
 
 class Frame:
@@ -84,10 +106,19 @@ class Frame:
         (3): the weights of the face's corners, in the order in which the mesh names them. N, albedo, uv and
         barycentrics are interpolated as the settings say; P, as Z, always in perspective.
         """
-        if name not in self._layers:
-            found = f"{name!r}, and rendered were: {', '.join(self._layers) or 'none'}"
-            raise InputError(f"Frame: layer: expected one that was asked for with layers=, found {found}")
+        if not isinstance(name, str) or name not in self._layers:
+            expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
+            near = hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS)
+            raise refuse("Frame", "layer", expected, name, near)
         return self._layers[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether a layer of this name was asked for."""
+        return name in self._layers
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the layers."""
+        return iter(self._layers)
 
     def channels(self) -> dict[str, Array]:
         """The EXR's channels, name -> (M, N); `error` where every pixel was checked."""
@@ -203,11 +234,16 @@ class Frame:
 
 
 def output_paths(path: str | Path) -> tuple[Path, Path]:
-    """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file."""
+    """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file, standard
+    output, or a file of another format."""
     path = Path(path)
     stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
     if stem.name in ("", ".."):
         raise refuse("Frame.save", "path", "a file name", str(path))
+    if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
+        name = path.stem if path.name != "-" else "image"
+        both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
+        raise refuse("Frame.save", "path", both, str(path))
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 

@@ -30,6 +30,7 @@ __all__ = ["EXTENSIONS", "load", "save_course"]
 
 SLOW = 1.0  # seconds of loading before a line on stderr says so
 EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
+IMAGES = (".exr", ".png")
 
 
 def load(
@@ -73,8 +74,7 @@ def load(
         raise refuse("load", "path", "a path (text)", path)
     owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
     if extension not in EXTENSIONS:
-        size_of(path)  # a missing file or a folder is said to be that
-        raise complaint(owner, "extension", "one of " + ", ".join(EXTENSIONS), quoted(extension))
+        raise _no_scene(path, owner, extension)
     if resolution is not None:
         resolution = _resolution(resolution)
     flat = flag("load", "flat", flat)
@@ -99,6 +99,20 @@ def load(
     except MemoryError:
         raise complaint(owner, "file", "a scene that fits into memory", "too large a one") from None
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
+
+
+def _no_scene(path: Path, owner: str, extension: str) -> InputError:
+    """Why a file of another extension is none: it is something else, or it is missing as well."""
+    known, found = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
+    try:
+        os.stat(path)
+    except FileNotFoundError:
+        return complaint(owner, "file", f"an existing file, one of {known}", f"no such file, and {found}")
+    except (OSError, ValueError):
+        pass  # told by the next line, as folders and devices are
+    size_of(path)
+    image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
+    return complaint(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
 
 
 def _read_mesh(path: Path, extension: str, options: Options) -> Scene:

@@ -26,9 +26,11 @@ from .pieces import piece_table
 from .scene import Scene, Settings
 from .sorting import front_to_back
 from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
-from .validation import Array, refuse
+from .validation import Array, known, refuse
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+_KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
+_KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
 _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
@@ -52,7 +54,8 @@ def settle(
     """The scene and settings that a call's arguments mean: `resolution` changes the scene's camera, the other fields the
     given settings or those of the preset (default: the scene's own)."""
     if not isinstance(scene, Scene):
-        raise refuse("render", "scene", "a Scene", scene)
+        raise refuse("render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene)
+    known("render", fields, (*Settings.__dataclass_fields__, *_KEYWORDS), _KEYWORD_WORDS)
     if "resolution" in fields:
         resolution = fields.pop("resolution")
         if resolution is not None:
@@ -63,9 +66,6 @@ def settle(
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
         raise refuse("render", "settings", "a Settings", settings)
-    unknown = sorted(set(fields) - set(Settings.__dataclass_fields__))
-    if unknown:
-        raise refuse("Settings", unknown[0], "one of " + ", ".join(Settings.__dataclass_fields__), "no field")
     return scene, replace(settings, **fields)
 
 

@@ -21,6 +21,7 @@ from .validation import (
     floats,
     indices,
     integer,
+    known,
     number,
     refuse,
     rows,
@@ -47,6 +48,22 @@ LOOKUPS = ("standard", "course")
 SIDES = ("both", "front")
 NONFINITE = ("refuse", "drop")
 PRESETS = ("course", "standard")
+
+# What layers are called elsewhere, in small letters.
+LAYER_WORDS = {
+    **dict.fromkeys(("depth", "depths", "distance", "zbuffer", "z_buffer"), "Z"),
+    **dict.fromkeys(("normal", "normals", "nrm"), "N"),
+    **dict.fromkeys(("position", "positions", "pos", "points", "world_position"), "P"),
+    **dict.fromkeys(("ids", "face", "faces", "face_id", "triangle_id", "index"), "id"),
+    **dict.fromkeys(("object", "objects", "mesh", "mesh_id", "segmentation"), "object_id"),
+    **dict.fromkeys(("material", "materials"), "material_id"),
+    **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
+    **dict.fromkeys(("uvs", "st", "texcoord", "texcoords", "texture_coordinates"), "uv"),
+}
+LAYER_REMARKS = dict.fromkeys(
+    ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
+    "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,7 +380,7 @@ class Settings:
         if layers is None:
             raise refuse(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
         for layer in layers:
-            choice(who, "layers", layer, (*LAYERS, "all"))
+            choice(who, "layers", layer, (*LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS)
         asked = tuple(name for name in LAYERS if name in layers or "all" in layers)
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
@@ -382,9 +399,5 @@ class Settings:
                 "texture_at": "vertex",
                 "ambient": "plain",
             }
-        unknown = set(fields) - set(cls.__dataclass_fields__)
-        if unknown:
-            raise refuse(
-                "Settings", sorted(unknown)[0], "one of " + ", ".join(cls.__dataclass_fields__), "no such field"
-            )
+        known("Settings", fields, cls.__dataclass_fields__)
         return cls(**{**values, **fields})

@@ -14,7 +14,7 @@ import numpy as np
 from . import teapot as newell
 from .camera import Camera
 from .scene import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
-from .validation import Array, choice, integer, refuse
+from .validation import Array, choice, integer, known, refuse
 
 Resolution = tuple[int, int]
 
@@ -27,10 +27,7 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
     Raises InputError for an unknown name, an unknown option, or a value that an option does not take.
     """
     build = BUILTINS[choice("builtin", "name", name, BUILTINS)]
-    known = tuple(inspect.signature(build).parameters)
-    for option in options:
-        if option not in known:
-            raise refuse(f"builtin {name!r}", "option", "one of " + ", ".join(known), option)
+    known(f"builtin {name!r}", options, inspect.signature(build).parameters)
     scene = build(**options)
     return replace(scene, meshes=tuple(map(_in_float32, scene.meshes)))
 

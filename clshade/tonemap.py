@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .errors import InputError
+from .validation import choice
 
 OPERATORS = ("none", "srgb", "reinhard", "hable", "aces")
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
@@ -140,8 +141,7 @@ def _map64(values: Array, codes: Array, thresholds: Array) -> None:
 
 def checked(operator: str, exposure: float) -> float:
     """The exposure in stops. Raises InputError for an operator or exposure that `tonemap` refuses."""
-    if operator not in OPERATORS:
-        raise InputError(f"tonemap: operator: expected one of {', '.join(OPERATORS)}, found {operator!r}")
+    choice("tonemap", "operator", operator, OPERATORS)
     try:
         stops = float(exposure)
     except (TypeError, ValueError):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from .errors import InputError
+from .spelling import hint
 
 Array = np.ndarray
 
@@ -20,16 +21,26 @@ def _describe(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def refuse(owner: str, name: str, expected: str, found: Any) -> InputError:
-    """The one form of every complaint about a value: owner, field, expected, found."""
-    return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}")
+def refuse(owner: str, name: str, expected: str, found: Any, remark: str = "") -> InputError:
+    """The one form of every complaint about a value: owner, field, expected, found; and what to write instead."""
+    return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}{remark}")
 
 
-def choice(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
+def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: Any) -> str:
+    """One of the allowed texts. Another is answered with the nearest; others: what `spelling.hint` knows besides."""
     allowed = tuple(allowed)
     if not isinstance(value, str) or value not in allowed:
-        raise refuse(owner, name, "one of " + ", ".join(allowed), value)
+        raise refuse(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **others))
     return value
+
+
+def known(owner: str, given: Iterable[str], allowed: Iterable[str], words: Mapping[str, str] | None = None) -> None:
+    """Raises InputError for the first of the given keywords that is not allowed, with the nearest that is."""
+    allowed = tuple(allowed)
+    for name in given:
+        if name not in allowed:
+            expected = "one of " + ", ".join(allowed)
+            raise InputError(f"{owner}: {name}: expected {expected}, found no such field{hint(name, allowed, words)}")
 
 
 def flag(owner: str, name: str, value: Any) -> bool:

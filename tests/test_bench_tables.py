@@ -199,8 +199,8 @@ def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
 
 
 REFUSED = [
-    (("object-1024",), ("workload", "'object-1024'", "did you mean object-")),
-    (("--peers", "lvmpipe"), ("--peers", "'lvmpipe'", "did you mean llvmpipe?")),
+    (("object-1024",), ("workload", "'object-1024'", "did you mean 'object-")),
+    (("--peers", "lvmpipe"), ("--peers", "'lvmpipe'", "did you mean 'llvmpipe'?")),
     (("--peers", ""), ("--peers", "''")),
     (("--frames", "0"), ("--frames", "0")),
     (("--frames", "x"), ("--frames", "'x'")),

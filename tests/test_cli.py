@@ -206,6 +206,8 @@ def no_loading(monkeypatch):
         (("--exposure", "nan"), ("exposure", "nan")),
         (("--exposure", "1000"), ("exposure", "1000")),
         (("-o", "."), ("a file name", "'.'")),
+        (("-o", "out.jpg"), ("out.exr and out.png", "'out.jpg'")),
+        (("-o", "-"), ("image.exr and image.png", "'-'")),
         (("-o", "missing/out"), ("missing/out.exr", "there is no folder")),
         (("-o", "n" * 256), ("nnn.exr", "too long")),
         (("-o", "file/out"), ("file/out.exr", "not a folder")),

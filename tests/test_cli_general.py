@@ -153,3 +153,13 @@ def test_without_standard_output_and_quiet(tmp_path, monkeypatch):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
     monkeypatch.setattr("sys.stdout", None)
     assert cli.main(["inspect", "-q", str(tmp_path / "a.exr")]) == 0
+
+
+@needs_device
+def test_scenes_whose_names_hold_another_extension(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.jpg.obj", "b.v2.obj"):
+        write(tmp_path / name, TRIANGLE + "f 1 2 3\n")
+    code, _, err = run(capsys, "render", "a.jpg.obj", "b.v2.obj", *SIZE, "-o", "new")
+    assert (code, err) == (0, [])
+    assert listing(tmp_path / "new") == ["a.jpg.exr", "a.jpg.png", "b.v2.exr", "b.v2.png"]

@@ -160,11 +160,15 @@ def test_only_the_command_line_imports_commands():
     """`clshade.commands` and its arguments by name, a command when it is the one that is run."""
     importers = {name for name in PATHS if any(f".{command}" in imports(name) for command in COMMANDS)}
     assert importers <= {"cli", *COMMANDS}
-    assert imports("cli") & {f".{name}" for name in COMMANDS} == {".commands", ".commands.arguments"}
+    assert imports("cli") & {f".{name}" for name in COMMANDS} == {
+        ".commands",
+        ".commands.arguments",
+        ".commands.parser",
+    }
 
 
 def test_every_command_is_a_module_of_its_own():
-    own = ("arguments", "farm_options", "scene_options", "scene_outputs")
+    own = ("arguments", "parser", "farm_options", "scene_options", "scene_outputs")
     shared = {"commands", *(f"commands.{name}" for name in own)}
     assert {f"commands.{name}" for name in cli.COMMANDS} == set(COMMANDS) - shared
     for name in cli.COMMANDS:
@@ -277,6 +281,8 @@ def test_a_misspelt_name_is_answered_with_the_nearest():
 
 
 DRAWING = ("render", "turntable", "animate")  # whose settings have the choices of scene.py
+
+
 @pytest.mark.parametrize(
     ("code", "allowed"),
     [

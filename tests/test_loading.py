@@ -33,7 +33,12 @@ def test_it_is_public(cube):
 
 def test_files_that_are_none(tmp_path):
     refusal(str(tmp_path / "none.obj"), "none.obj: file: expected an existing file, found no such file")
-    refusal(str(tmp_path / "none.xyz"), "none.xyz: file: expected an existing file")
+    refusal(str(tmp_path / "none.xyz"), "none.xyz: file: expected an existing file", ".npy, .obj", "no such", "'.xyz'")
+    refusal(
+        str(tmp_path / "none"), "none: file: expected an existing file", ".npy, .obj", "no such file, and no extension"
+    )
+    refusal(write(tmp_path / "image.PNG", "PNG"), "extension: expected one of .npy", "'.png', an image", "inspect")
+    refusal(write(tmp_path / "text.txt", "text"), "text.txt: extension: expected one of .npy", "found '.txt'")
     refusal(str(tmp_path), "a folder")
     os.mkdir(tmp_path / "folder.obj")
     refusal(str(tmp_path / "folder.obj"), "folder.obj: file: expected a regular file, found a folder")

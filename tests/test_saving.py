@@ -62,6 +62,14 @@ def test_both_files_are_written(tmp_path):
     assert np.array_equal(exr.read(tmp_path / "a.exr")[0]["G"], made().rgb[..., 1])
     assert png.read(tmp_path / "a.png").shape == (32, 48, 3)
     assert frame.output_paths(tmp_path / "a.PNG") == (tmp_path / "a.exr", tmp_path / "a.png")
+    assert frame.output_paths("a.jpg.exr") == (Path("a.jpg.exr"), Path("a.jpg.png"))
+    assert frame.output_paths("out.exr.png") == (Path("out.exr.exr"), Path("out.exr.png"))
+    assert frame.output_paths("v1.2-") == (Path("v1.2-.exr"), Path("v1.2-.png"))
+    for name in ("a.jpg", "sub/a.JPEG", "a.tiff", "a.exr.hdr", "a.mp4", "a.npy", "-"):
+        with pytest.raises(
+            InputError, match=r"Frame.save: path: expected .* for (a|image).*\.png: other formats are not wr"
+        ):
+            frame.output_paths(name)
     assert frame.output_paths("a.b") == (Path("a.b.exr"), Path("a.b.png"))
 
 

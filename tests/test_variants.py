@@ -47,7 +47,9 @@ def test_unknown_variants(device):
     known = variants_for(sphere(), Settings(), device)
     assert named(known, []) == known
     assert [each.name for each in named(known, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
-    with pytest.raises(InputError, match=r"--only: expected names of standard, .*gouraud.* found 'guro'$"):
+    with pytest.raises(
+        InputError, match=r"--only: expected names of standard, .*gouraud.* found .guro.: did you mean .gouraud.\?$"
+    ):
         named(known, ["guro"])
     with pytest.raises(InputError, match=r"--only: .*found 'vertex-texture', which changes nothing of this scene"):
         named(known, ["vertex-texture"])

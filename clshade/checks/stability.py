@@ -12,6 +12,7 @@ from typing import TextIO
 
 from ..device import Device, list_devices, open_device
 from ..errors import DeviceError, InputError
+from ..spelling import hint
 from . import curves, results, tables
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result
@@ -27,8 +28,11 @@ def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
     cases = all_cases()
     for name in names:
         if not any(name in (case.name, case.number) for case in cases):
-            known = ", ".join(case.name for case in cases)
-            raise InputError(f"stability: --case: expected names or numbers of {known}, found {name!r}")
+            known = [case.name for case in cases]
+            near = hint(name, known)
+            raise InputError(
+                f"stability: --case: expected names or numbers of {', '.join(known)}, found {name!r}{near}"
+            )
     return tuple(case for case in cases if not names or case.name in names or case.number in names)
 
 

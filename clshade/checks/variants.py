@@ -10,6 +10,7 @@ from ..device import Device
 from ..errors import InputError
 from ..features import texture_applies
 from ..scene import Scene, Settings
+from ..spelling import hint
 
 BASE = "standard"
 
@@ -99,7 +100,7 @@ def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
     known = {each.name: each for each in variants}
     for name in names:
         if name not in known:
-            why = next((f", which {_left_out(each)}" for each in VARIANTS if each.name == name), "")
+            why = next((f", which {_left_out(each)}" for each in VARIANTS if each.name == name), hint(name, known))
             raise InputError(f"report: --only: expected names of {', '.join(known)}, found {name!r}{why}")
     return [known[name] for name in dict.fromkeys(names)] if names else list(variants)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..scene import Mesh, PointLight, Scene
 from ..scenes import Resolution, builtin
+from ..spelling import hint
 
 EXPONENT = 20.0  # of the highlight, everywhere
 HD, UHD = (1920, 1080), (3840, 2160)
@@ -167,7 +167,6 @@ def pick(names: Collection[str], known: Collection[str], what: str) -> list[str]
     """The names, each once; all known ones without any. Raises InputError, which names the nearest, for an unknown one."""
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1, 0.4)
-            hint = f" (did you mean {near[0]}?)" if near else ""
-            raise InputError(f"bench: {what}: expected names of {', '.join(known)}, found {name!r}{hint}")
+            near = hint(name, known)
+            raise InputError(f"bench: {what}: expected names of {', '.join(known)}, found {name!r}{near}")
     return list(dict.fromkeys(names)) or list(known)

@@ -11,12 +11,31 @@ from typing import Any
 
 from ..checks.defaults import PIXELS
 from ..errors import InputError
+from ..spelling import hint
 
 
-def numbers(kind: type, count: int | None, form: str) -> Any:
+def whole(text: str) -> int:
+    """A whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
+
+
+def real(text: str) -> float:
+    """A number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def numbers(kind: type, count: int | None, form: str, separators: str = ",") -> Any:
+    """A type of options: `count` numbers, or any number of them, with one of the separators between them."""
+
     def parse(text: str) -> tuple:
         try:
-            values = tuple(kind(part) for part in text.split(",")) if text else ()
+            values = tuple(kind(part) for part in re.split(f"[{separators}]", text)) if text else ()
         except ValueError:
             values = ()
         if not values or (count is not None and len(values) != count):
@@ -26,12 +45,18 @@ def numbers(kind: type, count: int | None, form: str) -> Any:
     return parse
 
 
-def names(allowed: Sequence[str]) -> Any:
+resolution = numbers(int, 2, "two whole numbers such as 800,600 or 800x600", ",xX×")
+
+
+def names(allowed: Sequence[str], **others: Any) -> Any:
+    """A type of options: names with commas between them. others: what `spelling.hint` knows besides."""
+
     def parse(text: str) -> tuple[str, ...]:
         values = tuple(part.strip() for part in text.split(",") if part.strip())
-        for value in values:
+        for value in values or ("",):
             if value not in allowed:
-                raise argparse.ArgumentTypeError(f"expected names of {', '.join(allowed)}, found {value!r}")
+                near = hint(value, allowed, **others)
+                raise argparse.ArgumentTypeError(f"expected names of {', '.join(allowed)}, found {value!r}{near}")
         return values
 
     return parse

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .arguments import names, numbers
+from ..spelling import hint
+from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -52,7 +53,7 @@ def scene_options(parser: argparse.ArgumentParser, *, several: bool = False, req
     )
     group.add_argument(
         "--lights",
-        type=numbers(int, None, "indices such as 0,2"),
+        type=numbers(int, None, "indices such as 0,2 (all without this option)"),
         metavar="I,...",
         help="use these lights only, such as 0,2 (default: all)",
     )
@@ -64,9 +65,9 @@ def scene_options(parser: argparse.ArgumentParser, *, several: bool = False, req
     )
     group.add_argument(
         "--resolution",
-        type=numbers(int, 2, "two whole numbers such as 800,600"),
+        type=resolution,
         metavar="W,H",
-        help="pixels (default: the scene's own, 800,600 for meshes)",
+        help="pixels, also WxH (default: the scene's own, 800,600 for meshes)",
     )
 
 
@@ -103,7 +104,7 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--ambient", choices=scene.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
     group.add_argument(
         "--layers",
-        type=names((*scene.LAYERS, "all")),
+        type=names((*scene.LAYERS, "all"), words=scene.LAYER_WORDS, remarks=scene.LAYER_REMARKS),
         metavar="NAME,...",
         help=f"further layers: {','.join(scene.LAYERS)}; or all",
     )
@@ -174,7 +175,8 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
         from .. import loading
 
         if not Path(name).suffix and not os.path.exists(name):
-            raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}")
+            near = hint(name, scenes.BUILTINS)
+            raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
         scene = loading.load(name, resolution=arguments.resolution, **options)
     taken = (time.perf_counter() - start) * 1e3
     telling.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")

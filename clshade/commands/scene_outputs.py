@@ -25,7 +25,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
     if len(scenes) == 1 and not (given or "").endswith(("/", os.sep)):
         return None, [given or ALONE]
     folder = Path(given or FOLDER)
-    stems = [folder / Path(scene).stem for scene in scenes]
+    stems = [folder / _named_after(scene) for scene in scenes]
     taken: dict[str, str] = {}
     for scene, stem in zip(scenes, stems, strict=True):
         image = output_paths(stem)[0]
@@ -36,6 +36,14 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
             )
         taken[image.name.lower()] = scene
     return folder, [str(stem) for stem in stems]
+
+
+def _named_after(scene: str) -> str:
+    """The image's name: `a` of a.obj; `a.jpg.exr` of a.jpg.obj, for a.jpg would ask for another format."""
+    from ..frame import OTHER_FORMATS
+
+    name = Path(scene).stem
+    return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
 
 
 @contextlib.contextmanager

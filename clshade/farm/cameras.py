@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
@@ -13,6 +12,7 @@ from ..camera import Camera
 from ..errors import InputError
 from ..json_text import found_text, parse_text
 from ..reading import complaint, quoted, read_file
+from ..spelling import hint
 from ..viewpoint import moved
 from .frames import MOST, Frames
 
@@ -73,9 +73,8 @@ def _camera(given: Any, base: Camera, owner: str, who: str) -> Camera:
         raise complaint(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
     for key, value in given.items():
         if key not in FIELDS:
-            near = difflib.get_close_matches(key.lower(), FIELDS, n=1, cutoff=0.4)
-            hint = f": did you mean {near[0]!r}?" if near else ""
-            raise complaint(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + hint)
+            near = hint(key, FIELDS)
+            raise complaint(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
         if key != "orthographic" and _holds(value, (bool, str, dict)):
             raise complaint(owner, f"{who}: {key}", "numbers", found_text(value))
     if "fov" in given and (clash := {"focal", "plane", "orthographic"} & set(given)):

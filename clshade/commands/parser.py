@@ -1,0 +1,112 @@
+"""The parser of command lines: whatever is wrong is one line that says what to write instead."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from ..spelling import hint, nearest
+from . import REFUSED
+from .arguments import real, whole
+
+# What options are called elsewhere -> the option, where a command has it.
+_WORDS = {
+    **dict.fromkeys(("size", "width", "height", "dimensions", "res"), "resolution"),
+    **dict.fromkeys(("spp", "aa", "msaa", "antialiasing"), "samples"),
+    **dict.fromkeys(("aov", "aovs", "passes", "channels"), "layers"),
+    **dict.fromkeys(("eye", "camera", "camera_eye"), "camera-position"),
+    **dict.fromkeys(("lookat", "look_at", "target"), "camera-focal-point"),
+    **dict.fromkeys(("fov", "fovy", "view_angle"), "camera-view-angle"),
+    **dict.fromkeys(("azimuth",), "camera-azimuth-angle"),
+    **dict.fromkeys(("elevation",), "camera-elevation-angle"),
+    **dict.fromkeys(("ortho", "parallel"), "orthographic"),
+    **dict.fromkeys(("format", "file", "outfile", "outdir", "output_dir", "o"), "output"),
+    **dict.fromkeys(("force", "clobber"), "overwrite"),
+    **dict.fromkeys(("jobs", "processes", "threads"), "workers"),
+    **dict.fromkeys(("platform", "gpu", "cpu"), "device"),
+    **dict.fromkeys(("eps", "epsilon", "atol", "tolerance", "max_error"), "threshold"),
+    **dict.fromkeys(("silent",), "quiet"),
+}
+_COMMAND_WORDS = {
+    **dict.fromkeys(("draw", "rendering"), "render"),
+    **dict.fromkeys(("info", "show", "view", "stats", "open"), "inspect"),
+    **dict.fromkeys(("diff", "cmp", "difference"), "compare"),
+    **dict.fromkeys(("benchmark", "speed", "time"), "bench"),
+    **dict.fromkeys(("device", "platforms", "list"), "devices"),
+    **dict.fromkeys(("orbit", "spin"), "turntable"),
+}
+_REMARKS = {
+    "help": "`clshade --help` lists all, `clshade COMMAND --help` explains one",
+    "version": "`clshade --version` prints it",
+}
+_IMAGES = (".exr", ".png")
+_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # of loading.EXTENSIONS, whose import takes NumPy
+
+
+class Parser(argparse.ArgumentParser):
+    """One line for each mistake, without the usage in front; the nearest right name where there is one."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self._given: list[str] = []
+        self.register("type", int, whole)
+        self.register("type", float, real)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(REFUSED, f"{self.prog}: {' '.join(message.split())}\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """argparse's own, with a hint; called for options with choices, and for the name of the command."""
+        if action.choices is None or value in action.choices:
+            return
+        allowed = tuple(map(str, action.choices))
+        is_command = isinstance(action, argparse._SubParsersAction)
+        near = self._command_hint(value, allowed) if is_command else hint(value, allowed)
+        raise argparse.ArgumentError(action, f"expected one of {', '.join(allowed)}, found {value!r}{near}")
+
+    def _command_hint(self, name: str, commands: Sequence[str]) -> str:
+        """What was meant by a command that is none: another, a file, or the value of an option that came too early."""
+        from ..scenes import BUILTINS
+
+        before = self._given[: self._given.index(name)] if name in self._given else []
+        early = next(
+            (text for text in before if text.startswith("-") and text not in self._option_string_actions), None
+        )
+        if early is not None:
+            return f": {early} belongs behind the command, as in `clshade render {early} ...`"
+        ending = os.path.splitext(name)[1].lower()
+        if name in BUILTINS or ending in (*_SCENES, *_IMAGES):
+            return f": did you mean `clshade {'inspect' if ending in _IMAGES else 'render'} {name}`?"
+        return hint(name, commands, _COMMAND_WORDS, remarks=_REMARKS)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        self._given = list(args or ())
+        parsed, left = self.parse_known_args(args, namespace)
+        command: Parser = getattr(parsed, "parser", self)
+        option = next((text for text in left if text.startswith("-") and text != "-"), None)
+        if option is not None:
+            command.error(f"there is no option {option.partition('=')[0]}{command._option_hint(option)}")
+        if getattr(parsed, "command", "") is None:
+            self.error("expected a COMMAND, such as render: `clshade --help` lists all")
+        if left and hasattr(parsed, "scenes"):  # argparse takes only those before the first option
+            parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
+        elif left:
+            names = " and ".join(str(action.metavar) for action in command._get_positional_actions())
+            command.error(f"expected {f'{names} alone' if names else 'options alone'}, found {left[0]!r} too")
+        return parsed
+
+    def _option_hint(self, option: str) -> str:
+        known = [name[2:] for name in self._option_string_actions if name.startswith("--")]
+        near = nearest(option.partition("=")[0].lstrip("-"), known, _WORDS)
+        return f": did you mean --{near}?" if near else ""
+
+    def _scene(self, name: str) -> str:
+        """A scene that comes after options; not one of several values of an option, with blanks between them."""
+        from ..scenes import BUILTINS
+
+        if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
+            near = hint(name, BUILTINS) or ": values of one option have commas between them, and no blanks"
+            self.error(f"argument SCENE: expected a file or a built-in scene, found {name!r}{near}")
+        return name
