@@ -5,14 +5,18 @@ save one as 8 bits as the course does, turn it and clamp it: `np.clip(image[::-1
 
 Shapes. `verts`, `verts_colors`, `faces`, `uvs`, `uvs_faces` are 3xN (2xN), a column per item; they may all come
 transposed, which any of them that is not square shows. `l_pos` and `l_int` are Lx3, rows are lights, or lists of L
-3-vectors; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c` are 3x3, columns are corners.
-3-vectors come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are numbers or 3-vectors; one of the
-first three that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
+3-vectors, or one 3-vector each for one light; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c`
+are 3x3, columns are corners. 3-vectors come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are
+numbers or 3-vectors; one of the first three that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
 
 Light, for a point P with unit normal N, V towards the eye, L towards a light, R = 2N(N.L) - L, per channel:
 `I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)`, the highlight only where N.L > 0 and
 R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM 18(6), 1975). A normal of 0, a light at P or
 an eye at P contributes 0.
+
+Objects that hold several arguments, such as a material or lights, are passed by their numbers. Arguments that do not
+fit are answered with those that are expected, in their order, and with what was found in the place of each; that error
+is a TypeError as well.
 
 Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument, what was expected
 and what was found, for wrong shapes, indices out of range, NaN or infinite values and unknown shaders, before anything
@@ -61,6 +65,7 @@ _lock = threading.RLock()  # kernels take their arguments one after the other: o
 # Single points
 
 
+@checked.fitting
 def light(point, normal, color, cam_pos, k_a, k_d, k_s, n, l_pos, l_int) -> Array:
     """The light that a point of a surface sends to the eye.
 
@@ -90,6 +95,7 @@ def _surroundings(owner: str, point: tuple[str, Any], eye: Any, surface: tuple, 
     return around
 
 
+@checked.fitting
 def bilerp(uv, texture_map) -> Array:
     """The color of a texture at one place, by bilinear interpolation of the four texels around it.
 
@@ -108,6 +114,7 @@ def bilerp(uv, texture_map) -> Array:
         return _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
 
 
+@checked.fitting
 def calculate_normals(verts, faces) -> Array:
     """Unit normals at the vertices of a mesh: the sum of the cross products of the faces around each, normalized.
 
@@ -121,6 +128,7 @@ def calculate_normals(verts, faces) -> Array:
 # One triangle over an image
 
 
+@checked.fitting
 def gouraud_shading(verts_p, verts_c, X) -> Array:
     """One triangle over an image, its corners' colors interpolated, without light.
 
@@ -140,6 +148,7 @@ def gouraud_shading(verts_p, verts_c, X) -> Array:
     return image
 
 
+@checked.fitting
 def shade_gouraud(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
     """One triangle over an image, lit at its corners, the light interpolated.
 
@@ -154,6 +163,7 @@ def shade_gouraud(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n,
     return _shade("gouraud", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
 
 
+@checked.fitting
 def shade_phong(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
     """One triangle over an image, normals and colors interpolated, lit at each pixel.
 
@@ -184,6 +194,7 @@ def _shade(
 # Whole objects
 
 
+@checked.fitting
 def render_object(
     shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, verts_colors, faces,
     k_a, k_d, k_s, n, l_pos, l_int, light_amb
@@ -208,6 +219,7 @@ def render_object(
     return _render("render_object", shader, view, mesh, None, surface, lights, light_amb, bg_color)
 
 
+@checked.fitting
 def render_object_map(
     shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, faces, uvs, uvs_faces, texture_map,
     k_a, k_d, k_s, n, l_pos, l_int, light_amb

@@ -5,7 +5,10 @@ Every refusal is an `InputError` of the form `function: argument: expected ..., 
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -13,9 +16,94 @@ from . import course_values as values
 from .camera import MAX_RESOLUTION
 from .errors import InputError
 from .scene import Material, Texture
+from .spelling import hint
 from .validation import Array, coefficient, refuse
 
 _NAMES = {"verts": "verts", "colors": "verts_colors", "faces": "faces", "uvs": "uvs", "uv_faces": "uvs_faces"}
+
+# What the arguments are called by other years' versions of the course.
+_WORDS = {
+    **dict.fromkeys(("vertsp", "verts2d", "vertices2d", "triangle", "canvas_coords"), "verts_p"),
+    **dict.fromkeys(("vertsn", "normals", "vert_normals"), "verts_n"),
+    **dict.fromkeys(("vertsc", "vcolors"), "verts_c"),
+    **dict.fromkeys(("vert_colors", "colors", "vcolor"), "verts_colors"),
+    **dict.fromkeys(("face_indices", "t_pos_idx", "faces_indices"), "faces"),
+    **dict.fromkeys(("face_uv_indices", "uv_indices"), "uvs_faces"),
+    **dict.fromkeys(("texture", "texture_image", "tex_map"), "texture_map"),
+    **dict.fromkeys(("ka", "ambient"), "k_a"),
+    **dict.fromkeys(("kd", "diffuse"), "k_d"),
+    **dict.fromkeys(("ks", "specular"), "k_s"),
+    **dict.fromkeys(("n_phong", "phong_n", "exponent", "shininess"), "n"),
+    **dict.fromkeys(("light_pos", "light_positions", "lpos"), "l_pos"),
+    **dict.fromkeys(("light_int", "light_intensities", "lint"), "l_int"),
+    **dict.fromkeys(("cam_eye", "camera_position"), "eye"),
+    **dict.fromkeys(("cam_lookat", "target"), "lookat"),
+    **dict.fromkeys(("cam_up",), "up"),
+    **dict.fromkeys(("img", "image", "canvas"), "X"),
+}
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class CallError(InputError, TypeError):
+    """Arguments that do not fit a function: too few, too many, or of other names."""
+
+
+def fitting(function: Function) -> Function:
+    """The function, which answers arguments that do not fit it with those that it expects, in their order, and with
+    what was found in the place of each."""
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def called(*given: Any, **named: Any) -> Any:
+        try:
+            return function(*given, **named)
+        except TypeError:
+            _check_call(function.__name__, signature, given, named)
+            raise
+
+    return cast(Function, called)
+
+
+def _check_call(owner: str, signature: inspect.Signature, given: tuple, named: Mapping[str, Any]) -> None:
+    """Raises CallError for arguments that do not fit."""
+    names = list(signature.parameters)
+    try:
+        bound = signature.bind_partial(*given, **named).arguments
+        missing = [name for name in names if name not in bound]
+        if not missing:
+            return
+        reason = f"missing {', '.join(missing)}"
+    except TypeError as error:
+        unknown = next((name for name in named if name not in names), None)
+        reason = f"{error}{hint(unknown, names, _WORDS)}"
+    places = [*names, *("one more" for _ in given[len(names) :])]
+    found = [f"{name} = {_kind(value)}" for name, value in zip(places, given, strict=False)]
+    found += [f"{name} = {_kind(value)}" for name, value in named.items()]
+    if any(_is_object(value) for value in (*given, *named.values())):
+        reason += "; a material or a light is given by its numbers, not as an object"
+    expected = f"{', '.join(names)}, in this order"
+    raise CallError(f"{owner}: arguments: expected {expected}, found {', '.join(found) or 'none'}: {reason}") from None
+
+
+def _is_object(value: Any) -> bool:
+    """Does it hold attributes, as materials and lights do, or is it a list of such?"""
+    if isinstance(value, (list, tuple)):
+        return any(map(_is_object, value))
+    return hasattr(value, "__dict__") and not isinstance(value, (np.ndarray, type))
+
+
+def _kind(value: Any) -> str:
+    """What a value looks like, in a few words."""
+    if isinstance(value, np.ndarray):
+        return f"array {value.shape}"
+    if isinstance(value, (list, tuple)):
+        kinds = dict.fromkeys(type(each).__name__ for each in value)
+        return f"{type(value).__name__} of {len(value)}" + (f" {next(iter(kinds))}" if len(kinds) == 1 else "")
+    if isinstance(value, (int, float, np.number, str)):
+        text = repr(value)
+        return text if len(text) <= 20 and text.isprintable() else type(value).__name__
+    return type(value).__name__
 
 
 def array(owner: str, name: str, value: Any) -> Array:

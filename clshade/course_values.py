@@ -67,12 +67,23 @@ def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any)
     return places, powers
 
 
+def _is_vector(value: Any) -> bool:
+    """Three numbers, (3,) or (3, 1): no list of 3-vectors has that shape."""
+    try:
+        found = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    return found.shape in ((3,), (3, 1)) and found.dtype.kind in "fiub"
+
+
 def _per_light(owner: str, name: str, value: Any) -> Array:
-    """(L, 3) float64 from an array of L rows or a list of L 3-vectors; without any element L is 0."""
+    """(L, 3) float64 from an array of L rows, a list of L 3-vectors, or one 3-vector; without any element L is 0."""
+    if _is_vector(value):
+        return vector(owner, name, value)[None].copy()
     if isinstance(value, (list, tuple)):
         listed = [vector(owner, f"{name}[{k}]", item) for k, item in enumerate(value)]
         return np.array(listed).reshape(-1, 3)
-    expected = "an array of shape (L, 3), rows are lights, or a list of 3-vectors"
+    expected = "an array of shape (L, 3), rows are lights, a list of 3-vectors, or one of them"
     found = floats(owner, name, value, expected)
     if found.size == 0:
         return np.zeros((0, 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 
 import course_reference as reference
@@ -42,8 +43,18 @@ def changed(array: np.ndarray, place: tuple, value) -> np.ndarray:
 VECTOR = [None, "red", [1, 2], np.zeros((3, 3)), [0, NAN, 1], [0, 1, INF], [0, 1j, 2]]
 COEFFICIENT = [None, "half", [1, 2], NAN, [0.1, NAN, 0.3], INF]
 LIGHTS = {
-    "l_pos": [None, [1, 2, 3], [[1, 2]], [[0, 0, NAN]], np.zeros((3, 1)), np.zeros((2, 3)), "sun", [["a", 0, 0]]],
-    "l_int": [None, 1.0, [[1, 1]], [[INF, 0, 0]], [[1, 1, 1], [1, 1, 1]], []],
+    "l_pos": [
+        None,
+        [1, 2],
+        [[1, 2]],
+        [[0, 0, NAN]],
+        [0, NAN, 0],
+        np.zeros((3, 2)),
+        np.zeros((2, 3)),
+        "sun",
+        [["a", 0, 0]],
+    ],
+    "l_int": [None, 1.0, [[1, 1]], [[INF, 0, 0]], [INF, 0, 0], [[1, 1, 1], [1, 1, 1]], ["a", 0, 0], []],
 }
 POINT = dict.fromkeys(("point", "normal", "color", "cam_pos"), VECTOR)
 TERMS = dict.fromkeys(("k_a", "k_d", "k_s"), COEFFICIENT) | {"n": [None, -1, NAN, INF, 2e9, [1, 2], "20"]}
@@ -167,3 +178,101 @@ def test_distances_beyond_float64_are_refused():
         course.light(**{**LIGHT, "point": [1e308, 0, 0], "cam_pos": [-1e308, 0, 0]})
     with pytest.raises(InputError, match="shade_phong: cam_pos: expected a distance from bcoords"):
         course.shade_phong(**{**SHADE, "bcoords": [1e308, 0, 0], "cam_pos": [-1e308, 0, 0]})
+
+
+# Arguments that do not fit
+
+
+class Mat:
+    """A material as other years' versions of the course have it."""
+
+    def __init__(self):
+        self.ka, self.kd, self.ks, self.n = 0.1, 0.8, 0.5, 20
+
+
+class Sun:
+    def __init__(self):
+        self.pos, self.intensity = np.ones(3), np.ones(3)
+
+
+def given(*names):
+    """What `render_object` of another year is called with: a material and lights in the place of their numbers."""
+    others = {"mat": Mat(), "lights": [Sun(), Sun()]}
+    return [{**VALID["render_object"], **SHADE, **others, "shader": "phong", "point": np.zeros(3)}[n] for n in names]
+
+
+VIEWED = ("shader", "focal", "eye", "lookat", "up", "bg_color", "M", "N", "H", "W", "verts", "verts_colors", "faces")
+CORNER = ("verts_p", "verts_n", "verts_c", "bcoords", "cam_pos")
+CALLS = {
+    "light": (("point", "bcoords", "l_amb", "cam_pos", "mat", "lights"), ("k_a = Mat", "k_d = list of 2 Sun")),
+    "shade_gouraud": ((*CORNER, "mat", "lights", "X"), ("k_a = Mat", "k_d = list of 2 Sun", "k_s = array (4, 5, 3)")),
+    "shade_phong": ((*CORNER, "mat", "lights", "l_amb", "X"), ("k_a = Mat", "verts_p = array (3, 2)")),
+    "render_object": (
+        (*VIEWED, "mat", "lights", "light_amb"),
+        ("shader = 'phong'", "k_a = Mat", "k_d = list of 2 Sun"),
+    ),
+}
+
+
+@pytest.mark.usefixtures("no_device")
+@pytest.mark.parametrize("name", CALLS)
+def test_materials_and_lights_as_objects(name):
+    names, parts = CALLS[name]
+    expected = ", ".join(VALID[name])
+    with pytest.raises(TypeError) as caught:
+        getattr(course, name)(*given(*names))
+    assert isinstance(caught.value, InputError)
+    text = str(caught.value)
+    assert text.startswith(f"{name}: arguments: expected ")
+    assert f"expected {expected}, in this order, found " in text or name == "render_object"
+    assert all(part in text for part in parts), text
+    assert f"missing {', '.join(list(inspect.signature(getattr(course, name)).parameters)[len(names) :])}" in text
+    assert "given by its numbers, not as an object" in text
+    assert "\n" not in text
+
+
+@pytest.mark.usefixtures("no_device")
+def test_other_arguments_that_do_not_fit():
+    for call, parts in (
+        (
+            lambda: course.bilerp(),
+            ("bilerp: arguments: expected uv, texture_map, in this order, found none", "missing uv"),
+        ),
+        (lambda: course.bilerp([0, 0], np.ones((2, 2, 3)), 5), ("one more = 5: too many positional arguments",)),
+        (lambda: course.bilerp(uv=[0, 0], texture=np.ones((2, 2, 3))), ("'texture': did you mean 'texture_map'?",)),
+        (lambda: course.light(**LIGHT, ks=1), ("ks = 1: got an unexpected", "'ks': did you mean 'k_s'?")),
+        (lambda: course.light(LIGHT["point"], **LIGHT), ("multiple values for argument 'point'",)),
+        (
+            lambda: course.calculate_normals("a", 1, 2.5, None),
+            ("verts = 'a', faces = 1, one more = 2.5, one more = None",),
+        ),
+    ):
+        with pytest.raises(TypeError) as caught:
+            call()
+        assert isinstance(caught.value, InputError)
+        assert all(part in str(caught.value) for part in parts), caught.value
+        assert "object" not in str(caught.value)
+
+
+@pytest.mark.usefixtures("no_device")
+def test_another_type_error_stays_what_it_is(monkeypatch):
+    def broken(*arguments):
+        raise TypeError("of something else")
+
+    monkeypatch.setattr(course, "_surroundings", broken)
+    with pytest.raises(TypeError, match=r"^of something else$"):
+        course.light(**LIGHT)
+
+
+def test_one_light_is_one_vector(device, monkeypatch):
+    monkeypatch.setattr(course, "shared_device", lambda: device)
+    expected = course.light(**LIGHT)
+    place, power = np.array(LIGHT["l_pos"][0]), np.array(LIGHT["l_int"][0])
+    for shape in ((3,), (1, 3), (3, 1)):
+        found = course.light(**{**LIGHT, "l_pos": place.reshape(shape), "l_int": power.reshape(shape)})
+        assert (found == expected).all()
+        found = course.light(
+            **{**LIGHT, "l_pos": place.reshape(shape).tolist(), "l_int": power.reshape(shape).tolist()}
+        )
+        assert (found == expected).all()
+    assert (course.light(**{**LIGHT, "l_pos": tuple(place), "l_int": [power.tolist()]}) == expected).all()
