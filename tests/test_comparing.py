@@ -9,6 +9,7 @@ import os
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from clshade import cli, exr, png
 from clshade.checks import image_errors
@@ -224,12 +225,15 @@ def test_what_failed_is_told(files, capsys):
 def test_refused(files, capsys):
     exr.write("small.exr", np.zeros((4, 5, 3)))
     exr.write("fewer.exr", {name: plane for name, plane in layers().items() if name not in ("Z", "N.Y")})
+    exr.write("other.exr", {name: np.zeros(SHAPE, np.float32) for name in ("Y", "depth")})
     png.write("a.png", np.zeros((*SHAPE, 3), np.uint8))
     (files / "text.exr").write_text("no image")
     before = sorted(os.listdir())
     for arguments, parts in (
         (("small.exr", "a.exr"), ("small.exr", "size", "32 x 24", "5 x 4")),
-        (("fewer.exr", "a.exr"), ("fewer.exr", "layers", "Z", "N (N.X+N.Z)")),
+        (("other.exr", "a.exr"), ("other.exr", "layers", "some of RGB, A, N (", "as of a.exr, found Y, depth")),
+        (("fewer.exr", "a.exr", "--layer", "Z"), ("fewer.exr", "--layer", "RGB, A", "'Z'")),
+        (("a.exr", "b.exr", "--layer", "depth"), ("a.exr", "--layer", "'depth': did you mean 'Z'?")),
         (("a.exr", "fewer.exr", "--layer", "N"), ("N.X+N.Z", "N.X+N.Y+N.Z")),
         (("a.exr", "fewer.exr", "--layer", "Z"), ("fewer.exr", "--layer", "'Z'")),
         (("a.exr", "b.exr", "--layer", "none"), ("--layer", "RGB", "'none'")),
@@ -246,6 +250,54 @@ def test_refused(files, capsys):
         assert (code, out, len(err)) == (2, "", 1), arguments
         assert all(part in err[0] for part in parts), err[0]
     assert sorted(os.listdir()) == before
+
+
+@pytest.fixture
+def partial(files):
+    """less.exr: a.exr without Z and N.Y; more.exr: with a mask, and off by 0.125 in one pixel."""
+    planes = exr.read("a.exr")[0]
+    exr.write("less.exr", {name: plane for name, plane in planes.items() if name not in ("Z", "N.Y")})
+    planes = exr.read("b.exr")[0]
+    exr.write("more.exr", {**planes, "mask": np.zeros(SHAPE, np.float32)})
+
+
+@pytest.mark.usefixtures("partial")
+def test_what_both_images_have_is_compared(capsys):
+    code, out, err = run(capsys, "less.exr", "a.exr")
+    assert (code, err) == (0, ["clshade: warning: not compared: N.Y, Z of the reference alone"])
+    assert [line.split()[0] for line in out.splitlines()[2:-1]] == ["RGB", "A", "N", "id"]
+    assert out.splitlines()[-1] == "different"  # though nothing of what was compared is
+    code, out, err = run(capsys, "more.exr", "less.exr", "--json")
+    found = json.loads(out, parse_constant=pytest.fail)
+    assert (code, len(err), found["passed"], found["identical"]) == (0, 1, True, False)
+    assert (found["only_image"], found["only_reference"]) == (["N.Y", "Z", "mask"], [])
+    assert found["layers"]["RGB"]["different"] == 1
+    assert found["layers"]["N"]["maximum"] == 0.0
+
+
+@pytest.mark.usefixtures("partial")
+def test_a_regression_test_never_passes_without_a_layer(capsys):
+    """Whichever image lacks it; unless the layers are named, or there is no threshold."""
+    for pair, place in ((("less.exr", "a.exr"), "reference"), (("a.exr", "less.exr"), "image")):
+        code, out, err = run(capsys, *pair, "--threshold", "1")
+        assert (code, len(err)) == (1, 1)
+        assert out.splitlines()[-1] == f"FAILED: N.Y, Z of the {place} alone"
+        assert run(capsys, *pair, "--threshold", "1", "--quiet") == (1, "", [])
+        assert run(capsys, *pair, "--threshold", "0", "--layer", "RGB", "--layer", "id")[::2] == (0, [])
+    code, out, err = run(capsys, "more.exr", "a.exr", "--threshold", "0.1", "-o", "d.png")
+    assert (code, len(err)) == (1, 2)
+    assert out.splitlines()[-1] == "FAILED: over 0.1: 1 pixels of RGB; mask of the image alone"
+    assert run(capsys, "more.exr", "b.exr", "--threshold", "0.1", "--json")[0] == 1
+
+
+def test_alpha_of_a_png_that_the_other_lacks(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    codes = RNG.integers(0, 200, (12, 12, 4), dtype=np.uint8)
+    Image.fromarray(codes).save("a.png")
+    png.write("b.png", np.ascontiguousarray(codes[..., :3]))
+    code, out, err = run(capsys, "a.png", "b.png")
+    assert (code, err) == (0, ["clshade: warning: not compared: A of the image alone"])
+    assert out.splitlines()[2].split()[:2] == ["RGB", "0"]
 
 
 def test_pngs(tmp_path, capsys, monkeypatch):

@@ -38,7 +38,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=_threshold,
         metavar="X",
         help="exit with 1 if any channel of any pixel is off by more than X, in the channel's units (PNG: from 0 to 1), "
-        "is NaN or infinite in one image alone, or if any whole number differs (default: exit with 0)",
+        "is NaN or infinite in one image alone, if any whole number differs, or if one image alone has a layer "
+        "(default: exit with 0)",
     )
     parser.add_argument(
         "-o",
@@ -58,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_picture(arguments.output, (arguments.image, arguments.reference))
     image, reference = read_picture(arguments.image), read_picture(arguments.reference)
     found = comparing.compared(image, reference, arguments.layer, arguments.threshold)
+    if found.lacking():
+        telling.warning(f"not compared: {'; '.join(found.lacking())}")
     _print(found, arguments)
     if arguments.output:
         from .. import figures

@@ -13,6 +13,8 @@ from ..checks.image_errors import decibels, flip_of_seen, has_flip, has_ssim, re
 from ..checks.tables import as_lines, digits
 from ..plain import in_line, named_values, plain
 from ..reading import complaint, quoted
+from ..scene import LAYER_WORDS
+from ..spelling import hint
 from ..validation import Array
 from .channel_groups import Group, grouped
 from .pictures import Picture, named_pixel
@@ -65,23 +67,37 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compared` found. layers: by name. threshold: None where none was given."""
+    """What `compared` found. layers: by name. threshold: None where none was given.
+
+    only_image, only_reference: layers, or channels of layers, that are in one image alone and were not compared.
+    """
 
     shape: tuple[int, int]
     threshold: float | None
     layers: dict[str, Difference]
+    only_image: tuple[str, ...] = ()
+    only_reference: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
-        """Whether no pixel of any layer is over the threshold; without one there is nothing to fail."""
-        return self.threshold is None or not any(each.over for each in self.layers.values())
+        """Whether no pixel of any layer is over the threshold, and no layer is in one image alone; without a threshold
+        there is nothing to fail."""
+        return self.threshold is None or not (self._partial or any(each.over for each in self.layers.values()))
+
+    @property
+    def identical(self) -> bool:
+        return not self._partial and not any(each.different for each in self.layers.values())
+
+    @property
+    def _partial(self) -> bool:
+        return bool(self.only_image or self.only_reference)
 
     def stats(self) -> dict[str, Any]:
         rows, columns = self.shape
         layers = {name: each.stats() for name, each in self.layers.items()}
-        identical = not any(each.different for each in self.layers.values())
         head = {"width": columns, "height": rows, "threshold": self.threshold}
-        return {**head, "passed": self.passed, "identical": identical, "layers": layers}
+        lacking = {"only_image": list(self.only_image), "only_reference": list(self.only_reference)}
+        return {**head, "passed": self.passed, "identical": self.identical, **lacking, "layers": layers}
 
     def lines(self) -> list[str]:
         """A table, a line for each layer, and what came of it."""
@@ -110,19 +126,28 @@ class Comparison:
         ]
 
     def _verdict(self) -> str:
-        if not any(each.different for each in self.layers.values()):
+        if self.identical:
             return "identical"
         if self.threshold is None:
             return "different"
+        if self.passed:
+            return f"passed: nothing is over {self.threshold:g}"
         over = {name: each.over for name, each in self.layers.items() if each.over}
-        found = ", ".join(f"{count} pixels of {in_line(name)}" for name, count in over.items())
-        return f"FAILED: over {self.threshold:g}: {found}" if over else f"passed: nothing is over {self.threshold:g}"
+        counts = ", ".join(f"{count} pixels of {in_line(name)}" for name, count in over.items())
+        found = [f"over {self.threshold:g}: {counts}"] if over else []
+        return f"FAILED: {'; '.join([*found, *self.lacking()])}"
+
+    def lacking(self) -> list[str]:
+        """Which layers were not compared, for the image and for the reference, where there are any."""
+        each = (("the image", self.only_image), ("the reference", self.only_reference))
+        return [f"{', '.join(map(in_line, names))} of {where} alone" for where, names in each if names]
 
 
 def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = ()) -> dict[str, tuple[Group, Group]]:
-    """The layers of both images, or those of these names, which may also be channels.
+    """The layers that both images have, of the channels that both have; or those of these names, which may also be
+    channels, and which both must have.
 
-    Raises InputError, which names the image, for other sizes, kinds and layers than the reference's.
+    Raises InputError, which names the image, for another size or kind than the reference's, and where nothing is left.
     """
     if picture.shape != reference.shape:
         (rows, columns), (height, width) = picture.shape, reference.shape
@@ -130,22 +155,34 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
     if bool(picture.bits) != bool(reference.bits):
         wanted, given = ("a PNG" if each.bits else "an EXR" for each in (reference, picture))
         raise complaint(picture.name, "file", f"{wanted} as {reference.name} is", given)
-    groups, expected = _selected(picture, names), _selected(reference, names)
-    if not names and _names(groups) != _names(expected):
-        raise complaint(
-            picture.name,
-            "layers",
-            f"{_listed(expected)} as of {reference.name}, or --layer for one of both",
-            _listed(groups),
+    if names:
+        groups, expected = _selected(picture, names), _selected(reference, names)
+    else:
+        groups, expected = (
+            grouped({name: each.channels[name] for name in _shared(picture, reference)})
+            for each in (picture, reference)
         )
+        if not expected:
+            listed = (_listed(grouped(each.channels)) for each in (reference, picture))
+            raise complaint(picture.name, "layers", f"some of {next(listed)} as of {reference.name}", next(listed))
     for name, group in expected.items():
         if groups[name].names != group.names:
             raise complaint(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
     return {name: (groups[name], group) for name, group in expected.items()}
 
 
-def _names(groups: dict[str, Group]) -> set[tuple[str, tuple[str, ...]]]:
-    return {(name, group.names) for name, group in groups.items()}
+def _shared(picture: Picture, reference: Picture) -> list[str]:
+    """The channels of both images, in the reference's order."""
+    return [name for name in reference.channels if name in picture.channels]
+
+
+def alone(picture: Picture, other: Picture) -> tuple[str, ...]:
+    """What one image has and the other lacks: layers, or single channels of those that the other has in part."""
+    found: list[str] = []
+    for name, group in grouped(picture.channels).items():
+        lacking = [channel for channel in group.names if channel not in other.channels]
+        found += [name] if lacking == list(group.names) else lacking
+    return tuple(found)
 
 
 def _listed(groups: dict[str, Group]) -> str:
@@ -158,12 +195,11 @@ def _listed(groups: dict[str, Group]) -> str:
 
 def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
     groups = grouped(picture.channels)
-    if not names:
-        return groups
     single = {name: Group("", (name,), (plane,)) for name, plane in picture.channels.items()}
     for name in names:
         if name not in groups and name not in single:
-            raise complaint(picture.name, "--layer", "one of " + ", ".join(groups), quoted(name))
+            near = hint(name, (*groups, *single), LAYER_WORDS)
+            raise complaint(picture.name, "--layer", "one of " + ", ".join(groups), f"{quoted(name)}{near}")
     return {name: groups.get(name) or single[name] for name in names}
 
 
@@ -203,12 +239,14 @@ def is_exact(group: Group, reference: Group) -> bool:
 def compared(
     picture: Picture, reference: Picture, names: Sequence[str] = (), threshold: float | None = None
 ) -> Comparison:
-    """Layers of an image against those of a reference, all of them or these. See `chosen_layers` for what is refused."""
+    """Layers of an image against those of a reference, all that both have or these. See `chosen_layers` for what is
+    refused."""
     layers = {
         name: _difference(picture, reference, pair, threshold)
         for name, pair in chosen_layers(picture, reference, names).items()
     }
-    return Comparison(picture.shape, threshold, layers)
+    lacking = () if names else (alone(picture, reference), alone(reference, picture))
+    return Comparison(picture.shape, threshold, layers, *lacking)
 
 
 def _difference(picture: Picture, reference: Picture, pair: tuple[Group, Group], threshold: float | None) -> Difference:
