@@ -117,6 +117,47 @@ def _beside(target: str) -> str:
     return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
 
 
+_folders: list[str] = []  # made for files that are not there yet
+
+
+@interrupts.at_end
+def _remove_folders() -> None:
+    """After `_abandon_all`, which empties them: what was told of last comes first."""
+    for folder in reversed(list(_folders)):
+        with contextlib.suppress(OSError):
+            os.rmdir(folder)
+
+
+@contextlib.contextmanager
+def folder_made(path: Path | None) -> Iterator[None]:
+    """The folder is there in the block, and those that it lies in; those that were made for it, and have nothing in them at
+    the end, go again. None: no folder. Raises OutputError where it cannot be made."""
+    made: list[str] = []
+    try:
+        if path is not None:
+            with naming(path):
+                for folder in _missing(_resolved(path)):
+                    with contextlib.suppress(FileExistsError):  # of another process
+                        os.mkdir(folder)
+                        made.append(folder)
+                        _folders.append(folder)
+        yield
+    finally:
+        for folder in reversed(made):
+            with contextlib.suppress(OSError):
+                os.rmdir(folder)
+            _folders.remove(folder)
+
+
+def _missing(folder: str) -> list[str]:
+    """The folder, and those that it lies in, which are not there; the outermost first."""
+    found: list[str] = []
+    while not os.path.lexists(folder):
+        found.insert(0, folder)
+        folder = os.path.dirname(folder)
+    return found
+
+
 _under_way: set[_Replacement] = set()
 
 

@@ -80,7 +80,8 @@ def test_a_folder_that_stays_empty_is_not_left_behind(tmp_path, capsys):
     assert code == 2
     assert err
     assert listing(tmp_path) == []
-    assert_refused(run(capsys, "render", "quads", "box_room", "-o", tmp_path / "no" / "new"), "no/new", "cannot be")
+    (tmp_path / "file").write_bytes(b"")
+    assert_refused(run(capsys, "render", "quads", "box_room", "-o", tmp_path / "file" / "new"), "file/new", "cannot be")
 
 
 @needs_device

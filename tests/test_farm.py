@@ -222,8 +222,8 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert code == 0
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"out.{k:04d}.{kind}" for k in (8, 9, 10) for kind in ("exr", "png")]
-    assert "3/3" in err  # of the progress bar
-    assert "frame/s" in err
+    assert "3/3 frames, " in err
+    assert "frames/s" in err
     assert "3 drawn" in out
     whole = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(set(whole.values())) == 6
@@ -282,7 +282,6 @@ COMMANDS = [
     (("turntable", "--turn", "x"), ("--turn", "'x'")),
     (("turntable", "--degrees", "nan"), ("--degrees", "nan")),
     (("turntable", "-o", "out.exr"), ("--output", "'out.exr'", "out.####.exr")),
-    (("turntable", "-o", "nowhere/out.##.exr"), ("nowhere", "there is no folder")),
     (("turntable", "--workers", "0"), ("workers", "0")),
     (("turntable", "--timeout", "0"), ("timeout", "above 0")),
     (("turntable", "--workers", "two"), ("--workers", "'two'")),

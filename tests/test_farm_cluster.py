@@ -20,6 +20,7 @@ from clshade.errors import DeviceError, InputError, WorkerError
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
+dispatch = pytest.importorskip("clshade.farm.dispatch", exc_type=ImportError)
 
 COUNT = 40
 PATIENT = 120.0  # seconds, for busy machines
@@ -86,8 +87,8 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     with pytest.raises(WorkerError, match=r"^worker tcp://.*expected the clshade that runs here"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()
-    monkeypatch.setattr(cluster_module, "VISIBLE", 0.5)
-    monkeypatch.setattr(cluster_module, "output_paths", lambda path: [tmp_path / "on-a-disk-of-its-own"])
+    monkeypatch.setattr(dispatch, "VISIBLE", 0.5)
+    monkeypatch.setattr(dispatch, "output_paths", lambda path: [tmp_path / "on-a-disk-of-its-own"])
     with pytest.raises(WorkerError, match=rf"workers that write to this machine's {tmp_path}, found frame 1 written"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()

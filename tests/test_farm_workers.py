@@ -225,6 +225,6 @@ def test_a_run_says_that_a_worker_was_killed(tmp_path):
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
     assert "drawn again: the worker was killed by SIGKILL" in err
-    assert "; 1 ended early, the frames drawn again" in out
+    assert "; 1 lost, the frames drawn again" in out
     assert f"{5 * COUNT}/{5 * COUNT}" in err
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT

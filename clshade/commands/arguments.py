@@ -84,6 +84,11 @@ def _above_0(number: str | None, text: str, form: str) -> float:
     return value
 
 
+def seconds(text: str) -> float:
+    """A time in seconds, above 0."""
+    return _above_0(text, text, "seconds above 0 such as 30")
+
+
 def limit_options(group: argparse._ArgumentGroup) -> None:
     """--budget and --tolerance, of which one may be given."""
     either = group.add_mutually_exclusive_group()

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from . import DONE
-from .arguments import device_option
+from .arguments import device_option, seconds
 from .scene_options import chosen_saving, chosen_settings, picture_options
 
 CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
@@ -25,7 +25,8 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         "--output",
         default="out.####.exr",
         metavar="OUT",
-        help="#### stands for the number of the frame; a PNG beside each EXR (default: out.####.exr)",
+        help="#### stands for the number of the frame; a PNG beside each EXR; its folder is made where there is none "
+        "(default: out.####.exr)",
     )
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
     picture_options(output)
@@ -46,6 +47,14 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"seconds to wait for the scheduler and for a worker (default: {CONNECT_SECONDS:g})",
     )
+    group.add_argument(
+        "--frame-timeout",
+        type=seconds,
+        metavar="SECONDS",
+        help="with --workers or --scheduler: a worker that takes longer to draw and write a frame counts as hanging, and "
+        "others draw what it has; starting and compiling the kernels do not count, up to two minutes "
+        "(default: it is waited for)",
+    )
     device_option(parser)
 
 
@@ -60,6 +69,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Came
         workers=arguments.workers,
         scheduler=arguments.scheduler,
         timeout=arguments.timeout,
+        frame_timeout=arguments.frame_timeout,
         overwrite=arguments.overwrite,
         progress=not arguments.quiet,
         device=arguments.device,

@@ -8,6 +8,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from .. import telling
+from ..atomic import folder_made
 from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
 from . import DONE, FAILED, REFUSED
@@ -21,7 +22,7 @@ from .scene_options import (
     scene_options,
     setting_options,
 )
-from .scene_outputs import made, output_stems
+from .scene_outputs import output_stems
 
 if TYPE_CHECKING:
     from ..frame import Frame
@@ -79,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
     folder, outputs = output_stems(arguments.scenes, arguments.output)
-    with made(folder):
+    with folder_made(folder):
         for output in outputs:
             _check_output(output, arguments)
         if len(outputs) == 1:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from ..atomic import refused, shown
+from ..atomic import shown
 from ..errors import InputError
 
 ALONE, FOLDER = "out", "."  # -o unless it is given, for one scene and for several
@@ -44,20 +43,3 @@ def _named_after(scene: str) -> str:
 
     name = Path(scene).stem
     return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
-
-
-@contextlib.contextmanager
-def made(folder: Path | None) -> Iterator[None]:
-    """The folder is there in the block; one that was made for it, and has nothing in it at the end, goes again."""
-    if folder is None or folder.is_dir():
-        yield
-        return
-    try:
-        folder.mkdir()
-    except OSError as error:
-        raise refused(folder, error.strerror or str(error)) from None
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            folder.rmdir()

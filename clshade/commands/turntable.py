@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from .. import telling
 from .farm_options import draw, output_options, worker_options
 from .scene_options import camera_options, load_scene, scene_options, setting_options
+
+if TYPE_CHECKING:
+    from ..farm.frames import Frames
 
 FRAMES = "1..120"
 
@@ -14,9 +19,11 @@ FRAMES = "1..120"
 def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser)
     turn = parser.add_argument_group("turn, about what points up, through what is looked at")
-    turn.add_argument(
-        "--frames", default=FRAMES, metavar="1..120", help=f"also 5, 1..120..2 or 1..10,20 (default: {FRAMES})"
+    which = turn.add_mutually_exclusive_group()
+    which.add_argument(
+        "--frames", metavar="1..120", help=f"also 5 (that one), 1..120..2 or 1..10,20 (default: {FRAMES})"
     )
+    which.add_argument("--count", type=int, metavar="N", help="so many: the same as --frames 1..N")
     turn.add_argument(
         "--turn",
         metavar="1..120",
@@ -35,10 +42,24 @@ def run(arguments: argparse.Namespace) -> int:
     from ..farm import orbit, parse_frames
     from ..validation import number
 
-    frames = parse_frames(arguments.frames)
+    frames = _frames(arguments)
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
     degrees = number("turntable", "--degrees", arguments.degrees)
     scene = load_scene(arguments)
     if arguments.resolution is not None:
         scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
     return draw(arguments, scene, orbit(scene.camera, frames.numbers, turn, degrees))
+
+
+def _frames(arguments: argparse.Namespace) -> Frames:
+    """Those that --frames or --count mean; warns of one frame of a turn of one where its number was meant for a count."""
+    from ..farm.frames import MOST, parse_frames
+    from ..validation import integer
+
+    if arguments.count is not None:
+        return parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
+    frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
+    count = frames.last
+    if frames.span == 1 and 1 < count <= MOST and arguments.turn is None and "#" in arguments.output:
+        telling.warning(f"--frames {count} is one frame, that of number {count}: --count {count} draws {count} frames")
+    return frames

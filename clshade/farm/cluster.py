@@ -1,7 +1,8 @@
 """Frames drawn by the workers of a Dask cluster (dask.distributed), which write the files; only figures come back.
 
 The scene travels once to each worker, as a plugin that late comers get as well: data that is scattered would be lost
-with the workers that have it. Dask gives the tasks of a worker that is gone to others.
+with the workers that have it. Dask gives the tasks of a worker that is gone to others; who else has which frame, and for
+how long, is seen to in `dispatch`.
 """
 
 from __future__ import annotations
@@ -16,49 +17,53 @@ import threading
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from distributed import CancelledError, Client, Future, KilledWorker, Worker, WorkerPlugin, get_worker
+from distributed import Client, Worker, WorkerPlugin, get_worker
 from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
 from distributed.versions import VersionMismatchWarning
 
 from .. import telling
-from ..errors import ClshadeError, InputError, WorkerError
-from ..frame import output_paths
+from ..errors import InputError, WorkerError
 from ..programs import kernel_folder
-from .job import THREADS, Drawn, FrameWriter, Job, Lost, Task
+from .dispatch import ASK, POLL, TOPIC, Dispatcher, in_a_line
+from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
+from .members import Members
+from .waiting import SILENT
 
 T = TypeVar("T")
-POLL = 0.1  # seconds after which Python looks whether there was an interrupt
-ASK = 1.0  # seconds after which the scheduler is asked whether there are workers
 CLOSING = 2.0  # seconds for saying goodbye to the scheduler
-VISIBLE = 10.0  # seconds until a file that a worker wrote is here: network file systems take some
+SENDING = 60.0  # seconds that a worker which has a frame waits for the scene
 COMPARED = ("python", "dask", "distributed")  # packages whose versions had better be equal everywhere
 
 
-def draw_on_cluster(job: Job, tasks: Sequence[Task], address: str, timeout: float) -> Iterator[Drawn | Lost]:
-    """Draws the tasks and gives what came of each as soon as it is there, in any order.
+def draw_on_cluster(
+    job: Job, tasks: Iterable[Task], address: str, timeout: float, frame_timeout: float | None = None
+) -> Iterator[Drawn | Lost | Silent]:
+    """Draws the tasks and gives what came of each as soon as it is there, in any order; some for each thread of the
+    workers are taken ahead.
 
     address: of the scheduler, tcp://host:port. timeout: seconds to wait for it, for a first worker, and for another one
-    when all are gone.
+    when all are gone. frame_timeout: seconds after which a frame that a worker has begun is given to another one as well;
+    None: it is waited for.
     Raises InputError for an address that is none or that nobody answers at, WorkerError where the workers cannot do it,
     and what `FrameWriter.draw` did in a worker.
     """
     with _hushed(), _connected(address, timeout) as client:
-        _compare_versions(client)
+        members = Members(client, address)
         name = f"clshade-{uuid.uuid4().hex}"
-        _send(client, _Drawing(job, code_digest()), name, address)
-        run = _Run(client, name, tasks, address, timeout)
+        _send(client, _Drawing(job, code_digest()), name, members)
+        dispatcher = Dispatcher(client, _draw, name, tasks, members, timeout, frame_timeout)
         try:
-            yield from run.results()
+            yield from dispatcher.results()
         finally:
-            with contextlib.suppress(Exception):  # the scheduler may be gone, and what came before matters more
-                client.unsubscribe_topic("all")
-                client.cancel(list(run.futures), asynchronous=False)
-                client.unregister_worker_plugin(name)
+            with contextlib.suppress(Exception):  # a scheduler or a worker that is stopped would never answer
+                _in_time(dispatcher.close, CLOSING)
+                _in_time(partial(client.unregister_worker_plugin, name), CLOSING)
 
 
 # On the workers
@@ -69,6 +74,7 @@ class _Drawing(WorkerPlugin):
 
     def __init__(self, job: Job, digest: str) -> None:
         self._job, self._digest = job, digest
+        self._writer: FrameWriter | None = None
 
     def setup(self, worker: Worker) -> None:
         for variable in THREADS:
@@ -76,21 +82,45 @@ class _Drawing(WorkerPlugin):
         self._writer = FrameWriter(self._job)
 
     def teardown(self, worker: Worker) -> None:
-        self._writer.close()
+        if self._writer is not None:
+            self._writer.close()
 
-    def draw(self, task: Task) -> Drawn:
+    def draw(self, task: Task, ready: Callable[[], None]) -> Drawn | None:
+        """None: it is not set up yet."""
         if code_digest() != self._digest:
             where = get_worker().address
             raise WorkerError(
                 f"worker {where}: expected the clshade that runs here, found another one: install it there"
             )
-        return self._writer.draw(task)
+        return None if self._writer is None else self._writer.draw(task, ready)
 
 
-def _draw(name: str, task: Task) -> Drawn:
-    plugin = get_worker().plugins[name]
-    assert isinstance(plugin, _Drawing)
-    return plugin.draw(task)
+def _draw(name: str, task: Task) -> None:
+    """Draws a frame, and says so as `Dispatcher` understands it: a result would have to be fetched, which takes longer, and
+    for ever from a worker that is stopped."""
+    worker = get_worker()
+
+    def say(sign: str, **more: Any) -> None:
+        said = {"run": name, "key": key, "worker": worker.address, "sign": sign}
+        worker.log_event(TOPIC, {**said, **more})
+
+    key = worker.get_current_task()
+    say("begun")
+    try:
+        until = time.monotonic() + SENDING
+        while (drawn := _draw_if_there(worker, name, task, partial(say, "ready"))) is None:
+            if time.monotonic() > until:
+                raise WorkerError(f"frame {task.number}: worker {worker.address} did not get the scene")
+            time.sleep(POLL)
+    except BaseException:
+        say("failed")
+        raise
+    say("drawn", drawn=asdict(drawn))
+
+
+def _draw_if_there(worker: Worker, name: str, task: Task, ready: Callable[[], None]) -> Drawn | None:
+    plugin = worker.plugins.get(name)
+    return plugin.draw(task, ready) if isinstance(plugin, _Drawing) else None
 
 
 @cache
@@ -132,7 +162,7 @@ def _connected(address: str, timeout: float) -> Iterator[Client]:
             client = _in_time(lambda: Client(address, timeout=timeout, set_as_default=False), timeout + CLOSING)
     except Exception as error:  # whatever answers there, it is no scheduler
         expected = f"a Dask scheduler that answers within {timeout:g} s"
-        raise InputError(f"--scheduler: {address}: expected {expected}, found {_in_a_line(error)}") from None
+        raise InputError(f"--scheduler: {address}: expected {expected}, found {in_a_line(error)}") from None
     try:
         _wait_for_workers(client, address, timeout)
         yield client
@@ -152,13 +182,14 @@ def _in_time(call: Callable[[], T], seconds: float) -> T:
             answers.put((None, error))
 
     threading.Thread(target=run, daemon=True).start()
-    try:
-        value, error = answers.get(timeout=seconds)
-    except queue.Empty:
-        raise NotInTime("no answer") from None
-    if error is not None:
-        raise error
-    return value  # type: ignore[return-value]
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        with contextlib.suppress(queue.Empty):
+            value, error = answers.get(timeout=POLL)
+            if error is not None:
+                raise error
+            return value  # type: ignore[return-value]
+    raise NotInTime("no answer")
 
 
 def _wait_for_workers(client: Client, address: str, timeout: float) -> None:
@@ -169,13 +200,31 @@ def _wait_for_workers(client: Client, address: str, timeout: float) -> None:
         raise InputError(f"--scheduler: {address}: expected {expected}, found none") from None
 
 
-def _in_a_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]
+def _send(client: Client, plugin: _Drawing, name: str, members: Members) -> None:
+    """The scene to all workers, and warns of versions that differ: frames may be drawn all the same."""
+    members.ask(ASK)
+    versions: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_put_versions, args=(client, versions), daemon=True).start()
+    try:
+        _in_time(partial(client.register_plugin, plugin, name=name), SILENT)
+    except NotInTime:  # those that have it go on; those that come back get it then
+        members.ask(ASK)
+        silent = [worker for worker in members if members.silence(worker) > SILENT / 2]
+        who = f"worker{'s' * (len(silent) > 1)} {', '.join(silent)}" if silent else "some of the workers"
+        telling.warning(f"no sign of {who} for {SILENT:g} s, at receiving the scene")
+    except Exception as error:  # such as a ModuleNotFoundError of a worker without clshade
+        expected = f"workers with the clshade that runs here, found {in_a_line(error)}"
+        raise WorkerError(f"--scheduler: {members.scheduler}: expected {expected}") from None
+    with contextlib.suppress(queue.Empty):
+        _compare_versions(versions.get(timeout=ASK))
 
 
-def _compare_versions(client: Client) -> None:
-    """Warns of versions that differ: frames may be drawn all the same."""
-    found: Any = client.get_versions()
+def _put_versions(client: Client, versions: queue.SimpleQueue[Any]) -> None:
+    with contextlib.suppress(Exception):
+        versions.put(client.get_versions())
+
+
+def _compare_versions(found: Any) -> None:
     here = found["client"]["packages"]
     others = {
         "the scheduler": found["scheduler"],
@@ -187,90 +236,3 @@ def _compare_versions(client: Client) -> None:
         if differing:
             shown = ", ".join(f"{name} {theirs.get(name)} (here {here.get(name)})" for name in differing)
             telling.warning(f"{who} has {shown}")
-
-
-def _send(client: Client, plugin: _Drawing, name: str, address: str) -> None:
-    try:
-        client.register_plugin(plugin, name=name)
-    except Exception as error:  # such as a ModuleNotFoundError of a worker without clshade
-        expected = f"workers with the clshade that runs here, found {_in_a_line(error)}"
-        raise WorkerError(f"--scheduler: {address}: expected {expected}") from None
-
-
-class _Run:
-    """The tasks of a run, from here."""
-
-    def __init__(self, client: Client, name: str, tasks: Sequence[Task], address: str, timeout: float) -> None:
-        self._client, self._address, self._timeout = client, address, timeout
-        self._events: queue.SimpleQueue[Future | Lost] = queue.SimpleQueue()
-        self._by_key: dict[Any, Task] = {f"{name}-{task.number}": task for task in tasks}
-        self._by_number = {task.number: task for task in tasks}
-        self._asked = self._seen = time.monotonic()
-        client.subscribe_topic("all", self._hear)
-        keys = list(self._by_key)
-        self.futures: list[Future] = client.map(_draw, [name] * len(tasks), tasks, key=keys, pure=False)
-        for future in self.futures:
-            future.add_done_callback(self._events.put)
-
-    def _hear(self, event: tuple[float, Any]) -> None:
-        """Of workers that are gone, while they drew or had just drawn."""
-        _, message = event
-        if isinstance(message, dict) and message.get("action") == "remove-worker":
-            keys = message.get("processing-tasks", ())
-            numbers = tuple(sorted(self._by_key[key].number for key in keys if key in self._by_key))
-            if numbers:
-                self._events.put(Lost(numbers, f"{message.get('worker')} is gone"))
-
-    def results(self) -> Iterator[Drawn | Lost]:
-        left = len(self.futures)
-        unseen: dict[int, float] = {}  # frames drawn whose files are not here yet, since when
-        while left or unseen:
-            unseen = {number: since for number, since in unseen.items() if not self._is_here(number)}
-            if unseen and time.monotonic() - min(unseen.values()) > VISIBLE:
-                folder = self._by_number[min(unseen)].path.parent
-                expected = f"workers that write to this machine's {folder}"
-                raise WorkerError(f"{self._address}: expected {expected}, found frame {min(unseen)} written elsewhere")
-            self._look_for_workers(left)
-            try:
-                event = self._events.get(timeout=POLL)
-            except queue.Empty:
-                continue
-            if isinstance(event, Lost):
-                yield event
-            elif (drawn := self._result(event)) is not None:
-                left -= 1
-                unseen[drawn.number] = time.monotonic()
-                yield drawn
-
-    def _is_here(self, number: int) -> bool:
-        return all(path.exists() for path in output_paths(self._by_number[number].path))
-
-    def _look_for_workers(self, left: int) -> None:
-        """Raises WorkerError when there have been none for some time."""
-        now = time.monotonic()
-        if now < self._asked + ASK:
-            return
-        self._asked = now
-        with contextlib.suppress(Exception):  # the scheduler may be gone, too
-            if self._client.scheduler_info()["workers"]:
-                self._seen = now
-        if now - self._seen > self._timeout:
-            raise WorkerError(f"{self._address}: no worker is left, and {left} frames are: run it again to go on")
-
-    def _result(self, future: Future) -> Drawn | None:
-        """None where the worker that has it is gone: the frame is drawn again, and the event comes again."""
-        number = self._by_key[future.key].number
-        try:
-            return future.result(timeout=ASK)
-        except ClshadeError:
-            raise
-        except NotInTime:
-            self._events.put(future)
-            return None
-        except KilledWorker as error:
-            found = f"{error.allowed_failures + 1} workers ended while they drew it"
-            raise WorkerError(f"frame {number}: {found}, the last {error.last_worker.address}") from None
-        except CancelledError:
-            raise WorkerError(f"{self._address}: the scheduler is gone: run it again to go on") from None
-        except Exception as error:
-            raise WorkerError(f"frame {number}: {_in_a_line(error)}") from error

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from ..scene import Scene, Settings
 # How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL's older
 # and newer name for it, Intel's.
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
+SMALL = (16, 16)  # pixels of an image that is drawn for its kernels alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,15 @@ class Lost:
     reason: str
 
 
+@dataclass(frozen=True)
+class Silent:
+    """A worker, its process id or address, that has given no sign of these frames for so many seconds."""
+
+    numbers: tuple[int, ...]
+    worker: str
+    seconds: float
+
+
 class FrameWriter:
     """Draws and writes frames of a job. The scene stays on the device from the first frame on, until `close`."""
 
@@ -71,20 +81,32 @@ class FrameWriter:
         self._renderers: dict[bool, Renderer] = {}
         self._lock = threading.Lock()
 
-    def _renderer(self, camera: Camera) -> Renderer:
-        """A renderer draws either perspective or orthographic views; a job may have both."""
+    def _renderer(self, camera: Camera, compiled: bool) -> Renderer:
+        """A renderer draws either perspective or orthographic views; a job may have both.
+
+        compiled: a new one draws a small image first, as some runtimes compile a kernel when it runs first.
+        """
         with self._lock:
             kind = camera.orthographic
             if kind not in self._renderers:
                 scene = replace(self._job.scene, camera=camera)
-                self._renderers[kind] = Renderer(scene, settings=self._job.settings, device=self._job.device)
+                renderer = Renderer(scene, settings=self._job.settings, device=self._job.device)
+                self._renderers[kind] = renderer
+                if compiled:
+                    renderer.render(replace(self._job.scene.camera, orthographic=kind).with_resolution(SMALL))
             return self._renderers[kind]
 
-    def draw(self, task: Task) -> Drawn:
-        """Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for what is a bug."""
+    def draw(self, task: Task, ready: Callable[[], None] | None = None) -> Drawn:
+        """ready: called when the kernels are compiled and nothing but the frame's own work is left.
+
+        Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for what is a bug.
+        """
         try:
             start = time.perf_counter()
-            frame = self._renderer(task.camera).render(task.camera)
+            renderer = self._renderer(task.camera, compiled=ready is not None)
+            if ready is not None:
+                ready()
+            frame = renderer.render(task.camera)
             drawn = time.perf_counter()
             warnings = frame.write(task.path, **self._job.saving)
             done = time.perf_counter()

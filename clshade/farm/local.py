@@ -1,7 +1,7 @@
 """Frames drawn by several processes on this machine, each with its own device, scene and kernel cache.
 
-A process that ends is replaced and its frame drawn again. (An executor of concurrent.futures is broken for good when one
-of its processes dies, and a Pool waits forever for what it was doing.)
+A process that ends, or that is ended because it hangs, is replaced and its frame drawn again. (An executor of
+concurrent.futures is broken for good when one of its processes dies, and a Pool waits forever for what it was doing.)
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from types import FrameType
 
 from .. import interrupts
 from ..errors import WorkerError
-from .job import THREADS, Drawn, FrameWriter, Job, Lost, Task
+from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
+from .waiting import ATTEMPTS, PREPARING, Clock, Pauses
 
 MOST_WORKERS = 256
-ATTEMPTS = 3  # at a frame, before it is given up: it may be what kills the workers
 POLL = 0.1  # seconds after which Python looks whether there was an interrupt
 PATIENCE = 0.6  # seconds that workers have to end when told to; an interrupted process has GRACE and CLEARING itself
 
@@ -36,15 +36,19 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def draw_locally(job: Job, tasks: Iterable[Task], workers: int) -> Iterator[Drawn | Lost]:
-    """Draws the tasks and gives what came of each as soon as it is there, in any order.
+def draw_locally(
+    job: Job, tasks: Iterable[Task], workers: int, frame_timeout: float | None = None
+) -> Iterator[Drawn | Lost | Silent]:
+    """Draws the tasks and gives what came of each as soon as it is there, in any order; no task is taken before there is a
+    worker for it.
 
+    frame_timeout: seconds after which a worker that is ready and has not drawn its frame is ended; None: it is waited for.
     Raises what `FrameWriter.draw` did in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
     Whatever ends the iteration early ends the workers.
     """
     waiting = iter(tasks)
     first = list(itertools.islice(waiting, workers))
-    crew = _Crew(job, len(first))
+    crew = _Crew(job, len(first), frame_timeout)
     _crews.add(crew)
     interrupted = False
     try:
@@ -104,18 +108,33 @@ def _interrupts_blocked() -> Iterator[None]:
 class _Worker:
     """A process, our end of the pipe to it, and the task that it is at."""
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: int, timed: bool) -> None:
         # Not forked: a runtime's threads do not survive that.
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, threads), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs, threads, timed), daemon=True)
         self.process.start()
         theirs.close()  # else the pipe would outlive the process
         self.task: Task | None = None
+        self.ready = False  # it has started and compiled the kernels
+        self.clock = Clock()
+        self._sender: threading.Thread | None = None
 
-    def begin(self, task: Task) -> None:
+    def begin(self, task: Task, job: bytes | None = None) -> None:
+        """Gives it a task; a new worker the job before it."""
         self.task = task
+        self.clock.restart()
+        if job is None:
+            self._send(task)
+        else:
+            # A scene may be more than the pipe holds, and a process that is stopped would never read it.
+            self._sender = threading.Thread(target=self._send, args=(task, job), daemon=True)
+            self._sender.start()
+
+    def _send(self, task: Task, job: bytes | None = None) -> None:
         with contextlib.suppress(OSError):  # it ended; reading from it says so again
+            if job is not None:
+                self.pipe.send_bytes(job)
             self.pipe.send(task)
 
     def reason(self) -> str:
@@ -128,65 +147,92 @@ class _Worker:
             return f"was killed by {signal.Signals(-code).name}"
         return f"was killed by signal {-code}"
 
+    def kill(self) -> None:
+        """Ends a process that hangs or is stopped: nothing else reaches it."""
+        self.process.kill()
+        self.process.join(PATIENCE)
+
+    def dismiss(self) -> None:
+        """A closed pipe tells the process to end."""
+        if self._sender is not None:
+            self._sender.join(PATIENCE)  # done, or it fails where the process has ended
+        self.pipe.close()
+        self.task = None
+
 
 class _Crew:
     """The workers of one run."""
 
-    def __init__(self, job: Job, size: int) -> None:
+    def __init__(self, job: Job, size: int, frame_timeout: float | None) -> None:
         self._job = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
         self._threads = max(1, processors() // max(1, size))
+        self._frame_timeout = frame_timeout
         self._workers: list[_Worker] = []
+        self._attempts: Counter[int] = Counter()
+        self._latest = 0.0  # seconds that the latest frame took
 
-    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[Drawn | Lost]:
+    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[Drawn | Lost | Silent]:
         """first: what the workers begin with, one task each."""
-        attempts: Counter[int] = Counter()
         started = [self._start() for _ in first]
         for worker, begun in zip(started, first, strict=True):
-            self._employ(worker, begun)
+            worker.begin(begun, self._job)
+        pauses = Pauses()
         while busy := {worker.pipe: worker for worker in self._workers if worker.task is not None}:
             for pipe in wait(list(busy), POLL):
                 worker = busy[pipe]  # type: ignore[index]
-                task = worker.task
-                assert task is not None
                 try:
                     answer = worker.pipe.recv()
                 except (EOFError, OSError):
-                    reason = worker.reason()
-                    self._dismiss(worker)
-                    attempts[task.number] += 1
-                    if attempts[task.number] == ATTEMPTS:
-                        found = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
-                        raise WorkerError(f"frame {task.number}: {found}") from None
-                    yield Lost((task.number,), reason)
-                    self._employ(self._start(), task)
+                    yield self._replace(worker, worker.reason())
                     continue
                 if isinstance(answer, Exception):
                     raise answer
+                if answer is None:
+                    worker.ready = True
+                    worker.clock.restart()
+                    continue
+                self._latest = (answer.render_ms + answer.save_ms) / 1e3
                 following = next(waiting, None)
                 if following is None:
-                    self._dismiss(worker)
+                    worker.dismiss()
                 else:
                     worker.begin(following)
                 yield answer
+            paused = pauses.latest()
+            for worker in busy.values():
+                worker.clock.skip(paused)
+                yield from self._look_at(worker)
         for worker in self._workers:
             worker.process.join(PATIENCE)
 
+    def _look_at(self, worker: _Worker) -> Iterator[Lost | Silent]:
+        """Whether it has been silent for too long."""
+        if worker.task is None:
+            return
+        limit, seconds = self._frame_timeout, worker.clock.seconds
+        if limit is not None and seconds > limit + (0.0 if worker.ready else PREPARING):
+            worker.kill()
+            yield self._replace(worker, f"{worker.process.pid} gave no sign for {seconds:.3g} s")
+        elif (silent := worker.clock.due(self._latest)) is not None:
+            yield Silent((worker.task.number,), str(worker.process.pid), silent)
+
+    def _replace(self, worker: _Worker, reason: str) -> Lost:
+        """Has a new worker draw what this one did not. Raises WorkerError after ATTEMPTS of them."""
+        task = worker.task
+        assert task is not None
+        worker.dismiss()
+        self._attempts[task.number] += 1
+        if self._attempts[task.number] == ATTEMPTS:
+            found = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
+            raise WorkerError(f"frame {task.number}: {found}")
+        self._start().begin(task, self._job)
+        return Lost((task.number,), reason)
+
     def _start(self) -> _Worker:
         with _interrupts_held_back():
-            worker = _Worker(self._threads)
+            worker = _Worker(self._threads, self._frame_timeout is not None)
             self._workers.append(worker)
         return worker
-
-    def _employ(self, worker: _Worker, task: Task) -> None:
-        """Gives a new worker the job and its first task."""
-        with contextlib.suppress(OSError):
-            worker.pipe.send_bytes(self._job)
-        worker.begin(task)
-
-    def _dismiss(self, worker: _Worker) -> None:
-        """A closed pipe tells the process to end."""
-        worker.pipe.close()
-        worker.task = None
 
     def interrupt(self) -> None:
         """Tells all processes to end: by an interrupt, so that they remove what they were writing."""
@@ -207,17 +253,21 @@ class _Crew:
         _crews.discard(self)
 
 
-def _serve(pipe: Connection, threads: int) -> None:
-    """What a worker does: draws the tasks that come, until the pipe is closed or its other end is gone."""
+def _serve(pipe: Connection, threads: int, timed: bool) -> None:
+    """What a worker does: draws the tasks that come, until the pipe is closed or its other end is gone.
+
+    timed: it answers None, before what came of it, when it is ready to draw a task.
+    """
     try:
         interrupts.leave_soon(quiet=True)
         for name in THREADS:
             os.environ.setdefault(name, str(threads))
+        ready = (lambda: pipe.send(None)) if timed else None
         with FrameWriter(pickle.loads(pipe.recv_bytes())) as writer:
             while True:
                 task = pipe.recv()
                 try:
-                    answer: Drawn | Exception = writer.draw(task)
+                    answer: Drawn | Exception = writer.draw(task, ready)
                 except Exception as error:
                     answer = error
                 pipe.send(answer)

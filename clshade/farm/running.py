@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib.util
 import os
 import stat
-import sys
-import time
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import png, telling
+from ..atomic import folder_made
 from ..camera import Camera
 from ..errors import InputError
 from ..frame import check_output
@@ -20,20 +20,18 @@ from ..renderer import settle
 from ..scene import Scene
 from ..validation import integer, number
 from .frames import Pattern, parse_pattern
-from .job import Drawn, FrameWriter, Job, Lost, Task
+from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
-
-if TYPE_CHECKING:
-    from tqdm import tqdm
+from .progress import Progress, rate_text
 
 
 @dataclass(frozen=True)
 class Run:
     """What came of a run.
 
-    drawn, skipped: numbers of frames. lost: workers that ended before their frame was done. seconds: from start to end,
-    starting workers included. draw_ms: median of what a frame took its worker to draw and write. size: bytes written.
-    workers: those that drew frames.
+    drawn, skipped: numbers of frames. lost: workers that ended, or hung, before their frame was done. seconds: until the
+    last frame was drawn, starting workers and compiling kernels included. draw_ms: median of what a frame took its worker
+    to draw and write. size: bytes written. workers: those that drew frames.
     """
 
     drawn: int
@@ -48,7 +46,7 @@ class Run:
 
     @property
     def rate(self) -> float:
-        """Frames per second."""
+        """Frames drawn per second, as the progress shows it: those that were there before do not count."""
         return self.drawn / self.seconds if self.seconds else 0.0
 
     def stats(self) -> dict[str, Any]:
@@ -57,12 +55,15 @@ class Run:
     def lines(self) -> list[str]:
         """For the terminal."""
         skipped = f", {self.skipped:,} there already (--overwrite draws them again)" if self.skipped else ""
-        lost = f"; {self.lost} ended early, the frames drawn again" if self.lost else ""
+        lost = f"; {self.lost} lost, the frames drawn again" if self.lost else ""
         workers = f"{self.workers} worker{'s' if self.workers != 1 else ''}{lost}"
         files = self.first if self.first == self.last else f"{self.first} ... {self.last}"
+        time = (
+            f"time    {self.seconds:.1f} s, {rate_text(self.rate)}; a frame {self.draw_ms:.0f} ms (median); {workers}"
+        )
         return [
             f"frames  {self.drawn:,} drawn{skipped}",
-            f"time    {self.seconds:.1f} s, {self.rate:.1f} frames/s, {self.draw_ms:.0f} ms a frame; {workers}",
+            *([time] if self.drawn else []),
             f"files   {files}, a PNG beside each ({self.size / 1e6:.1f} MB written)",
         ]
 
@@ -75,6 +76,7 @@ def draw_frames(
     workers: int = 1,
     scheduler: str | None = None,
     timeout: float = 10.0,
+    frame_timeout: float | None = None,
     overwrite: bool = False,
     progress: bool = True,
     device: str | None = None,
@@ -83,58 +85,76 @@ def draw_frames(
 ) -> Run:
     """Draws frames of a scene and writes each as EXR and PNG, the same files whoever draws them.
 
-    cameras: by number of the frame. output: the files' names, such as `out.####.exr`.
+    cameras: by number of the frame. output: the files' names, such as `out.####.exr`; their folder is made where there is
+    none, and goes again if nothing is drawn.
     workers: processes on this machine; 1: this one. scheduler: address of a Dask scheduler, whose workers draw instead;
-    timeout: seconds to wait for it. overwrite: draw frames whose two files exist, too; they are skipped otherwise. An
-    existing file is whole, for files appear at once (`clshade.atomic`).
-    progress: a bar on standard error. saving: keywords of `Frame.save`. settings: of `clshade.render`.
+    timeout: seconds to wait for it. frame_timeout: seconds after which a worker that is ready, its kernels compiled, and
+    has not drawn its frame counts as hanging: others draw what it has. None: it is waited for, and after ten seconds that
+    is told.
+    overwrite: draw frames whose two files exist, too; they are skipped otherwise. An existing file is whole, for files
+    appear at once (`clshade.atomic`).
+    progress: a bar, or lines, on standard error. saving: keywords of `Frame.save`. settings: of `clshade.render`.
     With several workers a script needs the usual `if __name__ == "__main__":`.
     Raises InputError, DeviceError, OutputError, and WorkerError for workers that fail; what is drawn stays.
     """
-    start = time.perf_counter()
     integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
     number("draw_frames", "timeout", timeout, above=0.0)
+    if frame_timeout is not None:
+        number("draw_frames", "frame_timeout", frame_timeout, above=0.0)
+        if workers == 1 and scheduler is None:
+            expected = "two --workers or more, or a --scheduler: they can be given the frames of one that hangs"
+            raise InputError(f"--frame-timeout: expected {expected}, found one process")
     if not cameras:
         raise InputError("draw_frames: cameras: expected one or more, found none")
     pattern = parse_pattern(output, len(cameras))
     saving = dict(saving or {})
-    check = {name: value for name, value in saving.items() if name in ("tonemap", "exposure", "compression")}
     scene, settled = settle(scene, **settings)
     left = [number for number in cameras if overwrite or not all(map(_is_there, pattern.names(number)))]
-    if left:
-        check_output(pattern.names(left[0])[0], **check)
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
         _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
-    job = Job(scene, settled, device, saving)
     tasks = (Task(number, cameras[number], Path(pattern.names(number)[0]).absolute()) for number in left)
-    draw_ms: list[float] = []
+    folder = Path(pattern.names(next(iter(cameras)))[0]).parent
+    with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
+        if left:
+            check = {name: value for name, value in saving.items() if name in ("tonemap", "exposure", "compression")}
+            check_output(pattern.names(left[0])[0], **check)
+        job = Job(scene, settled, device, saving)
+        results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
+        counts = _collect(results, bar, frame_timeout is not None)
+    return Run(
+        drawn=bar.drawn,
+        skipped=skipped,
+        seconds=bar.seconds,
+        first=pattern.names(min(cameras))[0],
+        last=pattern.names(max(cameras))[0],
+        **counts,
+    )
+
+
+def _collect(results: Iterator[Drawn | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
+    """Draws all, and says what is to be said meanwhile; further fields of Run. limited: workers that hang are replaced."""
+    draw_ms = array("d")
     drawn_by: set[str] = set()
     size = lost = 0
-    with _Progress(len(cameras), skipped, progress) as bar:
-        for each in _results(job, tasks, workers, scheduler, timeout) if left else ():
-            if isinstance(each, Lost):
-                lost += 1
-                many = len(each.numbers) > 1
-                numbers = ", ".join(map(str, each.numbers))
-                bar.say(f"frame{'s' * many} {numbers} drawn again: the worker {each.reason}")
-                continue
+    for each in results:
+        if isinstance(each, Lost):
+            lost += 1
+            bar.say(f"{_frames(each.numbers)} drawn again: the worker {each.reason}")
+        elif isinstance(each, Silent):
+            hint = "" if limited else " (--frame-timeout SECONDS gives frames of such workers to others)"
+            bar.say(f"no sign of worker {each.worker} for {each.seconds:.0f} s, at {_frames(each.numbers)}{hint}")
+        else:
             draw_ms.append(each.render_ms + each.save_ms)
             drawn_by.add(each.worker)
             size += each.size
             bar.advance(each)
-    return Run(
-        drawn=len(draw_ms),
-        skipped=skipped,
-        lost=lost,
-        seconds=time.perf_counter() - start,
-        draw_ms=_median(draw_ms),
-        size=size,
-        workers=len(drawn_by),
-        first=pattern.names(min(cameras))[0],
-        last=pattern.names(max(cameras))[0],
-    )
+    return {"lost": lost, "draw_ms": _median(draw_ms), "size": size, "workers": len(drawn_by)}
+
+
+def _frames(numbers: Sequence[int]) -> str:
+    return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
 def _is_there(name: str) -> bool:
@@ -156,16 +176,21 @@ def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera])
 
 
 def _results(
-    job: Job, tasks: Iterable[Task], workers: int, scheduler: str | None, timeout: float
-) -> Iterator[Drawn | Lost]:
+    job: Job,
+    tasks: Iterable[Task],
+    workers: int,
+    scheduler: str | None,
+    timeout: float,
+    frame_timeout: float | None,
+) -> Iterator[Drawn | Lost | Silent]:
     if scheduler is not None:
         if importlib.util.find_spec("distributed") is None:
             raise InputError('--scheduler: expected dask.distributed, found none: `pip install "clshade[cluster]"`')
         from .cluster import draw_on_cluster
 
-        return draw_on_cluster(job, list(tasks), scheduler, timeout)
+        return draw_on_cluster(job, tasks, scheduler, timeout, frame_timeout)
     if workers > 1:
-        return draw_locally(job, tasks, workers)
+        return draw_locally(job, tasks, workers, frame_timeout)
     return _draw_here(job, tasks)
 
 
@@ -177,45 +202,3 @@ def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[Drawn]:
 
 def _median(values: Sequence[float]) -> float:
     return sorted(values)[len(values) // 2] if values else 0.0
-
-
-class _Progress:
-    """A bar with rate and remaining time on standard error, and lines above it; warnings of frames once each.
-
-    It appears with the first frame: what is refused is told in one line.
-    """
-
-    def __init__(self, total: int, done: int, shown: bool) -> None:
-        self._total, self._done, self._shown = total, done, shown
-        self._start = time.time()  # tqdm's clock
-        self._bar: tqdm | None = None
-        self._said: set[str] = set()
-
-    def _appear(self) -> tqdm:
-        if self._bar is None:
-            from tqdm import tqdm
-
-            # A log gets a line now and then, a terminal what changes.
-            interval = 0.1 if sys.stderr is not None and sys.stderr.isatty() else 10.0
-            options = {"unit": "frame", "mininterval": interval, "smoothing": 0.1, "disable": not self._shown}
-            self._bar = tqdm(total=self._total, initial=self._done, **options)
-            self._bar.start_t = self._bar.last_print_t = self._start
-        return self._bar
-
-    def say(self, message: str) -> None:
-        self._appear().clear()
-        telling.warning(message)
-
-    def advance(self, drawn: Drawn) -> None:
-        for warning in drawn.warnings:
-            if warning not in self._said:
-                self._said.add(warning)
-                self.say(f"frame {drawn.number}: {warning}")
-        self._appear().update()
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()

@@ -1,0 +1,316 @@
+"""Frames on their way through a Dask cluster: some for each thread at a time, watched, and given to others."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import queue
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from distributed import CancelledError, Client, Future, KilledWorker
+from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
+
+from ..errors import ClshadeError, WorkerError
+from ..frame import output_paths
+from .job import Drawn, Lost, Silent, Task
+from .members import Members
+from .waiting import ATTEMPTS, PREPARING, Clock, Pauses
+
+TOPIC = "clshade"  # of the signs that workers give: one for all runs, as a scheduler keeps the latest of each for ever
+AHEAD = 3  # frames for each thread: one that is drawn, others for it to go on with
+POLL = 0.1  # seconds after which Python looks whether there was an interrupt
+ASK = 1.0  # seconds after which the scheduler is asked for the workers, and until that counts as no answer
+VISIBLE = 10.0  # seconds until a file that a worker wrote is here: network file systems take some
+RESUME = "run it again to go on"
+
+
+@dataclass(eq=False)
+class _Flight:
+    """A frame that the cluster has. future: of the latest attempt. worker: which has it, "" while that is not known.
+
+    allowed: the only workers that may draw it; None: any. begun, ready: whether the worker has begun, and has compiled the
+    kernels. late: workers that did not draw it in time. keys: of all attempts.
+    """
+
+    task: Task
+    future: Future | None = None
+    allowed: frozenset[str] | None = None
+    worker: str = ""
+    begun: bool = False
+    ready: bool = False
+    late: list[str] = field(default_factory=list)
+    keys: list[str] = field(default_factory=list)
+    clock: Clock = field(default_factory=Clock)
+
+    def place(self, worker: str, begun: bool = False, ready: bool = False) -> None:
+        self.worker, self.begun, self.ready = worker, begun, ready
+        self.clock.restart()
+
+
+class Dispatcher:
+    """The frames of a run, from here. Workers say on TOPIC what they do: {"run": name, "key", "worker", "sign": "begun",
+    "ready", "drawn" or "failed"}, of "drawn" with the fields of Drawn."""
+
+    def __init__(
+        self,
+        client: Client,
+        draw: Callable[[str, Task], None],
+        name: str,
+        tasks: Iterable[Task],
+        members: Members,
+        timeout: float,
+        frame_timeout: float | None,
+    ) -> None:
+        self._client, self._draw, self._name, self._tasks = client, draw, name, iter(tasks)
+        self._members, self._timeout, self._frame_timeout = members, timeout, frame_timeout
+        self._events: queue.SimpleQueue[Future | Mapping[str, Any]] = queue.SimpleQueue()
+        self._flights: dict[int, _Flight] = {}
+        self._by_key: dict[str, _Flight] = {}  # of all attempts at frames that are not drawn
+        self._stuck: dict[str, str] = {}  # keys of frames that a worker had for too long, and the worker
+        self._unseen: dict[int, tuple[Path, float]] = {}  # files of frames drawn that are not here yet, since when
+        self._keys = itertools.count()
+        self._latest = 0.0  # seconds that the latest frame took
+        self._asked, self._seen = float("-inf"), time.monotonic()
+        for topic in ("all", TOPIC):
+            client.subscribe_topic(topic, self._hear)
+
+    def results(self) -> Iterator[Drawn | Lost | Silent]:
+        pauses = Pauses()
+        while True:
+            if paused := pauses.latest():
+                self._members.skip(paused)
+                for flight in self._flights.values():
+                    flight.clock.skip(paused)
+            yield from self._look()
+            self._refill()
+            self._await_files()
+            if not self._flights and not self._unseen:
+                return
+            try:
+                event = self._events.get(timeout=POLL)
+            except queue.Empty:
+                continue
+            if isinstance(event, Future):
+                self._check_future(event)
+            elif event.get("action") == "remove-worker":
+                yield from self._forget(event)
+            elif event.get("run") == self._name and (drawn := self._note(event)) is not None:
+                yield drawn
+
+    def close(self) -> None:
+        """Gives back what has not begun."""
+        for topic in ("all", TOPIC):
+            self._client.unsubscribe_topic(topic)
+        futures = [flight.future for flight in self._flights.values() if flight.future is not None]
+        self._client.cancel(futures, asynchronous=False)
+
+    # Frames to the cluster
+
+    def _refill(self) -> None:
+        """Submits so many that no thread waits for the next, and no more: a run may have a million."""
+        room = AHEAD * self._members.threads - len(self._flights)
+        flights = [_Flight(task) for task in itertools.islice(self._tasks, max(room, 0))]
+        self._flights.update((flight.task.number, flight) for flight in flights)
+        healthy = self._healthy()
+        some = self._frame_timeout is not None and healthy and len(healthy) < len(self._members)
+        self._submit(flights, frozenset(healthy) if some else None)
+
+    def _submit(self, flights: list[_Flight], allowed: frozenset[str] | None) -> None:
+        if not flights:
+            return
+        keys = [f"{self._name}-{next(self._keys)}" for _ in flights]
+        for key, flight in zip(keys, flights, strict=True):
+            self._by_key[key] = flight
+            flight.keys.append(key)
+            flight.allowed = allowed
+            flight.place("")
+        tasks = [flight.task for flight in flights]
+        workers = None if allowed is None else sorted(allowed)
+        try:
+            futures: list[Future] = self._client.map(
+                self._draw, [self._name] * len(tasks), tasks, key=keys, pure=False, workers=workers
+            )
+        except Exception as error:
+            raise self._gone() from error
+        for flight, future in zip(flights, futures, strict=True):
+            flight.future = future
+            future.add_done_callback(self._events.put)
+
+    def _move(self, flight: _Flight) -> None:
+        """To a worker that is well, where there is one; if not, later."""
+        if flight.future is not None:
+            with contextlib.suppress(Exception):
+                flight.future.release()
+            flight.future = None
+        flight.place("")
+        healthy = self._healthy()
+        chosen = healthy - set(flight.late) or healthy
+        if chosen:
+            self._submit([flight], frozenset(chosen))
+
+    # What is heard of them
+
+    def _hear(self, event: tuple[float, Any]) -> None:
+        """In the client's own thread."""
+        if isinstance(event[1], dict):
+            self._events.put(event[1])
+
+    def _note(self, event: Mapping[str, Any]) -> Drawn | None:
+        """A sign of a worker; of a frame that another one has drawn before, too."""
+        key, sign = event["key"], event["sign"]
+        flight = self._by_key.get(key)
+        if sign in ("drawn", "failed"):
+            self._stuck.pop(key, None)
+        if flight is None:
+            return None
+        if sign == "drawn":
+            return self._finish(flight, Drawn(**{**event["drawn"], "warnings": tuple(event["drawn"]["warnings"])}))
+        if flight.future is not None and flight.future.key == key and sign != "failed":
+            flight.place(event["worker"], begun=True, ready=sign == "ready")
+        return None
+
+    def _finish(self, flight: _Flight, drawn: Drawn) -> Drawn:
+        del self._flights[drawn.number]
+        for key in flight.keys:
+            del self._by_key[key]
+        if flight.future is not None:
+            with contextlib.suppress(Exception):
+                flight.future.release()
+        self._latest = (drawn.render_ms + drawn.save_ms) / 1e3
+        self._unseen[drawn.number] = flight.task.path, time.monotonic()
+        return drawn
+
+    def _check_future(self, future: Future) -> None:
+        """Raises WorkerError, or what `FrameWriter.draw` did, for a frame that failed; a sign says what is drawn."""
+        flight = self._by_key.get(str(future.key))
+        if flight is None or flight.future is not future or future.status in ("finished", "pending"):
+            return
+        number = flight.task.number
+        try:
+            future.result(timeout=ASK)
+        except ClshadeError:
+            raise
+        except NotInTime:
+            self._events.put(future)
+        except KilledWorker as error:
+            found = f"{error.allowed_failures + 1} workers ended while they drew it"
+            raise WorkerError(f"frame {number}: {found}, the last {error.last_worker.address}") from None
+        except CancelledError:
+            raise self._gone() from None
+        except Exception as error:
+            raise WorkerError(f"frame {number}: {in_a_line(error)}") from error
+
+    def _gone(self) -> WorkerError:
+        return WorkerError(f"{self._members.scheduler}: the scheduler is gone: {RESUME}")
+
+    def _forget(self, event: Mapping[str, Any]) -> Iterator[Lost]:
+        """A worker that is gone: Dask gives its frames to others."""
+        worker = event.get("worker")
+        flights = [self._by_key[key] for key in event.get("processing-tasks", ()) if key in self._by_key]
+        for flight in flights:
+            flight.place("")
+        self._stuck = {key: stuck for key, stuck in self._stuck.items() if stuck != worker}
+        if flights:
+            yield Lost(tuple(sorted(flight.task.number for flight in flights)), f"{worker} is gone")
+
+    def _await_files(self) -> None:
+        """Raises WorkerError for a frame drawn whose files do not come."""
+        missing = {n: found for n, found in self._unseen.items() if not all(p.exists() for p in output_paths(found[0]))}
+        self._unseen = missing
+        for number, (path, since) in missing.items():
+            if time.monotonic() - since > VISIBLE:
+                expected = f"workers that write to this machine's {path.parent}"
+                found = f"frame {number} written elsewhere"
+                raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {found}")
+
+    # Who is there
+
+    def _look(self) -> Iterator[Lost | Silent]:
+        """Now and then, at the workers and what they have. Raises WorkerError where there have been none for some time."""
+        now = time.monotonic()
+        if now < self._asked + ASK:
+            return
+        self._asked = now
+        answered = self._members.ask(ASK)
+        if answered and any(not flight.begun for flight in self._flights.values()):
+            self._find()
+        if self._frame_timeout is not None:
+            yield from self._reassign(self._frame_timeout)
+        yield from self._silent()
+        if answered and self._healthy():
+            self._seen = now
+        elif now - self._seen > self._timeout:
+            found = "no worker is left" if answered else "the scheduler gives no answer"
+            found = "no worker gives a sign any more" if answered and len(self._members) else found
+            raise WorkerError(f"{self._members.scheduler}: {found}, and there are frames left: {RESUME}")
+
+    def _find(self) -> None:
+        """Which worker has each frame that has not begun."""
+        for worker, keys in self._members.processing(ASK).items():
+            for key in keys:
+                flight = self._by_key.get(key)
+                current = flight is not None and flight.future is not None and flight.future.key == key
+                if current and not flight.begun and flight.worker != worker:  # type: ignore[union-attr]
+                    flight.place(worker)  # type: ignore[union-attr]
+
+    def _healthy(self) -> set[str]:
+        """The workers that can begin a frame now or later; without a limit of time all of them."""
+        if self._frame_timeout is None:
+            return set(self._members)
+        stuck = Counter(self._stuck.values())
+        heard = self._members.heard(self._frame_timeout)
+        return {worker for worker in heard if stuck[worker] < self._members[worker]}
+
+    def _reassign(self, limit: float) -> Iterator[Lost]:
+        """Gives frames of workers that hang to others. Raises WorkerError after ATTEMPTS at one."""
+        moved: dict[str, list[_Flight]] = defaultdict(list)
+        seconds: dict[str, float] = {}
+        for flight in self._flights.values():
+            if flight.begun and flight.clock.seconds > limit + (0.0 if flight.ready else PREPARING):
+                self._stuck[flight.keys[-1]] = flight.worker
+                flight.late.append(flight.worker)
+                seconds[flight.worker] = flight.clock.seconds
+                moved[flight.worker].append(flight)
+        healthy = self._healthy()
+        for flight in self._flights.values():
+            if not flight.begun and flight.worker in self._members and flight.worker not in healthy:
+                seconds.setdefault(flight.worker, self._members.silence(flight.worker))
+                moved[flight.worker].append(flight)
+        for worker, flights in moved.items():
+            found = f"{worker} gave no sign for {seconds[worker]:.3g} s"
+            for flight in flights:
+                if len(flight.late) == ATTEMPTS:
+                    tried = f"{ATTEMPTS} workers did not draw it in time; the last one, {found}"
+                    raise WorkerError(f"frame {flight.task.number}: {tried}")
+                self._move(flight)
+            yield Lost(tuple(sorted(flight.task.number for flight in flights)), found)
+        for flight in self._flights.values():
+            if flight.future is None or (
+                flight.allowed is not None and not flight.begun and not flight.allowed & healthy
+            ):
+                self._move(flight)
+
+    def _silent(self) -> Iterator[Silent]:
+        """What is to be told of frames that take long, and of workers that have some and do not begin."""
+        placed: dict[str, list[_Flight]] = defaultdict(list)
+        for flight in self._flights.values():
+            if flight.worker:
+                placed[flight.worker].append(flight)
+        for worker, flights in placed.items():
+            begun = [flight for flight in flights if flight.begun]
+            told = {
+                flight.task.number: each for flight in begun if (each := flight.clock.due(self._latest)) is not None
+            }
+            if not begun and (silence := self._members.due(worker)) is not None:
+                told = {flight.task.number: silence for flight in flights}
+            if told:
+                yield Silent(tuple(sorted(told)), worker, max(told.values()))
+
+
+def in_a_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
