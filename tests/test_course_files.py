@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal, save_npy, transposed
 
+from clshade import course_pickle
 from clshade.course_files import save_course
 from clshade.errors import InputError
 from clshade.loading import load
@@ -288,6 +289,23 @@ def test_the_calls_would_be_made_by_others(tmp_path, monkeypatch):
 def test_lists_that_would_fill_the_memory(tmp_path, content):
     path = save_npy(tmp_path / "bad.npy", course_dict(light_positions=content))
     refusal(path, "bad.npy: ")
+
+
+def test_integers_up_to_63_bits_and_a_sign(tmp_path):
+    for number in ((1 << 63) - 1, 1 - (1 << 63)):
+        assert course_pickle.value("a.npy", "n", number) == number
+        assert course_pickle.value("a.npy", "n", [[number, 1]]).tolist() == [[number, 1]]
+    for number in (1 << 63, -(1 << 63) - 1, 1 << 64):
+        for content in (number, [number]):
+            path = save_npy(tmp_path / "bad.npy", course_dict(verts=content))
+            refusal(path, "bad.npy: verts: ", "an integer beyond 64 bits")
+
+
+def test_memo_indices_up_to_the_number_of_opcodes_before(tmp_path):
+    """Nothing that is written honestly has larger ones; a memo is as long as its largest index."""
+    for index, found in ((2, "something else"), (3, "the memo index 3"), (1 << 16, "the memo index 65536")):
+        pickled = b"\x80\x03K\x01r" + index.to_bytes(4, "little") + b"."
+        refusal(npy_of_pickle(tmp_path / "bad.npy", pickled), "bad.npy: pickle: ", f"found {found}")
 
 
 ARRAY = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"

@@ -250,6 +250,25 @@ def test_a_floor_to_the_horizon(device, preset):
     assert_equals_oracle(frame)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
+    """Two floors through the near plane, or two walls beyond the guard band, that cross at an angle of 2^-25: which one
+    is nearer is decided below the last bit of float32."""
+    camera = replace(CAMERA, eye=(0.0, 0.0, 5.0), lookat=(0.0, 0.0, 0.0)) if orthographic else CAMERA
+    camera = replace(camera, orthographic=orthographic)
+    far, tilt = 900.0, 2.0**-25
+    floor = np.array([[-far, -1.0, 90.0], [far, -1.0, 90.0], [0.0, -1.0, -far]])
+    wall = 1e5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    first = wall if orthographic else floor
+    second = first.copy()
+    second[:, 2 if orthographic else 1] += tilt * first[:, 0]
+    meshes = tuple(Mesh(verts, [[0, 1, 2]], material=MATERIAL) for verts in (first, second))
+    frame = draw(device, blob_scene(meshes=meshes, camera=camera), preset="standard", near=0.5)
+    assert frame.stats["clipped"] == 2
+    assert {1, 2} <= set(np.unique(frame["id"]))
+    assert_equals_oracle(frame)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("far", [1e4, 1e10])
 def test_a_triangle_far_larger_than_the_screen(device, preset, far):

@@ -10,6 +10,8 @@ import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, pack_glb, triangle
 from scene_files import refusal
 
+from clshade import load
+
 
 @pytest.mark.parametrize(
     "uri",
@@ -41,6 +43,14 @@ BROKEN = [
     ({"bufferViews.0.byteOffset": 1 << 50}, "bufferViews[0].byteLength: "),
     ({"bufferViews.0.byteStride": 4}, "accessors[0].bufferView: expected a byteStride of at least 12"),
     ({"bufferViews.0.buffer": 3}, "bufferViews[0].buffer: "),
+    # One byte beyond the 36 of the corners, the 42 of the arrays and the 44 of the chunk.
+    ({"bufferViews.0.byteLength": 35}, "accessors[0].count: expected rows of 12 bytes that fit into the 35 bytes"),
+    ({"accessors.0.byteOffset": 1}, "accessors[0].count: "),
+    ({"accessors.1.byteOffset": 2}, "accessors[1].count: "),
+    ({"bufferViews.0.byteStride": 13}, "accessors[0].count: "),
+    ({"bufferViews.1.byteLength": 7}, "bufferViews[1].byteLength: "),
+    ({"buffers.0.byteLength": 45}, "buffers[0].byteLength: expected at most the 44 bytes"),
+    ({"buffers.0.byteLength": 41}, "bufferViews[1].byteLength: "),
     ({"buffers.0.byteLength": 4096}, "buffers[0].byteLength: "),
     ({"meshes.0.primitives.0.attributes.POSITION": "x"}, "meshes[0].primitives[0].attributes.POSITION: "),
     ({"meshes.0.primitives.0.mode": 7}, "meshes[0].primitives[0].mode: "),
@@ -87,6 +97,29 @@ def test_broken_values(tmp_path):
     document = Gltf()
     document.mesh({"POSITION": CORNERS, "NORMAL": CORNERS[:2]}, INDICES)
     refusal(document.glb(tmp_path / "a.glb"), "attributes.NORMAL: ")
+
+
+def sparse(rows: list[int], count: int) -> Gltf:
+    """A triangle whose corners are 0 but for the rows that are named, `count` of which are taken."""
+    document = Gltf()
+    parts = {
+        "count": count,
+        "indices": {"bufferView": document.view(np.array(rows, np.uint8).tobytes()), "componentType": 5121},
+        "values": {"bufferView": document.view(np.ones((len(rows), 3), np.float32).tobytes())},
+    }
+    entry = {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": parts}
+    document.mesh({"POSITION": document.add("accessors", entry)}, INDICES)
+    return document
+
+
+def test_sparse_rows_up_to_the_last(tmp_path):
+    meshes = load(sparse([0, 1, 2], 3).glb(tmp_path / "a.glb")).meshes
+    assert (meshes[0].verts == 1.0).all()
+    for rows in ([3], [0, 3], [0, 255]):
+        path = sparse(rows, len(rows)).glb(tmp_path / "a.glb")
+        refusal(path, "accessors[0].sparse.indices: expected indices below 3", str(rows[-1]))
+    refusal(sparse([0, 1, 2, 2], 4).glb(tmp_path / "a.glb"), "accessors[0].sparse.count: expected at most 3, found 4")
+    refusal(sparse([1], 2).glb(tmp_path / "a.glb"), "accessors[0].sparse.indices.count: ")
 
 
 def test_broken_containers(tmp_path):

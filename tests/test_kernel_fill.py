@@ -163,6 +163,33 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     assert np.array_equal(found, expected)
 
 
+@pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC"])
+def test_what_float32_puts_behind_the_early_stop(device, feature):
+    """A tile with one slanted plane, drawn eight times, so that every depth in it is known where the list is looked at
+    again; then a flat triangle that is nearer at the plane's farthest pixel alone, by up to 3 roundings: the plane's
+    float32 depth there may say that nothing behind it shows. A trial in every third tile, both ways."""
+    rng = np.random.default_rng(12)
+    orthographic, across, side = feature == "ORTHOGRAPHIC", 18, 16 * 256
+    first = 3 * side * np.stack(np.divmod(np.arange(across**2), across), axis=1)[:, None]
+    turned = rng.random((across**2, 1, 1)) < 0.5  # which corner of the tile is the farthest
+    legs = np.array([[-1, -1], [2 * side + 9, -1], [-1, 2 * side + 9]]) - rng.integers(0, 500, (across**2, 3, 1))
+    xy = first + np.where(turned, legs, side - legs)
+    at = first + np.where(turned, 128, side - 128)
+    slope = 2.0**-20 / 256 * rng.uniform(1.0, 2.0, (across**2, 1)) * np.where(turned[:, 0], 1.0, -1.0)
+    base = rng.uniform(1.0, 2.0, (across**2, 1))
+    plane = base * (1.0 + slope * (xy - at).sum(axis=2))
+    flat = np.repeat(base * (1.0 + 2.0**-24 * rng.uniform(0.0, 3.0, base.shape)), 3, axis=1)
+    w = np.concatenate([plane] * 8 + [flat])
+    z = 3.0 - w if orthographic else 1.0 / w
+    xy = np.concatenate([xy] * 9)
+    resolution = (3 * 16 * across, 3 * 16 * across)
+    found = fill(device, xy, z, resolution, DEPTH_TEST=1, **({feature: 1} if feature else {}))
+    expected = owners_of(xy, z, resolution, "depth", orthographic)
+    seen = expected[tuple(np.moveaxis(at[:, 0] // 256, 1, 0)[::-1])]
+    assert np.array_equal(seen, 8 * across**2 + np.arange(across**2))
+    assert np.array_equal(found, expected)
+
+
 def test_depths_in_one_plane_many_layers_deep(device):
     """Hidden layers behind full coverage, where the early out works: nearest first or last in the index, same owners."""
     count = 200

@@ -83,6 +83,19 @@ def test_front_only_leaves_out_what_is_seen_from_behind(device):
             assert (renderer.render().alpha == covered).all()
 
 
+@pytest.mark.parametrize("alpha", [0.5, 0.3, 1.0])
+def test_alpha_at_the_cutoff_is_seen(device, alpha):
+    """Left out is what lies below it: one float32 above the texture's alpha leaves nothing."""
+    at = float(np.float32(alpha))
+    image = np.concatenate([np.ones((3, 3, 3)), np.full((3, 3, 1), at)], axis=2)
+    card = Mesh([[-1, -1, 0], [3, -1, 0], [-1, 3, 0]], [[0, 1, 2]], uvs=[[0, 0], [2, 0], [0, 2]])
+    camera = Camera([0, 0, 3], [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (8, 8))
+    for cutoff, covered in ((at, 1.0), (float(np.nextafter(np.float32(at), np.float32(2.0))), 0.0)):
+        mesh = replace(card, material=Material(texture=Texture(image), alpha_cutoff=cutoff))
+        with Renderer(Scene((mesh,), camera), device=device, shader="nolight") as renderer:
+            assert (renderer.render().alpha == covered).all()
+
+
 def test_two_sided_light_is_the_same_from_both_sides(device):
     quad = Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 

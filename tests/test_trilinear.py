@@ -347,6 +347,16 @@ def test_magnified_is_bilinear_bit_for_bit(device):
         assert same_bits(*frames)
 
 
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_texel_a_pixel_is_bilinear_whatever_rounding_makes_of_the_one(device, precision):
+    """Slopes of one texel, each side a few roundings off: level 0 and nothing of the next."""
+    off = 1.0 + (2.0**-53 if precision == "float64" else 2.0**-24) * np.arange(-6.0, 7.0)
+    slopes = np.stack([off / SIZE[0], 0.0 * off, 0.0 * off, off[::-1] / SIZE[1]], axis=1)
+    assert (details(device, slopes, precision) == 0.0).all()
+    slopes[:, 0] *= 1.0 + 2.0**-16  # that is no rounding any more
+    assert (details(device, slopes, precision)[:, 1] > 0.0).all()
+
+
 def test_a_constant_texture_gives_the_constant(device):
     color = np.float32([0.1, 1 / 3, 0.7])
     for scene in (cards(np.tile(color, (53, 37, 1))), floor(600.0, np.tile(color, (5, 7, 1)))):
