@@ -1,0 +1,392 @@
+"""Plants small faults in kernels and loaders, one at a time, and says which of them the tests notice.
+
+    python tests/mutants.py --count 200                      # draws by a seed of its own, which it prints
+    python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # goes on where an earlier run was stopped
+    python tests/mutants.py --list clshade/obj_text.py       # every change that could be drawn
+    python tests/mutants.py --only kernels/fill.clh --count 20 --seed 7
+
+Every line that can be changed is as likely to be drawn as any other, and of each file at least two are. A mutant is written
+into a copy of the repository in a temporary folder, with a kernel cache of its own, and the tests of its file run there,
+cheapest first, until one fails; then those of the whole subject. One that does not build is drawn again. `found` are
+mutants that some test noticed, or that made it hang beyond its time or crash; `equivalent` are those that no test can
+notice, for the reasons in mutants_equivalent.json: by file, by the line as it was and as it is ("*" for whatever it is),
+blanks counted as one. What is left `survived`. Exit code 0: at least 95 % of all were found and none survived.
+
+Not collected by pytest: 200 mutants take an hour or more of a core. Name fewer devices by CLSHADE_TEST_PLATFORM.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import hashlib
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mutation_sites import Site, sites
+
+ROOT = Path(__file__).resolve().parent.parent
+EQUIVALENT = Path(__file__).with_name("mutants_equivalent.json")
+LEAST = 2  # drawn of each file
+WANTED = 0.95  # share to be found
+LIMITS = (300.0, 1200.0)  # seconds for the tests of a file, and for each further group
+
+# The tests of each file, cheapest first: tests/test_*.py.
+TESTS = {
+    "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong frames",
+    "kernels/bilerp.cl": "kernel_bilerp course_light",
+    "kernels/bin.cl": "kernel_bin",
+    "kernels/corners.clh": "kernel_setup kernel_fill",
+    "kernels/edge.clh": "kernel_setup kernel_bin kernel_fill kernel_gouraud",
+    "kernels/fill.clh": "kernel_fill materials sampling",
+    "kernels/gather.clh": "kernel_phong frames",
+    "kernels/gouraud.cl": "kernel_gouraud",
+    "kernels/lanes.clh": "kernel_numerics kernel_light kernel_fill",
+    "kernels/layers.cl": "kernel_layers",
+    "kernels/light.cl": "kernel_light kernel_gouraud",
+    "kernels/light.clh": "kernel_light kernel_phong",
+    "kernels/numerics.clh": "kernel_numerics kernel_light",
+    "kernels/output.clh": "kernel_fill kernel_phong nonfinite",
+    "kernels/phong.cl": "kernel_phong",
+    "kernels/project.cl": "kernel_project",
+    "kernels/reals.clh": "kernel_numerics",
+    "kernels/resolve.clh": "sampling",
+    "kernels/rows.clh": "kernel_bilerp kernel_phong",
+    "kernels/samples.clh": "kernel_bin kernel_fill sampling",
+    "kernels/setup.cl": "kernel_setup",
+    "kernels/surface.clh": "kernel_phong kernel_fill materials frames trilinear",
+    "kernels/surface_layers.cl": "layers",
+    "kernels/texture.clh": "kernel_bilerp materials trilinear",
+    "kernels/tile.clh": "kernel_fill kernel_phong",
+    "clshade/obj_text.py": "obj",
+    "clshade/obj_lines.py": "obj",
+    "clshade/mesh_files.py": "mtl obj loading",
+    "clshade/mtl_files.py": "mtl obj",
+    "clshade/ply_files.py": "ply_stl",
+    "clshade/ply_rows.py": "ply_stl",
+    "clshade/stl_files.py": "ply_stl",
+    "clshade/gltf_files.py": "gltf gltf_refusals",
+    "clshade/gltf_buffers.py": "gltf gltf_refusals",
+    "clshade/gltf_json.py": "gltf gltf_refusals",
+    "clshade/gltf_nodes.py": "gltf gltf_refusals",
+    "clshade/gltf_materials.py": "gltf gltf_refusals",
+    "clshade/course_files.py": "course_files",
+    "clshade/course_pickle.py": "course_files",
+    "clshade/course_values.py": "course_files course_refusals",
+    "clshade/triangulation.py": "obj gltf ply_stl",
+    "clshade/loading.py": "loading course_files",
+    "clshade/images.py": "images",
+}
+# Then these, of kernels and of loaders, a group at a time.
+KERNELS = (
+    "kernel_layers kernel_bin kernel_setup kernel_gouraud kernel_phong kernel_fill frames",
+    "layers materials same_bits sampling precision course_triangle nonfinite projection trilinear",
+)
+LOADERS = (
+    "loading obj mtl ply_stl gltf gltf_refusals course_files course_refusals images",
+    "creases mesh_peer course_textures mesh_pictures bad_files cli_meshes cli_general fuzz",
+)
+# Other numbers of lanes are tested with -m long.
+LANES = {"kernels/lanes.clh", "kernels/rows.clh"}
+WITH_LANES = [
+    "-m",
+    "long or not long",
+    "-k",
+    "lanes",
+    *(f"tests/test_kernel_{n}.py" for n in ("bilerp", "fill", "phong")),
+]
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of a file: what stood on its line, and what stands there now."""
+
+    file: str
+    site: Site
+    line: int
+    before: str
+    after: str
+
+    @property
+    def key(self) -> str:
+        return hashlib.sha256(f"{self.file} {self.site}".encode()).hexdigest()[:12]
+
+
+def mutants_of(file: str) -> list[Mutant]:
+    text = (ROOT / file).read_text()
+    return [Mutant(file, site, *site.lines(text)) for site in sites(file, text)]
+
+
+def draw(count: int, seed: int, files: list[str]) -> dict[str, tuple[int, list[Mutant]]]:
+    """Of each file how many are wanted, and all of its mutants in the order in which they are tried."""
+    drawn, lines = {}, {}
+    for file in files:
+        rng = random.Random(f"{seed} {file}")
+        by_line: dict[int, list[Mutant]] = {}
+        for mutant in mutants_of(file):
+            by_line.setdefault(mutant.line, []).append(mutant)
+        for of_line in by_line.values():
+            rng.shuffle(of_line)
+        order = []
+        while by_line:  # one of each line, in any order, then a second one of each line, ...
+            keys = rng.sample(sorted(by_line), len(by_line))
+            order += [by_line[key].pop() for key in keys]
+            lines.setdefault(file, len(keys))
+            by_line = {key: of_line for key, of_line in by_line.items() if of_line}
+        drawn[file] = order
+    wanted = {file: min(LEAST, len(drawn[file])) for file in files}
+    while sum(wanted.values()) < min(count, sum(map(len, drawn.values()))):
+        open_ones = [file for file in files if wanted[file] < len(drawn[file])]
+        wanted[max(open_ones, key=lambda file: lines[file] / wanted[file])] += 1
+    return {file: (wanted[file], drawn[file]) for file in files}
+
+
+# Running tests
+
+
+class Copy:
+    """A copy of the repository, in which one mutant at a time is tried."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "copy"
+        ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "*.egg-info", ".venv*", "*.exr")
+        shutil.copytree(ROOT, self.folder, ignore=ignored)
+        self.environment = {**os.environ, "PYTHONPATH": str(self.folder), "XDG_CACHE_HOME": str(folder / "cache")}
+        self.environment |= {"PYTHONDONTWRITEBYTECODE": "1", "HYPOTHESIS_STORAGE_DIRECTORY": str(folder / "examples")}
+        (folder / "cache").mkdir()
+        self._passed: set[tuple[str, ...]] = set()
+        self._process: subprocess.Popen[str] | None = None
+        self._stopped = False
+
+    def pytest(self, arguments: list[str], limit: float) -> tuple[int | None, str]:
+        """The exit code, None beyond `limit` seconds, and what was printed."""
+        command = [
+            "nice",
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "--tb=short",
+            "-p",
+            "no:cacheprovider",
+            *arguments,
+        ]
+        if self._stopped:
+            raise KeyboardInterrupt
+        process = self._process = subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            text, _ = process.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            return None, ""
+        finally:
+            if process.returncode is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        if self._stopped:
+            raise KeyboardInterrupt
+        return process.returncode, text
+
+    def stop(self) -> None:
+        """Ends the tests that are running, and whoever waits for them."""
+        self._stopped = True
+        if self._process is not None and self._process.returncode is None:
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def passes(self, arguments: list[str], limit: float) -> None:
+        """Ends the run if tests that notice a mutant do not pass without one."""
+        if tuple(arguments) in self._passed:
+            return
+        code, text = self.pytest(arguments, limit)
+        if code != 0:
+            raise SystemExit(f"without a mutant: pytest {' '.join(arguments)} ends with {code}\n{text[-3000:]}")
+        self._passed.add(tuple(arguments))
+
+    def try_one(self, mutant: Mutant) -> Record:
+        path = self.folder / mutant.file
+        text = path.read_text()
+        changed = mutant.site.applied(text)
+        start, outcome, by = time.monotonic(), "survived", ""
+        for number, group in enumerate(test_groups(mutant.file)):
+            limit = LIMITS[min(number, 1)]
+            path.write_text(changed)
+            try:
+                code, printed = self.pytest(group, limit)
+            finally:
+                path.write_text(text)
+            outcome, by = judged(code, printed)
+            if outcome in ("found", "timeout"):
+                self.passes([by] if by.startswith("tests/") else group, limit)
+            if outcome != "survived":
+                break
+        diff = list(difflib.unified_diff(text.splitlines(), changed.splitlines(), lineterm="", n=0))[3:]
+        return {
+            "key": mutant.key,
+            "file": mutant.file,
+            "line": mutant.line,
+            "kind": mutant.site.kind,
+            "from": mutant.before,
+            "to": mutant.after,
+            "outcome": outcome,
+            "by": by,
+            "seconds": round(time.monotonic() - start, 1),
+            "diff": diff,
+        }
+
+
+def test_groups(file: str) -> list[list[str]]:
+    """Arguments of pytest, group by group: each is tried where the one before notices nothing."""
+    named = [TESTS[file], *(KERNELS if file.startswith("kernels/") else LOADERS)]
+    seen: set[str] = set()
+    groups = []
+    for names in named:
+        new = [name for name in names.split() if name not in seen]
+        seen |= set(new)
+        groups.append([f"tests/test_{name}.py" for name in new])
+    return [*groups[:1], *([WITH_LANES] if file in LANES else []), *groups[1:]]
+
+
+def judged(code: int | None, printed: str) -> tuple[str, str]:
+    """An outcome, and the test that led to it."""
+    if code is None:
+        return "timeout", "beyond its time"
+    if code == 0:
+        return "survived", ""
+    if "the kernels did not build" in printed:
+        return "broken", ""
+    if code < 0:
+        return "found", f"crash, signal {-code}"
+    first = re.search(r"^(?:FAILED|ERROR) (\S+?(?:\[.*?\])?)(?: - .*)?$", printed, re.MULTILINE)
+    return "found", first[1] if first else f"pytest's exit code {code}"
+
+
+# The run
+
+
+def reason(record: Record, table: list[dict[str, str]]) -> str | None:
+    """Why no test can notice a mutant, if that is known."""
+    for entry in table:
+        if (entry["file"], entry["from"]) == (record["file"], record["from"]) and entry["to"] in ("*", record["to"]):
+            return entry["reason"]
+    return None
+
+
+def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, say: Any) -> list[Record]:
+    """Tries what is drawn; each outcome becomes a line of `out`, and what stands there already is not tried again."""
+    lines = out.read_text().splitlines() if out.exists() else []
+    done = {record["key"]: record for record in map(json.loads, lines)}
+    lock, copies = threading.Lock(), []
+    results: list[Record] = []
+
+    def of_file(file: str) -> None:
+        wanted, order = plan[file]
+        for mutant in order:
+            if wanted == 0:
+                return
+            record = done.get(mutant.key)
+            if record is None:
+                with lock:
+                    copy = copies.pop()
+                record = copy.try_one(mutant)
+                with lock:
+                    copies.append(copy)
+                    with out.open("a") as file_out:
+                        file_out.write(json.dumps(record) + "\n")
+                say(f"{record['outcome']:9} {record['seconds']:6.0f} s  {file}:{mutant.line}  {record['by']}")
+                if record["outcome"] != "found":
+                    say("\n".join(record["diff"]))
+            wanted -= record["outcome"] != "broken"
+            with lock:
+                results.append(record)
+
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        for job in range(jobs):
+            (Path(folder) / str(job)).mkdir()
+            copies.append(Copy(Path(folder) / str(job)))
+        every = tuple(copies)
+        with ThreadPoolExecutor(jobs) as pool:
+            try:
+                for waiting in [pool.submit(of_file, file) for file in plan]:
+                    waiting.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for copy in every:
+                    copy.stop()
+                raise
+    return results
+
+
+def summary(records: list[Record]) -> tuple[str, bool]:
+    """What was found, in words, and whether it is enough."""
+    table = json.loads(EQUIVALENT.read_text())
+    tried = [record for record in records if record["outcome"] != "broken"]
+    left = [record for record in tried if record["outcome"] == "survived"]
+    argued = [record for record in left if reason(record, table)]
+    found, hung = len(tried) - len(left), sum(record["outcome"] == "timeout" for record in tried)
+    share = found / max(len(tried), 1)
+    lines = [
+        f"{len(tried)} mutants, {len(records) - len(tried)} more did not build",
+        f"found {found} ({share:.1%}), {hung} by time",
+    ]
+    lines += [f"equivalent {len(argued)}, survived {len(left) - len(argued)}"]
+    for record in left:
+        lines += [f"{record['file']}:{record['line']}: {reason(record, table) or 'SURVIVED'}", *record["diff"][-2:]]
+    return "\n".join(lines), share >= WANTED and len(argued) == len(left)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=200, help="mutants to try (200)")
+    parser.add_argument("--seed", type=int, help="of the draw; by default any")
+    parser.add_argument("--only", nargs="+", metavar="FILE", help="files to draw from")
+    parser.add_argument("--list", metavar="FILE", help="print all mutants of a file and end")
+    parser.add_argument("--jobs", type=int, default=1, help="mutants tried at the same time (1)")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        help="JSON lines, also of the runs before (mutants-SEED.jsonl in the temporary folder)",
+    )
+    given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if given.list:
+        for mutant in mutants_of(given.list):
+            print(f"{mutant.line} {mutant.site.kind}\n- {mutant.before}\n+ {mutant.after}")
+        return 0
+    seed = random.SystemRandom().randrange(1 << 31) if given.seed is None else given.seed
+    out = given.out or Path(tempfile.gettempdir()) / f"mutants-{seed}.jsonl"
+    print(f"seed {seed}, {out}", flush=True)
+    records = run(
+        draw(given.count, seed, given.only or list(TESTS)), out, given.jobs, lambda text: print(text, flush=True)
+    )
+    text, good = summary(records)
+    print(f"seed {seed}: {text}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
