@@ -17,7 +17,7 @@ from .errors import InputError
 from .obj_lines import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 from .reading import complaint, quoted
 from .scene import MAX_FACES
-from .triangulation import fans
+from .triangulation import CUT_AS_FANS, triangulated
 from .validation import Array
 
 _COUNTS = {
@@ -68,7 +68,8 @@ class ObjText:
 
 @dataclass
 class _Reader:
-    """Everything read so far. offset: of the current chunk in the file. places: (F,) of each face's line."""
+    """Everything read so far. offset: of the current chunk in the file. corners: of polygons, (C, 3), see ObjText.indices.
+    corner_counts: (P,) of each polygon. places: (P,) of each polygon's line."""
 
     data: bytes
     owner: str
@@ -77,7 +78,8 @@ class _Reader:
     face_count: int = 0
     values: dict[int, list[Array]] = field(default_factory=lambda: {V: [], VT: [], VN: []})
     colors: list[tuple[Array, Array]] = field(default_factory=list)
-    faces: list[Array] = field(default_factory=list)
+    corners: list[Array] = field(default_factory=list)
+    corner_counts: list[Array] = field(default_factory=list)
     places: list[Array] = field(default_factory=list)
     runs: list[Run] = field(default_factory=lambda: [Run(0, None, None, None)])
     libraries: list[tuple[int, str]] = field(default_factory=list)
@@ -97,9 +99,9 @@ class _Reader:
 def parse_obj(data: bytes, owner: str) -> ObjText:
     """The content of an OBJ file's bytes. owner: the file's name, for messages.
 
-    Read: v (also with w, which is left out, or a color), vt, vn, f (any number of corners, fanned; relative indices),
-    o, g, s, usemtl, mtllib, comments, continued lines, a byte order mark, line ends of any kind. Other statements are
-    skipped. Vertices, uvs and normals that no face uses stay.
+    Read: v (also with w, which is left out, or a color), vt, vn, f (any number of corners, see
+    `triangulation.triangulated`; relative indices), o, g, s, usemtl, mtllib, comments, continued lines, a byte order
+    mark, line ends of any kind. Other statements are skipped. Vertices, uvs and normals that no face uses stay.
 
     Raises InputError with the line number for: a line that is no OBJ statement, wrong counts, text where a number is
     due, v or vn that is NaN or infinite, indices 0 or out of range, a face with less than three corners or with vt or
@@ -204,10 +206,9 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
     if first_triangle[-1] > MAX_FACES:
         raise complaint(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
     if len(chosen):
-        corners = _resolved(reader, lines, chosen, _corners(reader, lines, chosen))
-        triangles, line = fans(np.arange(len(corners)), count)
-        reader.faces.append(corners[triangles])
-        reader.places.append(reader.offset + lines.starts[lines.first[chosen]][line] - 1)
+        reader.corners.append(_resolved(reader, lines, chosen, _corners(reader, lines, chosen)))
+        reader.corner_counts.append(count)
+        reader.places.append(reader.offset + lines.starts[lines.first[chosen]] - 1)
     reader.face_count = int(first_triangle[-1])
     return first_triangle
 
@@ -271,13 +272,19 @@ def _resolved(reader: _Reader, lines: Lines, chosen: Array, table: Array) -> Arr
 
 def _joined(reader: _Reader) -> ObjText:
     verts, uvs, normals = (np.concatenate(reader.values[kind]) for kind in (V, VT, VN))
-    indices = np.concatenate(reader.faces)
+    corners, counts = np.concatenate(reader.corners), np.concatenate(reader.corner_counts)
     for column, (kind, values) in enumerate(((V, verts), (VT, uvs), (VN, normals))):
-        if indices[:, :, column].max() >= len(values):
-            face, corner = np.argwhere(indices[:, :, column] >= len(values))[0]
-            line = reader.line(int(np.concatenate(reader.places)[face]))
+        if corners[:, column].max() >= len(values):
+            corner = int(np.argmax(corners[:, column] >= len(values)))
+            polygon = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
+            line = reader.line(int(np.concatenate(reader.places)[polygon]))
             expected = f"{KEYWORDS[kind]} indices up to {len(values)}"
-            raise complaint(reader.owner, f"line {line}: f", expected, str(indices[face, corner, column] + 1))
+            raise complaint(reader.owner, f"line {line}: f", expected, str(corners[corner, column] + 1))
+    cut = triangulated(verts, corners[:, 0], counts)
+    if cut.left:
+        reader.ignored.append(CUT_AS_FANS)
+    only_triangles = len(corners) == 3 * len(counts)
+    indices = corners.reshape(-1, 3, 3) if only_triangles else corners[cut.places]
     colors = None
     if any(len(which) for which, _ in reader.colors):
         colors = np.ones((len(verts), 3))

@@ -22,7 +22,7 @@ from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
 from .reading import beside, complaint, quoted, read_file
 from .scene import MAX_FACES, Material, Mesh, Scene, Texture
-from .triangulation import fans, strips
+from .triangulation import CUT_AS_FANS, Triangles, strips, triangulated
 from .validation import Array
 
 MAX_BYTES = 1 << 31
@@ -33,7 +33,8 @@ _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
 
 
 def read_ply(path: Path, options: Options, material: Material) -> Scene:
-    """The scene in a PLY file: one Mesh of its faces (polygons as fans) and then its triangle strips.
+    """The scene in a PLY file: one Mesh of its faces and then its triangle strips. Polygons are cut by
+    `triangulation.triangulated`.
 
     Rendered: positions (as float32, or float64 where the file has double or text), normals, colors of vertices or of
     faces, texture coordinates of vertices or of the corners of faces (v = 0 is the bottom), and the image that a
@@ -53,12 +54,18 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     if verts is None:
         raise complaint(owner, "element vertex", "properties x, y and z", "others")
     ignored: list[str] = []
-    faces, polygon = _faces(elements, len(verts), owner)
-    arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
+    cut = _faces(elements, verts, owner)
+    if cut.left:
+        ignored.append(CUT_AS_FANS)
+    arrays: dict[str, Any] = {
+        "verts": verts,
+        "faces": cut.faces,
+        "normals": _columns(vertex, ("nx", "ny", "nz"), owner),
+    }
     by_file = arrays["normals"] is not None
     _shade(arrays, options)
-    _color(arrays, elements, polygon, ignored, owner)
-    texture = _texture(arrays, elements, comments, options, path, faces, polygon)
+    _color(arrays, elements, cut.polygon, ignored, owner)
+    texture = _texture(arrays, elements, comments, options, path, cut)
     if by_file:
         _turn_to_normals(arrays)
     material = options.lit(material, by_file=False)
@@ -87,9 +94,9 @@ def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bo
     return values
 
 
-def _faces(elements: dict[str, Element], count: int, owner: str) -> tuple[Array, Array]:
-    """(F, 3) int32 indices below `count`, and the (F,) row of element face of each, -1 for those of strips."""
-    faces, polygons = [], []
+def _faces(elements: dict[str, Element], verts: Array, owner: str) -> Triangles:
+    """The triangles of element face, then those of tristrips, whose polygon and places are -1. Indices are int32."""
+    cuts, count = [], len(verts)
     face, strip = elements.get("face"), elements.get("tristrips")
     for element in (face, strip):
         if element is None or not element.rows:
@@ -104,18 +111,17 @@ def _faces(elements: dict[str, Element], count: int, owner: str) -> tuple[Array,
             raise complaint(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
         if element is face:
             _check_corners(element, lengths, owner)
-            triangles, polygon = fans(values.astype(np.int32, copy=False), lengths)
+            cuts.append(triangulated(verts, values.astype(np.int32, copy=False), lengths))
         else:
             ends = np.cumsum(lengths)[:-1]
             triangles = strips(np.insert(values.astype(np.int32), ends, -1))
-            polygon = np.full(len(triangles), -1)
-        faces.append(triangles)
-        polygons.append(polygon)
-    if not sum(map(len, faces)):
+            cuts.append(Triangles(triangles, np.full_like(triangles, -1), np.full(len(triangles), -1)))
+    if not sum(len(cut.faces) for cut in cuts):
         raise complaint(owner, "element face", "at least one triangle, in faces or tristrips", "none")
-    if len(faces) == 1:
-        return faces[0], polygons[0]
-    return np.concatenate(faces), np.concatenate(polygons)
+    if len(cuts) == 1:
+        return cuts[0]
+    faces, places, polygon, left = zip(*cuts, strict=True)
+    return Triangles(np.concatenate(faces), np.concatenate(places), np.concatenate(polygon), sum(left))
 
 
 def _check_corners(element: Element, lengths: Array, owner: str) -> None:
@@ -193,21 +199,17 @@ def _texture(
     comments: list[str],
     options: Options,
     path: Path,
-    faces: Array,
-    polygon: Array,
+    cut: Triangles,
 ) -> Texture | None:
-    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image.
-
-    faces: (F, 3) indices into the file's vertices.
-    """
+    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image."""
     owner = shown(path)
-    uvs, uv_faces = _uvs(elements, polygon, owner)
+    uvs, uv_faces = _uvs(elements, cut, owner)
     if uvs is None:
         if options.texture is not None:
             raise complaint(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
         return None
-    if uv_faces is None and arrays["faces"] is not faces:
-        uv_faces = faces
+    if uv_faces is None and arrays["faces"] is not cut.faces:
+        uv_faces = cut.faces
     uvs[:, 1] = 1.0 - uvs[:, 1]
     arrays.update(uvs=uvs, uv_faces=uv_faces)
     if options.texture is not None:
@@ -223,16 +225,15 @@ def _texture(
     return as_texture(found, srgb=True)
 
 
-def _uvs(elements: dict[str, Element], polygon: Array, owner: str) -> tuple[Array | None, Array | None]:
+def _uvs(elements: dict[str, Element], cut: Triangles, owner: str) -> tuple[Array | None, Array | None]:
     """(T, 2) coordinates, and for those of corners their (F, 3) indices."""
     face = elements.get("face")
     listed = face.columns.get("texcoord") if face is not None else None
-    if face is not None and isinstance(listed, tuple) and (polygon >= 0).all():
+    if face is not None and isinstance(listed, tuple) and (cut.polygon >= 0).all():
         values, lengths = listed
         corners = _lists(face, _INDICES, owner)[1]
         if (lengths == 2 * corners).all():
-            index = fans(np.arange(int(corners.sum()), dtype=np.int32), corners)[0]
-            return values.reshape(-1, 2).astype(np.float64), index
+            return values.reshape(-1, 2).astype(np.float64), cut.places
         row = int(np.argmax(lengths != 2 * corners))
         raise complaint(owner, f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
     for names in _UVS:

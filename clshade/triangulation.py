@@ -2,24 +2,188 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 
+from .ear_clipping import Cutter
 from .validation import Array
 
+CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Triangles.left is, in words
+_BLOCK = 1 << 14  # corners whose temporary arrays stay in the cache
+_TINY = 2.0**-800  # of the square of a normal, where the mesh is of size 1: not far from underflow
+_NO_AREA = 2.0**-40  # of a polygon of size 1: what is left of its area is rounding
+_ROUNDING = 2.0**-46  # of a triangle's part in the square of the normal of a polygon of size 1
 
-def fans(corners: Array, counts: Array) -> tuple[Array, Array]:
-    """Polygons as fans round their first corner.
 
-    corners: (C,) the polygons' corners, one polygon after the other. counts: (P,) corners of each, at least 3.
-    Returns (F, 3) triangles of the same type, in order, and the (F,) polygon of each.
+class Triangles(NamedTuple):
+    """Polygons cut into triangles, in the polygons' order.
+
+    faces: (F, 3) the triangles' vertices. places: (F, 3) which of all corners each triangle's are. polygon: (F,) the
+    polygon of each. left: the number of polygons that are fans, right or not, because a better cut would take too long.
     """
-    if len(counts) and (counts == 3).all():
-        return corners.reshape(-1, 3), np.arange(len(counts))
+
+    faces: Array
+    places: Array
+    polygon: Array
+    left: int = 0
+
+
+def triangulated(verts: Array, corners: Array, counts: Array) -> Triangles:
+    """Cut polygons into triangles that keep their winding; each polygon of n corners gives n - 2.
+
+    verts: (V, 3) finite positions. corners: (C,) indices into verts, one polygon after the other. counts: (P,) corners of
+    each, at least 3.
+
+    A polygon is a fan round its first corner unless a triangle of the fan would be turned over, as seen along the
+    polygon's own normal (Newell's); convex polygons, collinear corners and zero-area polygons are therefore fans. A
+    quadrilateral is then cut at its other diagonal, any other polygon by ear clipping in the plane of its normal,
+    provided that this turns over less area than the fan (a polygon that crosses itself may have no cut without).
+    Positions of any magnitude, and polygons far smaller than their mesh, are cut alike.
+    """
+    faces, places, polygon = _fans(corners, counts)
+    if len(faces) == len(counts):
+        return Triangles(faces, places, polygon)
+    columns = _unit_size(verts)
+    turned = _turned(columns, corners, counts)
+    if not len(turned):
+        return Triangles(faces, places, polygon)
+    faces = faces if faces.flags.writeable else faces.copy()
+    first, start = np.cumsum(counts - 2) - (counts - 2), np.cumsum(counts) - counts
+    cutter = Cutter()
+    for chosen in _by_count(counts[turned]):
+        which = turned[chosen]
+        count = int(counts[which[0]])
+        for rows in _blocks(len(which), count):
+            own = start[which[rows], None] + np.arange(count)
+            cuts = _recut(columns[:, corners[own]], cutter)
+            triangles = first[which[rows], None] + np.arange(count - 2)
+            places[triangles] = np.take_along_axis(own[:, None], cuts, axis=2)
+            faces[triangles] = corners[places[triangles]]
+    return Triangles(faces, places, polygon, cutter.left)
+
+
+def _fans(corners: Array, counts: Array) -> tuple[Array, Array, Array]:
+    """Polygons as fans: faces, places and polygon of Triangles."""
+    numbers, total = np.arange(len(counts), dtype=np.int32), len(corners)
+    most = int(counts.max(initial=3))
+    every = np.arange(total, dtype=np.int32)
+    if most == 3:
+        return corners.reshape(-1, 3), every.reshape(-1, 3), numbers
+    if total == most * len(counts):
+        return _fan(corners.reshape(-1, most)), _fan(every.reshape(-1, most)), np.repeat(numbers, most - 2)
     triangles = counts - 2
-    polygon = np.repeat(np.arange(len(counts)), triangles)
+    polygon = np.repeat(numbers, triangles)
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     start = (np.cumsum(counts) - counts)[polygon]
-    return corners[np.stack([start, start + step + 1, start + step + 2], axis=1)], polygon
+    places = np.stack([start, start + step + 1, start + step + 2], axis=1)
+    return corners[places], places.astype(np.int32), polygon
+
+
+def _fan(rows: Array) -> Array:
+    """(P * (n - 2), 3): the fans of polygons with corners (P, n)."""
+    fans = np.empty((len(rows), rows.shape[1] - 2, 3), rows.dtype)
+    fans[:, :, 0] = rows[:, :1]
+    fans[:, :, 1] = rows[:, 1:-1]
+    fans[:, :, 2] = rows[:, 2:]
+    return fans.reshape(-1, 3)
+
+
+def _unit_size(verts: Array) -> Array:
+    """(3, V) float64: positions, by coordinate, times the power of two, which is exact, that brings the largest to 1."""
+    exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
+    if abs(exponent) < 1000:
+        return np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
+    return np.ldexp(np.array(verts.T, np.float64, order="C"), -exponent)
+
+
+def _by_count(counts: Array) -> Iterator[Array]:
+    """The indices of the polygons that have the same number of corners, ascending, for each number."""
+    if (counts == counts[0]).all():
+        return iter([np.arange(len(counts))])
+    order = np.argsort(counts, kind="stable")
+    return iter(np.split(order, np.flatnonzero(np.diff(counts[order])) + 1))
+
+
+def _blocks(rows: int, width: int) -> Iterator[slice]:
+    step = max(1, _BLOCK // width)
+    return (slice(start, start + step) for start in range(0, rows, step))
+
+
+def _turned(columns: Array, corners: Array, counts: Array) -> Array:
+    """The polygons, ascending, whose fan may turn a triangle over. columns: (3, V) float64 positions of unit size.
+
+    Only a first look: the fan of one that is very small or has no area, or almost collinear corners, may be right.
+    """
+    start = np.cumsum(counts) - counts
+    found = []
+    for group in _by_count(counts):
+        count = int(counts[group[0]])
+        if count == 3:
+            continue
+        for rows in _blocks(len(group), count):
+            index = corners[start[group[rows]] + np.arange(count)[:, None]].astype(np.intp)
+            parts = _fan_areas(*(column.take(index) for column in columns))[0]
+            found.append(group[rows][(parts.min(axis=0) < 0.0) | (parts.sum(axis=0) < _TINY)])
+    return np.sort(np.concatenate(found))
+
+
+def _fan_areas(x: Array, y: Array, z: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Twice the vector areas of P polygons, (n, P) by coordinate: three (P,). Before them (n - 2, P), the scalar products
+    with these of the triangles of each polygon's fan, negative where one is turned over."""
+    x, y, z = x[1:] - x[0], y[1:] - y[0], z[1:] - z[0]
+    one = y[:-1] * z[1:] - z[:-1] * y[1:]
+    two = z[:-1] * x[1:] - x[:-1] * z[1:]
+    three = x[:-1] * y[1:] - y[:-1] * x[1:]
+    normal = one.sum(axis=0), two.sum(axis=0), three.sum(axis=0)
+    parts = one * normal[0]
+    parts += two * normal[1]
+    parts += three * normal[2]
+    return parts, normal
+
+
+def _recut(points: Array, cutter: Cutter) -> Array:
+    """(P, n - 2, 3) triangles of corner numbers of polygons with corners (3, P, n), whose fan may be wrong."""
+    points = points.transpose(1, 2, 0)
+    points = points - points[:, :1]
+    extent = np.abs(points).max(axis=(1, 2), initial=0.0)
+    points = np.ldexp(points, -np.frexp(extent)[1][:, None, None])
+    parts, sums = _fan_areas(*points.transpose(2, 1, 0))
+    normal = np.stack(sums, axis=1)
+    count = points.shape[1]
+    cuts = _fan(np.broadcast_to(np.arange(count), (len(points), count))).reshape(-1, count - 2, 3)
+    length = np.sqrt((normal * normal).sum(axis=1))
+    wrong = np.flatnonzero((parts.min(axis=0) < -_ROUNDING * length) & (length > _NO_AREA))
+    flat = _in_plane(points[wrong], normal[wrong] / length[wrong, None])
+    if count == 4:
+        better = np.broadcast_to([[1, 2, 3], [1, 3, 0]], (len(wrong), 2, 3))
+    else:
+        better = np.array([cutter.cut(polygon) for polygon in flat], np.intp).reshape(-1, count - 2, 3)
+    less = _turned_area(flat, better) < _turned_area(flat, cuts[wrong])
+    cuts[wrong[less]] = better[less]
+    return cuts
+
+
+def _in_plane(points: Array, normal: Array) -> Array:
+    """(P, n, 2) coordinates of points (P, n, 3) in planes of unit normals (P, 3), counter-clockwise seen against these.
+
+    A normal along an axis leaves the other coordinates as they are, so that collinear corners stay collinear.
+    """
+    axis = np.abs(normal).argmax(axis=1)[:, None]
+    other = np.zeros_like(normal)
+    np.put_along_axis(other, (axis + 1) % 3, 1.0, axis=1)
+    u = other - (other * normal).sum(axis=1, keepdims=True) * normal
+    u /= np.sqrt((u * u).sum(axis=1, keepdims=True))
+    v = np.cross(normal, u)
+    return np.stack([(points * u[:, None]).sum(axis=2), (points * v[:, None]).sum(axis=2)], axis=2)
+
+
+def _turned_area(points: Array, triangles: Array) -> Array:
+    """(P,) the area, doubled, of the triangles (P, F, 3) of polygons (P, n, 2) that run clockwise."""
+    a, b, c = (np.take_along_axis(points, triangles[:, :, [k]], axis=1) for k in range(3))
+    b, c = b - a, c - a
+    return np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1)
 
 
 def strips(indices: Array) -> Array:

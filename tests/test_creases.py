@@ -11,12 +11,12 @@ from clshade import geometry
 from clshade.creases import against_normals, crease_normals, welded
 from clshade.errors import InputError
 from clshade.scenes import builtin
-from clshade.triangulation import fans, strips
+from clshade.triangulation import strips, triangulated
 
 RNG = np.random.default_rng(8)
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-FACES = fans(SQUARES.reshape(-1), np.full(6, 4))[0]
+FACES = triangulated(CUBE, SQUARES.reshape(-1), np.full(6, 4)).faces
 
 
 def test_a_cube():

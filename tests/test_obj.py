@@ -14,6 +14,7 @@ from clshade import geometry, mtl_files, obj_lines, obj_text
 from clshade.images import srgb_to_linear
 from clshade.loading import load
 from clshade.obj_text import parse_obj
+from clshade.triangulation import triangulated
 
 
 def told(path, **options):
@@ -180,7 +181,7 @@ def test_limits(tmp_path, monkeypatch):
 
 
 def plain(text: str) -> tuple[list, list, list, list]:
-    """The obvious parser: positions, uvs, normals and fanned corners of a file without faults."""
+    """The obvious parser: positions, uvs, normals and the corners of polygons of a file without faults."""
     found: dict[str, list] = {"v": [], "vt": [], "vn": []}
     faces = []
     for line in text.splitlines():
@@ -195,7 +196,7 @@ def plain(text: str) -> tuple[list, list, list, list]:
                 polygon.append(
                     [n - 1 if n > 0 else -1 if n == 0 else len(of) + n for n, of in zip(numbers, lists, strict=True)]
                 )
-            faces += [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
+            faces.append(polygon)
     return found["v"], found["vt"], found["vn"], faces
 
 
@@ -226,12 +227,14 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
     rng = np.random.default_rng(chunk)
     for _ in range(12):
         text = random_text(rng)
-        verts, uvs, normals, faces = plain(text)
+        verts, uvs, normals, polygons = plain(text)
         found = parse_obj(text.encode(), "x.obj")
         assert found.verts.tolist() == verts
         assert found.uvs.tolist() == [uv[:2] for uv in uvs]
         assert found.normals.tolist() == normals
-        assert found.indices.tolist() == faces
+        corners = np.array([corner for polygon in polygons for corner in polygon])
+        cut = triangulated(np.array(verts), corners[:, 0], np.array([len(polygon) for polygon in polygons]))
+        assert found.indices.tolist() == corners[cut.places].tolist()
 
 
 def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):

@@ -1,0 +1,216 @@
+"""Plane polygons cut by ear clipping (mapbox-earcut), and its cuts made whole: every corner and every edge in use.
+
+Ear clipping drops corners that are collinear or coincide, also such that other triangles already use. Their neighbors
+would not meet there, and a crack could open. And where a polygon crosses itself, it gives up. What is missing then has a
+boundary, the edges that no triangle uses; it is closed by fans, and triangles without area among these are flipped.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from .validation import Array
+
+_ALWAYS = 64  # corners of a polygon that is cut whatever it costs
+_UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it crosses itself
+_MOST = 1 << 16  # corners of a polygon that is cut at all
+_PAIRS = 1 << 26  # of edges, looked at to find out whether a large polygon crosses itself
+# What it costs to cut a polygon, as a multiple of the square of its corners: where all goes well, where corners are
+# dropped, and where most are, because edges cross over and over. A pair of edges costs as much as the last.
+_CLEAN, _RAGGED, _TANGLED = 1, 16, 128
+_WORK = 1 << 34  # of that, for all polygons of more than _ALWAYS corners: tens of seconds
+_FLAT = 2.0**-44  # of the square of the longest edge: a triangle with less area has none
+
+
+class Cutter:
+    """Cuts the polygons of a file. left: how many were not cut, because that could take too long.
+
+    Ear clipping takes a time that grows with the square of the corners; some hundred times that where edges cross. What
+    is left out depends on the polygons alone, so that a file always gives the same triangles.
+    """
+
+    def __init__(self) -> None:
+        self.left = 0
+        self._work = 0
+
+    def cut(self, points: Array) -> Array:
+        """(n - 2, 3) triangles of corner numbers of a polygon with corners (n, 2), counter-clockwise, of size 1.
+
+        Fewer triangles are made up to n - 2 by some without area. Those of a polygon that crosses itself may overlap.
+        A polygon that is left out is a fan.
+        """
+        from mapbox_earcut import triangulate_float64
+
+        count = len(points)
+        if not self._affordable(points):
+            self.left += 1
+            return _fan(range(count))
+        found = triangulate_float64(np.ascontiguousarray(points), np.array([count], np.uint32)).reshape(-1, 3)
+        if count > _ALWAYS:
+            ragged = _RAGGED if 2 * len(found) >= count else _TANGLED
+            self._work += count * count * (_CLEAN if len(found) == count - 2 else ragged)
+        triangles = found.astype(np.intp)
+        if len(triangles) == count - 2 and not _flat(points, triangles).any():
+            return triangles
+        return _whole(points, triangles)
+
+    def _affordable(self, points: Array) -> bool:
+        count = len(points)
+        if count <= _ALWAYS:
+            return True
+        if count > _MOST or self._work + count * count > _WORK:
+            return False
+        if count <= _UNCHECKED:
+            return True
+        crosses, pairs = _crosses(points)
+        self._work += pairs * _TANGLED
+        return not crosses
+
+
+def _fan(corners: range | list[int]) -> Array:
+    rest = np.asarray(corners, np.intp)
+    return np.stack([np.full(len(rest) - 2, rest[0]), rest[1:-1], rest[2:]], axis=1)
+
+
+def _doubled_areas(points: Array, triangles: Array) -> Array:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    b, c = b - a, c - a
+    return b[:, 0] * c[:, 1] - c[:, 0] * b[:, 1]
+
+
+def _flat(points: Array, triangles: Array) -> Array:
+    """(F,) whether a triangle has as good as no area."""
+    edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
+    longest = (edges * edges).sum(axis=2).max(axis=1, initial=0.0)
+    return np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest
+
+
+def _whole(points: Array, triangles: Array) -> Array:
+    """(n - 2, 3): the triangles, and those that are missing."""
+    count = len(points)
+    missing = [_fan(cycle) for cycle in _cycles(_unused(count, triangles.tolist())) if len(cycle) > 2]
+    found = np.concatenate([triangles, *missing])
+    if len(found) > count - 2:  # they overlap in such a way that their boundary does not say what is missing
+        return _fan(range(count))
+    found = _Flips(points, found).triangles()
+    # Cycles that touch themselves in a corner close with fewer; a triangle of one corner keeps the count.
+    return np.concatenate([found, np.zeros((count - 2 - len(found), 3), np.intp)])
+
+
+def _unused(count: int, triangles: list[list[int]]) -> Counter[tuple[int, int]]:
+    """The directed edges that are missing for every edge of a triangle to be one of the polygon, or to be met by another
+    triangle in the opposite direction, and for every edge of the polygon to be in use."""
+    needed = Counter((k, (k + 1) % count) for k in range(count))
+    for a, b, c in triangles:
+        for start, end in ((a, b), (b, c), (c, a)):
+            if needed[start, end] > 0:
+                needed[start, end] -= 1
+            else:
+                needed[end, start] += 1
+    return +needed
+
+
+def _cycles(edges: Counter[tuple[int, int]]) -> list[list[int]]:
+    """Directed edges, of which as many start as end in every corner, as cycles without a corner that comes twice."""
+    follow: dict[int, list[int]] = {}
+    for start, end in sorted(edges.elements(), reverse=True):
+        follow.setdefault(start, []).append(end)
+    cycles = []
+    for first in sorted(follow):
+        path, place = [first], {first: 0}
+        while follow[path[-1]] or len(path) > 1:
+            corner = follow[path[-1]].pop()
+            if corner not in place:
+                place[corner] = len(path)
+                path.append(corner)
+                continue
+            cycles.append(path[place[corner] :])
+            for gone in path[place[corner] + 1 :]:
+                del place[gone]
+            del path[place[corner] + 1 :]
+    return cycles
+
+
+class _Flips:
+    """Flips the longest edges of triangles without area, where the triangle beyond has some: a corner in the middle of
+    an edge then parts that triangle."""
+
+    def __init__(self, points: Array, triangles: Array) -> None:
+        self.points = points.tolist()
+        self.found: list[tuple[int, int, int]] = [(a, b, c) for a, b, c in triangles.tolist()]
+        self.flat = _flat(points, triangles).tolist()
+        self.owner = {edge: k for k, triangle in enumerate(self.found) for edge in _edges(*triangle)}
+
+    def triangles(self) -> Array:
+        waiting = [k for k, flat in enumerate(self.flat) if flat]
+        while waiting:
+            for k in self._flipped(waiting.pop()):
+                waiting += [
+                    n for a, b in _edges(*self.found[k]) if (n := self.owner.get((b, a), k)) != k and self.flat[n]
+                ]
+        return np.array(self.found, np.intp)
+
+    def _flipped(self, number: int) -> tuple[int, ...]:
+        """The two triangles that were changed, if any."""
+        if not self.flat[number]:
+            return ()
+        a, b, c = self.found[number]
+        # The longest edge from `start` to `end`, and the corner that lies on it.
+        _, start, end, middle = max((self._distance(p, q), p, q, r) for p, q, r in ((a, b, c), (b, c, a), (c, a, b)))
+        beyond = self.owner.get((end, start), number)
+        if beyond == number or self.flat[beyond]:
+            return ()
+        far = sum(self.found[beyond]) - start - end
+        one, two = (start, far, middle), (far, end, middle)
+        if self._area(*one) <= 0.0 or self._area(*two) <= 0.0:
+            return ()
+        for edge in (*_edges(*self.found[number]), *_edges(*self.found[beyond])):
+            self.owner.pop(edge, None)
+        for k, triangle in ((number, one), (beyond, two)):
+            self.found[k], self.flat[k] = triangle, False
+            self.owner.update(dict.fromkeys(_edges(*triangle), k))
+        return number, beyond
+
+    def _distance(self, p: int, q: int) -> float:
+        (x, y), (s, t) = self.points[p], self.points[q]
+        return (s - x) * (s - x) + (t - y) * (t - y)
+
+    def _area(self, p: int, q: int, r: int) -> float:
+        (x, y), (s, t), (u, v) = self.points[p], self.points[q], self.points[r]
+        return (s - x) * (v - y) - (u - x) * (t - y)
+
+
+def _edges(a: int, b: int, c: int) -> tuple[tuple[int, int], ...]:
+    return (a, b), (b, c), (c, a)
+
+
+def _crosses(points: Array) -> tuple[bool, int]:
+    """Whether two edges of a polygon (n, 2) cross each other in a point inside of both, and how many pairs of edges were
+    looked at. True, too, where more than _PAIRS overlap along both axes, and the answer would take long."""
+    ends = np.roll(points, -1, axis=0)
+    low, high = np.minimum(points, ends), np.maximum(points, ends)
+    orders = [np.argsort(low[:, axis], kind="stable") for axis in range(2)]
+    beyond = [np.searchsorted(low[order, k], high[order, k], side="right") for k, order in enumerate(orders)]
+    axis = int(np.argmin([int(found.sum()) for found in beyond]))
+    order, pairs = orders[axis], beyond[axis] - np.arange(1, len(points) + 1)
+    total = int(pairs.sum())
+    if total > _PAIRS:
+        return True, 0
+    start, end = points[order], ends[order]
+    cuts = np.searchsorted(np.cumsum(pairs), np.arange(0, total + 1, 1 << 20))
+    for first, last in zip(cuts, [*cuts[1:], len(points)], strict=True):
+        mine = np.repeat(np.arange(first, last), pairs[first:last])
+        steps = np.arange(len(mine)) - np.repeat(np.cumsum(pairs[first:last]) - pairs[first:last], pairs[first:last])
+        a, b, c, d = start[mine], end[mine], start[mine + 1 + steps], end[mine + 1 + steps]
+        if ((_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)).any():
+            return True, total
+    return False, total
+
+
+def _side(a: Array, b: Array, c: Array) -> Array:
+    """Positive where c is to the left of the line from a to b; 0 exactly where it is one of these."""
+    u, v = b - a, c - a
+    left = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return np.where((c == b).all(axis=1), 0.0, left)

@@ -1,0 +1,326 @@
+"""Polygons in triangles: what a cut must keep (area, winding, edges), on concave, damaged and very large polygons."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from mesh_writers import ply
+from scene_files import write
+
+from clshade import ear_clipping, triangulation
+from clshade.loading import load
+from clshade.triangulation import triangulated
+
+SCALES = (1.0, 1e30, 1e-30, 1e300, 1e-300)
+DART = [[0, 4, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0]]
+
+
+def cut_one(verts) -> np.ndarray:
+    """(n - 2, 3) corner numbers of the triangles of one polygon."""
+    verts = np.asarray(verts, np.float64)
+    found = triangulated(verts, np.arange(len(verts), dtype=np.int32), np.array([len(verts)]))
+    assert found.faces.shape == (len(verts) - 2, 3)
+    assert np.array_equal(found.faces, found.places)
+    assert not found.polygon.any()
+    return found.faces
+
+
+def fan(count: int) -> list[list[int]]:
+    return [[0, k, k + 1] for k in range(1, count - 1)]
+
+
+def vector_areas(verts: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = (verts[triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a) / 2
+
+
+def newell(verts: np.ndarray) -> np.ndarray:
+    """The vector area by Newell's sum over the edges."""
+    after = np.roll(verts, -1, axis=0)
+    return np.cross(verts - verts[0], after - verts[0]).sum(axis=0) / 2
+
+
+def assert_edges_are_met(count: int, triangles) -> None:
+    """Every edge of a triangle is an edge of the polygon, or is met by another triangle: no cracks."""
+    edges = Counter((int(a), int(b)) for t in triangles for a, b in zip(t, np.roll(t, -1), strict=True) if a != b)
+    edges.subtract(Counter((k, (k + 1) % count) for k in range(count)))
+    assert all(edges[b, a] == number for (a, b), number in list(edges.items()))
+
+
+def assert_cut(verts, *, exact: float = 1e-12) -> np.ndarray:
+    """The triangles of a plane polygon that does not cross itself: they fill it, none turned over, none overlapping."""
+    verts = np.asarray(verts, np.float64)
+    triangles = cut_one(verts)
+    area = newell(verts)
+    size = math.sqrt(area @ area)
+    along = vector_areas(verts, triangles) @ (area / size)
+    assert along.sum() == pytest.approx(size, rel=exact)
+    assert along.min() >= -exact * size
+    assert_edges_are_met(len(verts), triangles)
+    return triangles
+
+
+def in_space(points: np.ndarray, seed: int) -> np.ndarray:
+    """(n, 3): points (n, 2) in a plane that lies anywhere, seen from either side."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    return points @ axes[:2] + rng.standard_normal(3)
+
+
+def star(radii: list[float]) -> np.ndarray:
+    angles = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1) * np.array(radii)[:, None]
+
+
+def uncrossed(points: np.ndarray) -> np.ndarray:
+    """A polygon through all points that does not cross itself: crossing edges are exchanged until none are left."""
+    order = list(range(len(points)))
+
+    def side(a, b, c):
+        (x, y), (s, t), (u, v) = points[a], points[b], points[c]
+        return (s - x) * (v - y) - (t - y) * (u - x)
+
+    changed = True
+    while changed:
+        changed = False
+        for i in range(len(order) - 1):
+            for j in range(i + 2, len(order) - (i == 0)):
+                a, b, c, d = order[i], order[i + 1], order[j], order[(j + 1) % len(order)]
+                if side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0:
+                    order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1]
+                    changed = True
+    return points[order]
+
+
+def test_the_dart_of_an_obj_file(tmp_path):
+    """A full square with a notch: two triangles of a fan covered the notch, one of them turned over."""
+    text = "".join("v {} {} {}\n".format(*corner) for corner in DART) + "f 1 2 3 4 5\n"
+    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
+    parts = vector_areas(mesh.verts, mesh.faces)
+    assert parts[:, 2].sum() == 10
+    assert (parts[:, 2] > 0).all()
+    assert (parts[:, :2] == 0).all()
+    for quad in ("f 1 2 3 4\n", "f 2 3 4 1\n"):  # the reflex corner at any place
+        text = "v 0 0 0\nv 4 4 0\nv 0 3 0\nv -4 4 0\n".replace("0 3 0", "0 9 0")
+        arrow = "v 0 0 0\nv 4 -4 0\nv 0 9 0\nv -4 -4 0\n" + quad
+        (mesh,) = load(write(tmp_path / "b.obj", arrow)).meshes
+        assert vector_areas(mesh.verts, mesh.faces)[:, 2].tolist() == [18, 18]
+
+
+def test_corners_keep_their_uvs_and_normals(tmp_path):
+    text = "".join("v {} {} {}\nvt {} {}\n".format(*corner, *corner[:2]) for corner in DART)
+    text += "vn 0 0 1\nvn 0 0 2\nf 3/3/1 4/4/2 5/5/1 1/1/2 2/2/2\nf 1/1/1 2/2/1 3/3/1\n"
+    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
+    assert mesh.faces.tolist()[-1] == [0, 1, 2]
+    uvs = mesh.uvs[mesh.uv_faces]
+    assert np.array_equal(uvs[:, :, 0], mesh.verts[mesh.faces][:, :, 0])
+    assert np.array_equal(1 - uvs[:, :, 1], mesh.verts[mesh.faces][:, :, 1])
+    expected = np.where(np.isin(mesh.faces[:3], [3, 0, 1]), 2.0, 1.0)
+    assert np.array_equal(mesh.normals[mesh.normal_faces[:3]][:, :, 2], expected)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_ply_cuts_alike_with_coordinates_of_corners(tmp_path, form):
+    header = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+    header += "property list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty uchar red\n"
+    header += "property uchar green\nproperty uchar blue\n"
+    rows = [("3f", list(map(float, corner))) for corner in DART]
+    for face, color in (([3, 4, 0, 1, 2], 255), ([2, 1, 0], 0)):
+        uvs = [float(value) for corner in face for value in DART[corner][:2]]
+        kinds = f"B{len(face)}iB{len(uvs)}f3B"
+        rows.append((kinds, [len(face), *face, len(uvs), *uvs, color, color, color]))
+    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows)), texture=np.ones((1, 1, 3))).meshes
+    points, uvs = mesh.verts[mesh.faces], mesh.uvs[mesh.uv_faces]
+    assert vector_areas(mesh.verts, mesh.faces)[:, 2].tolist()[3:] == [-8]
+    assert (vector_areas(mesh.verts, mesh.faces)[:3, 2] > 0).all()
+    assert np.array_equal(uvs[:, :, 0], points[:, :, 0])
+    assert np.array_equal(1 - uvs[:, :, 1], points[:, :, 1])
+    assert mesh.colors[mesh.faces][:, :, 0].tolist() == [[1] * 3] * 3 + [[0] * 3]
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_convex_polygons_stay_fans(scale):
+    octagon = in_space(star([1.0] * 8), 4) * scale
+    with_middles = np.stack([octagon, (octagon + np.roll(octagon, -1, axis=0)) / 2], axis=1).reshape(-1, 3)
+    for verts in (octagon[:4], octagon, octagon[::-1], with_middles):
+        assert cut_one(verts).tolist() == fan(len(verts))
+        assert cut_one(verts.astype(np.float32) if scale == 1.0 else verts).tolist() == fan(len(verts))
+
+
+def test_order_of_polygons_and_their_numbers():
+    """Triangles, quadrilaterals and others in turn: each polygon's triangles lie together, in its place."""
+    rng = np.random.default_rng(1)
+    polygons = [star(list(rng.uniform(0.1, 1, n))) for n in rng.integers(3, 9, 200)]
+    verts = np.concatenate([in_space(points, k) for k, points in enumerate(polygons)])
+    counts = np.array([len(points) for points in polygons])
+    shuffled = rng.permutation(len(verts)).astype(np.int32)  # corners refer to vertices in any order
+    found = triangulated(verts[np.argsort(shuffled)], shuffled, counts)
+    assert np.array_equal(found.polygon, np.repeat(np.arange(200), counts - 2))
+    assert np.array_equal(found.faces, shuffled[found.places])
+    for number, start in enumerate(np.cumsum(counts) - counts):
+        alone = cut_one(verts[start : start + counts[number]])
+        assert np.array_equal(found.places[found.polygon == number] - start, alone)
+    assert found.left == 0
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_any_magnitude(scale):
+    verts = in_space(star([1, 0.2, 1, 0.3, 1, 0.2, 1, 0.1]), 5)
+    expected = assert_cut(verts)
+    assert expected.tolist() != fan(8)
+    assert np.array_equal(cut_one(verts * scale), expected)
+    both = np.concatenate([verts * scale, verts])  # beside one of size 1
+    found = triangulated(both, np.arange(16, dtype=np.int32), np.array([8, 8]))
+    tiny = scale < 1e-100
+    assert np.array_equal(found.faces[:6], expected) or tiny
+    assert np.array_equal(found.faces[6:] - 8, expected) or scale > 1e100
+
+
+@given(st.lists(st.floats(0.05, 1.0), min_size=4, max_size=40), st.integers(0, 99), st.booleans())
+def test_star_shaped_polygons(radii, seed, turn):
+    points = star(radii)
+    assert_cut(in_space(points[::-1] if turn else points, seed))
+
+
+@given(st.integers(4, 24), st.integers(0, 1 << 32), st.booleans())
+def test_simple_polygons(count, seed, space):
+    rng = np.random.default_rng(seed)
+    points = uncrossed(rng.random((count, 2)))
+    assert_cut(in_space(points, seed) if space else np.concatenate([points, np.ones((count, 1))], axis=1))
+
+
+@given(st.integers(4, 20), st.integers(0, 1 << 32), st.integers(0, 3))
+def test_corners_on_edges_and_repeated_ones_stay_in_use(count, seed, axis):
+    """Corners on a small lattice, in the middle of edges and twice at one place: all edges are met, nothing is lost."""
+    rng = np.random.default_rng(seed)
+    points = uncrossed(rng.random((count, 2)).round(1))
+    points = np.concatenate(
+        [[p, *[(p + q) / 2] * int(rng.integers(0, 3))] for p, q in zip(points, np.roll(points, -1, 0), strict=True)]
+    )
+    verts = np.insert(points, axis, 3.0, axis=1) if axis < 3 else in_space(points, seed)
+    area = newell(verts)
+    assume(np.abs(area).max() > 1e-3)
+    triangles = cut_one(verts)
+    assert_edges_are_met(len(verts), triangles)
+    assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
+
+
+def test_a_corner_on_an_edge_parts_the_triangle_that_has_it():
+    """Corners 4, 5 and 7 lie on straight edges of an L: no triangle is without area, and no corner is left out."""
+    verts = np.array(
+        [[0, 0, 0], [4, 0, 0], [4, 1, 0], [1, 1, 0], [1, 2, 0], [1, 3, 0], [1, 4, 0], [0.5, 4, 0], [0, 4, 0]]
+    )
+    for shift in range(9):
+        triangles = assert_cut(np.roll(verts, shift, axis=0))
+        assert set(triangles.reshape(-1).tolist()) == set(range(9))
+        if triangles.tolist() != fan(9):  # which is right for two of them, and as it was
+            assert vector_areas(np.roll(verts, shift, axis=0), triangles)[:, 2].min() > 0
+
+
+def test_a_hole_joined_by_a_bridge():
+    """A square with a square hole: the corners of the bridge come twice."""
+    ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]]
+    verts = np.array([[*corner, 1.0] for corner in ring])
+    triangles = assert_cut(verts)
+    assert vector_areas(verts, triangles)[:, 2].sum() == 72
+
+
+def test_non_planar_polygons():
+    """Corners off the plane: the triangles are right as seen along Newell's normal."""
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        points = uncrossed(rng.random((9, 2)))
+        verts = np.concatenate([points, rng.normal(0, 0.02, (9, 1))], axis=1)
+        triangles = cut_one(verts)
+        assert_edges_are_met(9, triangles)
+        area = newell(verts)
+        assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-12)
+
+
+CROSSED = {
+    "bow-tie": ([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]], fan(4)),
+    "lopsided bow-tie": ([[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]], fan(4)),
+    "no area": ([[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1]], fan(5)),
+    "one point": ([[1, 2, 3]] * 6, fan(6)),
+    "there and back": ([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]], fan(4)),
+}
+
+
+@pytest.mark.parametrize(("verts", "expected"), CROSSED.values(), ids=list(CROSSED))
+def test_what_has_no_inside_stays_a_fan(verts, expected):
+    assert cut_one(verts).tolist() == expected
+
+
+@given(st.integers(4, 30), st.integers(0, 1 << 32), st.sampled_from([0, 1, 9]))
+def test_polygons_that_cross_themselves(count, seed, digits):
+    """Whatever comes out, it has the polygon's edges and so its area, and turns over no more than a fan."""
+    verts = np.random.default_rng(seed).random((count, 3)).round(digits)
+    triangles = cut_one(verts)
+    assert np.array_equal(triangles, cut_one(verts))
+    assert_edges_are_met(count, triangles)
+    area = newell(verts)
+    assert vector_areas(verts, triangles).sum(axis=0) == pytest.approx(area, abs=1e-9)
+    over = [np.maximum(-(vector_areas(verts, t) @ area), 0).sum() for t in (triangles, np.array(fan(count)))]
+    assert over[0] <= over[1] + 1e-9
+
+
+def test_pentagram():
+    angles = 4 * np.pi * np.arange(5) / 5
+    verts = np.stack([np.cos(angles), np.sin(angles), np.zeros(5)], axis=1)
+    assert_edges_are_met(5, cut_one(verts))
+
+
+def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    many = uncrossed(rng.random((70, 2)))
+    text = "".join(f"v {x!r} {y!r} 0\n" for x, y in many.tolist()) + "f " + " ".join(map(str, range(1, 71))) + "\n"
+    text += "".join("v {} {} {}\n".format(*corner) for corner in DART) + "f -5 -4 -3 -2 -1\n"
+    path = write(tmp_path / "a.obj", text)
+    scene = load(path)
+    assert scene.ignored == ()
+    assert scene.meshes[0].faces[:68].tolist() != fan(70)
+    monkeypatch.setattr(ear_clipping, "_WORK", 100)
+    with pytest.warns(UserWarning, match="concave polygons of very many corners"):
+        scene = load(path)
+    assert scene.meshes[0].faces[:68].tolist() == fan(70)
+    assert scene.meshes[0].faces[68:].tolist() != (np.array(fan(5)) + 70).tolist()  # small ones always
+
+
+def test_large_polygons_are_looked_at_first(monkeypatch):
+    monkeypatch.setattr(ear_clipping, "_UNCHECKED", 64)
+    zigzag = np.random.default_rng(4).random((100, 2))
+    for points, left in ((star(list(np.random.default_rng(5).uniform(0.2, 1, 100))), 0), (zigzag, 1)):
+        verts = in_space(points, 6)
+        found = triangulated(verts, np.arange(100, dtype=np.int32), np.array([100]))
+        assert found.left == left
+        assert (found.faces.tolist() == fan(100)) == bool(left)
+    monkeypatch.setattr(ear_clipping, "_PAIRS", 10)
+    assert ear_clipping._crosses(star([0.2, 1.0] * 50)) == (True, 0)
+
+
+def test_crossing_edges_are_found():
+    rng = np.random.default_rng(7)
+    found = [0, 0]
+    for _ in range(200):
+        points = rng.random((int(rng.integers(4, 9)), 2))
+        plain = ear_clipping._crosses(uncrossed(points))[0]
+        assert not plain
+        straight = len(uncrossed(points)) == len(points) and np.array_equal(uncrossed(points), points)
+        assert ear_clipping._crosses(points)[0] == (not straight)
+        found[int(straight)] += 1
+    assert min(found) > 10
+
+
+def test_blocks_and_groups_change_nothing(monkeypatch):
+    rng = np.random.default_rng(8)
+    counts = rng.integers(3, 8, 300)
+    verts = rng.random((int(counts.sum()), 3))
+    corners = np.arange(len(verts), dtype=np.int32)
+    whole = triangulated(verts, corners, counts)
+    monkeypatch.setattr(triangulation, "_BLOCK", 20)
+    assert np.array_equal(triangulated(verts, corners, counts).faces, whole.faces)
