@@ -280,11 +280,10 @@ def _joined(reader: _Reader) -> ObjText:
             line = reader.line(int(np.concatenate(reader.places)[polygon]))
             expected = f"{KEYWORDS[kind]} indices up to {len(values)}"
             raise complaint(reader.owner, f"line {line}: f", expected, str(corners[corner, column] + 1))
-    cut = triangulated(verts, corners[:, 0], counts)
-    if cut.left:
+    cuts = triangulated(verts, corners[:, 0], counts)
+    if cuts.left:
         reader.ignored.append(CUT_AS_FANS)
-    only_triangles = len(corners) == 3 * len(counts)
-    indices = corners.reshape(-1, 3, 3) if only_triangles else corners[cut.places]
+    indices = cuts.triangles(corners)
     colors = None
     if any(len(which) for which, _ in reader.colors):
         colors = np.ones((len(verts), 3))

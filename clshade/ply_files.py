@@ -22,7 +22,7 @@ from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
 from .reading import beside, complaint, quoted, read_file
 from .scene import MAX_FACES, Material, Mesh, Scene, Texture
-from .triangulation import CUT_AS_FANS, Triangles, strips, triangulated
+from .triangulation import CUT_AS_FANS, Cuts, strips, triangulated
 from .validation import Array
 
 MAX_BYTES = 1 << 31
@@ -54,18 +54,12 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     if verts is None:
         raise complaint(owner, "element vertex", "properties x, y and z", "others")
     ignored: list[str] = []
-    cut = _faces(elements, verts, owner)
-    if cut.left:
-        ignored.append(CUT_AS_FANS)
-    arrays: dict[str, Any] = {
-        "verts": verts,
-        "faces": cut.faces,
-        "normals": _columns(vertex, ("nx", "ny", "nz"), owner),
-    }
+    faces, polygon, cuts = _faces(elements, verts, ignored, owner)
+    arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
     by_file = arrays["normals"] is not None
     _shade(arrays, options)
-    _color(arrays, elements, cut.polygon, ignored, owner)
-    texture = _texture(arrays, elements, comments, options, path, cut)
+    _color(arrays, elements, polygon, ignored, owner)
+    texture = _texture(arrays, elements, comments, options, path, faces, cuts)
     if by_file:
         _turn_to_normals(arrays)
     material = options.lit(material, by_file=False)
@@ -94,9 +88,12 @@ def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bo
     return values
 
 
-def _faces(elements: dict[str, Element], verts: Array, owner: str) -> Triangles:
-    """The triangles of element face, then those of tristrips, whose polygon and places are -1. Indices are int32."""
-    cuts, count = [], len(verts)
+def _faces(
+    elements: dict[str, Element], verts: Array, ignored: list[str], owner: str
+) -> tuple[Array, Array, Cuts | None]:
+    """(F, 3) int32 indices into verts, the (F,) row of element face of each, -1 for those of strips, and how the
+    polygons are cut, where there are no triangles of strips."""
+    faces, polygons, cuts, count = [], [], None, len(verts)
     face, strip = elements.get("face"), elements.get("tristrips")
     for element in (face, strip):
         if element is None or not element.rows:
@@ -111,17 +108,22 @@ def _faces(elements: dict[str, Element], verts: Array, owner: str) -> Triangles:
             raise complaint(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
         if element is face:
             _check_corners(element, lengths, owner)
-            cuts.append(triangulated(verts, values.astype(np.int32, copy=False), lengths))
+            corners = values.astype(np.int32, copy=False)
+            cuts = triangulated(verts, corners, lengths)
+            if cuts.left:
+                ignored.append(CUT_AS_FANS)
+            triangles, polygon = cuts.triangles(corners), cuts.polygon
         else:
             ends = np.cumsum(lengths)[:-1]
             triangles = strips(np.insert(values.astype(np.int32), ends, -1))
-            cuts.append(Triangles(triangles, np.full_like(triangles, -1), np.full(len(triangles), -1)))
-    if not sum(len(cut.faces) for cut in cuts):
+            polygon = np.full(len(triangles), -1)
+        faces.append(triangles)
+        polygons.append(polygon)
+    if not sum(map(len, faces)):
         raise complaint(owner, "element face", "at least one triangle, in faces or tristrips", "none")
-    if len(cuts) == 1:
-        return cuts[0]
-    faces, places, polygon, left = zip(*cuts, strict=True)
-    return Triangles(np.concatenate(faces), np.concatenate(places), np.concatenate(polygon), sum(left))
+    if len(faces) == 1:
+        return faces[0], polygons[0], cuts
+    return np.concatenate(faces), np.concatenate(polygons), None if len(faces[1]) else cuts
 
 
 def _check_corners(element: Element, lengths: Array, owner: str) -> None:
@@ -199,17 +201,21 @@ def _texture(
     comments: list[str],
     options: Options,
     path: Path,
-    cut: Triangles,
+    faces: Array,
+    cuts: Cuts | None,
 ) -> Texture | None:
-    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image."""
+    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image.
+
+    faces: (F, 3) indices into the file's vertices. cuts: see _faces.
+    """
     owner = shown(path)
-    uvs, uv_faces = _uvs(elements, cut, owner)
+    uvs, uv_faces = _uvs(elements, cuts, owner)
     if uvs is None:
         if options.texture is not None:
             raise complaint(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
         return None
-    if uv_faces is None and arrays["faces"] is not cut.faces:
-        uv_faces = cut.faces
+    if uv_faces is None and arrays["faces"] is not faces:
+        uv_faces = faces
     uvs[:, 1] = 1.0 - uvs[:, 1]
     arrays.update(uvs=uvs, uv_faces=uv_faces)
     if options.texture is not None:
@@ -225,15 +231,16 @@ def _texture(
     return as_texture(found, srgb=True)
 
 
-def _uvs(elements: dict[str, Element], cut: Triangles, owner: str) -> tuple[Array | None, Array | None]:
+def _uvs(elements: dict[str, Element], cuts: Cuts | None, owner: str) -> tuple[Array | None, Array | None]:
     """(T, 2) coordinates, and for those of corners their (F, 3) indices."""
     face = elements.get("face")
     listed = face.columns.get("texcoord") if face is not None else None
-    if face is not None and isinstance(listed, tuple) and (cut.polygon >= 0).all():
+    if face is not None and isinstance(listed, tuple) and cuts is not None:
         values, lengths = listed
         corners = _lists(face, _INDICES, owner)[1]
         if (lengths == 2 * corners).all():
-            return values.reshape(-1, 2).astype(np.float64), cut.places
+            index = cuts.triangles(np.arange(int(corners.sum()), dtype=np.int32))
+            return values.reshape(-1, 2).astype(np.float64), index
         row = int(np.argmax(lengths != 2 * corners))
         raise complaint(owner, f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
     for names in _UVS:

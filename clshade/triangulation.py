@@ -3,34 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from .ear_clipping import Cutter
 from .validation import Array
 
-CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Triangles.left is, in words
+CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Cuts.left is, in words
 _BLOCK = 1 << 14  # corners whose temporary arrays stay in the cache
 _TINY = 2.0**-800  # of the square of a normal, where the mesh is of size 1: not far from underflow
 _NO_AREA = 2.0**-40  # of a polygon of size 1: what is left of its area is rounding
 _ROUNDING = 2.0**-46  # of a triangle's part in the square of the normal of a polygon of size 1
+_NO_OTHER = np.zeros(0, np.intp), np.zeros((0, 3), np.intp)
 
 
-class Triangles(NamedTuple):
-    """Polygons cut into triangles, in the polygons' order.
+@dataclass(frozen=True)
+class Cuts:
+    """Polygons cut into triangles, in the polygons' order: as fans round their first corner, but for the triangles with
+    the numbers `other` (T,), which have the corners `places` (T, 3).
 
-    faces: (F, 3) the triangles' vertices. places: (F, 3) which of all corners each triangle's are. polygon: (F,) the
-    polygon of each. left: the number of polygons that are fans, right or not, because a better cut would take too long.
+    counts: (P,) corners of each polygon. left: the number of polygons that are fans, right or not, because a better cut
+    would take too long.
     """
 
-    faces: Array
+    counts: Array
+    other: Array
     places: Array
-    polygon: Array
     left: int = 0
 
+    @property
+    def polygon(self) -> Array:
+        """(F,) the polygon of each triangle."""
+        numbers = np.arange(len(self.counts), dtype=np.int32)
+        return numbers if (self.counts == 3).all() else np.repeat(numbers, self.counts - 2)
 
-def triangulated(verts: Array, corners: Array, counts: Array) -> Triangles:
+    def triangles(self, values: Array) -> Array:
+        """(F, 3, ...) what the triangles' corners have of values (C, ...) of all corners; may be a view of them."""
+        count = int(self.counts.max(initial=3))
+        if len(values) == count * len(self.counts):
+            found = _fans(values.reshape(-1, count, *values.shape[1:]))
+        else:
+            found = values[_mixed_fans(self.counts)]
+        if len(self.other):
+            found[self.other] = values[self.places]
+        return found
+
+
+def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
     """Cut polygons into triangles that keep their winding; each polygon of n corners gives n - 2.
 
     verts: (V, 3) finite positions. corners: (C,) indices into verts, one polygon after the other. counts: (P,) corners of
@@ -42,52 +62,45 @@ def triangulated(verts: Array, corners: Array, counts: Array) -> Triangles:
     provided that this turns over less area than the fan (a polygon that crosses itself may have no cut without).
     Positions of any magnitude, and polygons far smaller than their mesh, are cut alike.
     """
-    faces, places, polygon = _fans(corners, counts)
-    if len(faces) == len(counts):
-        return Triangles(faces, places, polygon)
+    if (counts == 3).all():
+        return Cuts(counts, *_NO_OTHER)
     columns = _unit_size(verts)
     turned = _turned(columns, corners, counts)
     if not len(turned):
-        return Triangles(faces, places, polygon)
-    faces = faces if faces.flags.writeable else faces.copy()
+        return Cuts(counts, *_NO_OTHER)
     first, start = np.cumsum(counts - 2) - (counts - 2), np.cumsum(counts) - counts
     cutter = Cutter()
+    other, places = [], []
     for chosen in _by_count(counts[turned]):
         which = turned[chosen]
         count = int(counts[which[0]])
         for rows in _blocks(len(which), count):
             own = start[which[rows], None] + np.arange(count)
             cuts = _recut(columns[:, corners[own]], cutter)
-            triangles = first[which[rows], None] + np.arange(count - 2)
-            places[triangles] = np.take_along_axis(own[:, None], cuts, axis=2)
-            faces[triangles] = corners[places[triangles]]
-    return Triangles(faces, places, polygon, cutter.left)
+            other.append((first[which[rows], None] + np.arange(count - 2)).reshape(-1))
+            places.append(np.take_along_axis(own[:, None], cuts, axis=2).reshape(-1, 3))
+    return Cuts(counts, np.concatenate(other), np.concatenate(places), cutter.left)
 
 
-def _fans(corners: Array, counts: Array) -> tuple[Array, Array, Array]:
-    """Polygons as fans: faces, places and polygon of Triangles."""
-    numbers, total = np.arange(len(counts), dtype=np.int32), len(corners)
-    most = int(counts.max(initial=3))
-    every = np.arange(total, dtype=np.int32)
-    if most == 3:
-        return corners.reshape(-1, 3), every.reshape(-1, 3), numbers
-    if total == most * len(counts):
-        return _fan(corners.reshape(-1, most)), _fan(every.reshape(-1, most)), np.repeat(numbers, most - 2)
+def _fans(polygons: Array) -> Array:
+    """(P * (n - 2), 3, ...): the fans of polygons with corners (P, n, ...)."""
+    count, rest = polygons.shape[1], polygons.shape[2:]
+    if count == 3:
+        return polygons
+    fans = np.empty((len(polygons), count - 2, 3, *rest), polygons.dtype)
+    fans[:, :, 0] = polygons[:, :1]
+    fans[:, :, 1] = polygons[:, 1:-1]
+    fans[:, :, 2] = polygons[:, 2:]
+    return fans.reshape(-1, 3, *rest)
+
+
+def _mixed_fans(counts: Array) -> Array:
+    """(F, 3) the numbers of the corners of polygons' fans. counts: (P,) corners of each."""
     triangles = counts - 2
-    polygon = np.repeat(numbers, triangles)
+    polygon = np.repeat(np.arange(len(counts)), triangles)
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     start = (np.cumsum(counts) - counts)[polygon]
-    places = np.stack([start, start + step + 1, start + step + 2], axis=1)
-    return corners[places], places.astype(np.int32), polygon
-
-
-def _fan(rows: Array) -> Array:
-    """(P * (n - 2), 3): the fans of polygons with corners (P, n)."""
-    fans = np.empty((len(rows), rows.shape[1] - 2, 3), rows.dtype)
-    fans[:, :, 0] = rows[:, :1]
-    fans[:, :, 1] = rows[:, 1:-1]
-    fans[:, :, 2] = rows[:, 2:]
-    return fans.reshape(-1, 3)
+    return np.stack([start, start + step + 1, start + step + 2], axis=1)
 
 
 def _unit_size(verts: Array) -> Array:
@@ -122,8 +135,10 @@ def _turned(columns: Array, corners: Array, counts: Array) -> Array:
         count = int(counts[group[0]])
         if count == 3:
             continue
+        alike = len(group) == len(counts)
+        polygons = corners.reshape(-1, count) if alike else corners[start[group, None] + np.arange(count)]
         for rows in _blocks(len(group), count):
-            index = corners[start[group[rows]] + np.arange(count)[:, None]].astype(np.intp)
+            index = polygons[rows].T.astype(np.intp, order="C")
             parts = _fan_areas(*(column.take(index) for column in columns))[0]
             found.append(group[rows][(parts.min(axis=0) < 0.0) | (parts.sum(axis=0) < _TINY)])
     return np.sort(np.concatenate(found))
@@ -152,7 +167,7 @@ def _recut(points: Array, cutter: Cutter) -> Array:
     parts, sums = _fan_areas(*points.transpose(2, 1, 0))
     normal = np.stack(sums, axis=1)
     count = points.shape[1]
-    cuts = _fan(np.broadcast_to(np.arange(count), (len(points), count))).reshape(-1, count - 2, 3)
+    cuts = _fans(np.tile(np.arange(count), (len(points), 1))).reshape(-1, count - 2, 3)
     length = np.sqrt((normal * normal).sum(axis=1))
     wrong = np.flatnonzero((parts.min(axis=0) < -_ROUNDING * length) & (length > _NO_AREA))
     flat = _in_plane(points[wrong], normal[wrong] / length[wrong, None])

@@ -16,7 +16,7 @@ from clshade.triangulation import strips, triangulated
 RNG = np.random.default_rng(8)
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-FACES = triangulated(CUBE, SQUARES.reshape(-1), np.full(6, 4)).faces
+FACES = triangulated(CUBE, SQUARES.reshape(-1), np.full(6, 4)).triangles(SQUARES.reshape(-1))
 
 
 def test_a_cube():

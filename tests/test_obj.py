@@ -233,8 +233,8 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
         assert found.uvs.tolist() == [uv[:2] for uv in uvs]
         assert found.normals.tolist() == normals
         corners = np.array([corner for polygon in polygons for corner in polygon])
-        cut = triangulated(np.array(verts), corners[:, 0], np.array([len(polygon) for polygon in polygons]))
-        assert found.indices.tolist() == corners[cut.places].tolist()
+        cuts = triangulated(np.array(verts), corners[:, 0], np.array([len(polygon) for polygon in polygons]))
+        assert found.indices.tolist() == cuts.triangles(corners).tolist()
 
 
 def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):
