@@ -19,6 +19,7 @@ from .scene import Material, Mesh, PointLight, Scene, Texture
 from .validation import Array, coefficient, number, refuse
 
 MAX_BYTES = 1 << 31  # of a course file
+MAX_LIGHTS = 1 << 15  # each takes longer to make than the few bytes that it may take in a file to read
 _NAMES = {
     "verts": "verts",
     "colors": "vertex_colors",
@@ -31,13 +32,13 @@ _NAMES = {
 class _Fields:
     """The checked values of one file; each method raises InputError `file: key: expected ..., found ...`."""
 
-    def __init__(self, content: dict[str, Any], owner: str) -> None:
+    def __init__(self, content: course_pickle.Content, owner: str) -> None:
         self.content, self.owner = content, owner
 
     def get(self, key: str) -> Any:
         if key not in self.content:
             raise complaint(self.owner, key, "this key", "none")
-        return course_pickle.value(self.owner, key, self.content[key])
+        return self.content.value(key)
 
     def number(self, key: str) -> float:
         return number(self.owner, key, self.get(key), above=0.0)
@@ -99,6 +100,8 @@ def _camera(fields: _Fields, focal: Any) -> Camera:
 def _lights(fields: _Fields) -> tuple[PointLight, ...]:
     names = ("light_positions", "light_intensities")
     given = values.lights(fields.owner, names, *(fields.get(name) for name in names))
+    if len(given[0]) > MAX_LIGHTS:
+        raise refuse(fields.owner, names[0], f"at most {MAX_LIGHTS} lights", len(given[0]))
     return tuple(PointLight(*light) for light in zip(*given, strict=True))
 
 

@@ -1,0 +1,291 @@
+"""Pickles made to take long: whatever a course file holds, it is loaded or refused in time linear in its size."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from itertools import count
+
+import numpy as np
+import pytest
+from processes import ROOT, python
+from scene_files import course_dict, npy_of_pickle, pickled_array, refusal
+
+from clshade.errors import InputError
+from clshade.loading import load
+
+SIZE = 1_000_000  # bytes of a worst case
+SECONDS = 1.0  # of the processor's time, for SIZE
+EVERY_DAY = 10  # times smaller are those of every day
+DEPTH = 28  # of what holds the one before twice: 2^28 steps take seconds, and end
+FIRST = 300  # of the indices in the memo that are used here
+PRIME = (1 << 61) - 1  # CPython's hash of its multiples is 0
+KNOWN = pickle.dumps(np.array(course_dict(), dtype=object), protocol=3)  # 4 has frames, which nothing may be put into
+END = KNOWN[KNOWN.rindex(b"uat") :]  # of the dict, the list that holds it, the array's state, the array
+FRESH = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"
+
+
+def word(value: int) -> bytes:
+    return struct.pack("<I", value)
+
+
+def text(content: str) -> bytes:
+    return b"X" + word(len(content.encode())) + content.encode()
+
+
+def put(index: int) -> bytes:
+    return b"r" + word(FIRST + index)
+
+
+def get(index: int) -> bytes:
+    return b"j" + word(FIRST + index)
+
+
+def dtype(name: bytes, order: bytes = b"X\x01\x00\x00\x00<") -> bytes:
+    state = b"(K\x03" + order + b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
+    return b"cnumpy\ndtype\n(" + name + b"K\x00K\x01tR" + state
+
+
+F2, F8, I1 = (dtype(text(name)) for name in ("f2", "f8", "i1"))
+
+
+def array(shape: bytes, kind: bytes, data: bytes) -> bytes:
+    return FRESH + b"(K\x01" + shape + kind + b"\x89B" + word(len(data)) + data + b"tb"
+
+
+def whole(*shape: int) -> bytes:
+    """An array of one byte for each number."""
+    items = 1
+    for extent in shape:
+        items *= extent
+    return array(b"(" + b"".join(b"J" + word(extent) for extent in shape) + b"t", I1, bytes(items))
+
+
+def fields(**values: bytes) -> bytes:
+    """The pickle of a course file with further fields, or with others in place of its own."""
+    return KNOWN.removesuffix(END) + b"".join(text(key) + value for key, value in values.items()) + END
+
+
+def filled(size: int, part: bytes, before: bytes = b"", after: bytes = b"") -> bytes:
+    return before + part * ((size - len(before) - len(after)) // len(part)) + after
+
+
+def listed(size: int, part: bytes, before: bytes = b"") -> bytes:
+    """A list as the verts."""
+    return fields(verts=filled(size, part, before + b"](", b"e"))
+
+
+def pairs() -> bytes:
+    """A tuple of 2^DEPTH leaves: each holds the one before twice."""
+    return b"K\x01" + put(0) + b"".join(get(k) + b"\x86" + put(k + 1) for k in range(DEPTH))
+
+
+def lists() -> bytes:
+    """The same of lists, all of them in a list; the largest is `get(DEPTH)`."""
+    return b"](K\x01" + put(0) + b"".join(b"](" + get(k) * 2 + b"e" + put(k + 1) for k in range(DEPTH)) + b"e"
+
+
+def keys(size: int, form: bytes) -> bytes:
+    """Integers whose hashes all collide, each in `form`."""
+    numbers = ((k * PRIME).to_bytes(10, "little", signed=True) for k in count())
+    return b"".join(form % (b"\x8a\x0a" + next(numbers)) for _ in range(size // (len(form) + 10)))
+
+
+def many_arrays(size: int) -> bytes:
+    """A list of different arrays of three numbers, of a type that they share."""
+    kept = get(0) + get(1) + b"R(K\x01" + get(2) + get(3) + b"\x89C\x03abctb"
+    names = b"cnumpy.core.multiarray\n_reconstruct\n" + put(0) + b"(cnumpy\nndarray\nK\x00\x85C\x01bt" + put(1)
+    return fields(
+        unused=b"(" + names + b"K\x03\x85" + put(2) + I1 + put(3) + b"t",
+        light_positions=filled(size, kept, b"](", b"e"),
+    )
+
+
+def many_lights(number: int) -> bytes:
+    return fields(light_positions=whole(number, 3) + put(0), light_intensities=get(0))
+
+
+WORST: dict[str, Callable[[int], bytes]] = {
+    # One opcode, again and again
+    "none": lambda size: filled(size, b"N"),
+    "true": lambda size: filled(size, b"\x88"),
+    "marks": lambda size: filled(size, b"("),
+    "empty tuples": lambda size: filled(size, b")"),
+    "empty lists": lambda size: filled(size, b"]"),
+    "empty dicts": lambda size: filled(size, b"}"),
+    "protocols": lambda size: filled(size, b"\x80\x04"),
+    "frames": lambda size: filled(size, b"\x95" + struct.pack("<Q", size // 2)),
+    "memoized": lambda size: filled(size, b"\x94", b"N"),
+    "memoized anywhere": lambda size: b"N" + b"".join(b"r" + word(k << 14) for k in range(size // 5)),
+    "references": lambda size: filled(size, b"cnumpy\ndtype\n"),
+    "references by name": lambda size: filled(
+        size, get(0) + get(1) + b"\x93", text("numpy") + put(0) + text("dtype") + put(1)
+    ),
+    "a reference without an end": lambda size: filled(size, b"a", b"c"),
+    "a long reference": lambda size: filled(size, b"a", b"c", b"\nload\n"),
+    "unknown opcodes": lambda size: filled(size, b"\xff"),
+    # Values
+    "one byte": lambda size: listed(size, b"K\x01"),
+    "two bytes": lambda size: listed(size, b"M\x01\x02"),
+    "four bytes": lambda size: listed(size, b"J\x01\x02\x03\x04"),
+    "long integers": lambda size: listed(size, b"\x8a\xff" + b"\xff" * 254 + b"\x7f"),
+    "floats": lambda size: listed(size, b"G" + bytes(8)),
+    "texts": lambda size: listed(size, b"\x8c\x01a"),
+    "a text": lambda size: fields(verts=text("é" * (size // 2))),
+    "texts that are no UTF-8": lambda size: listed(size, b"\x8c\x01\xff"),
+    "bytes": lambda size: listed(size, b"C\x01a"),
+    "appended one by one": lambda size: fields(verts=filled(size, b"K\x01a", b"]")),
+    "appended to itself": lambda size: fields(verts=filled(size, get(0) + b"a", b"]" + put(0))),
+    "nothing appended": lambda size: fields(verts=filled(size, b"(e", b"]")),
+    "set one by one": lambda size: fields(verts=filled(size, b"\x8c\x01aNs", b"}")),
+    "nothing set": lambda size: fields(verts=filled(size, b"(u", b"}")),
+    "many keys": lambda size: fields(**{f"{k:06x}": b"N" for k in range(size // 12)}),
+    "many arrays": many_arrays,
+    "many lights": lambda size: many_lights(size // 3),
+    "most lights": lambda size: many_lights(min(size // 3, 1 << 15)),
+    "many vertices": lambda size: fields(
+        verts=array(b"(K\x03J" + word(size // 9) + b"t", F2, bytes(size // 9 * 6)), vertex_colors=whole(3, size // 9)
+    ),
+    "many faces": lambda size: fields(face_indices=whole(3, size // 3) + put(0), face_uv_indices=get(0)),
+    # Nested
+    "tuples in tuples": lambda size: fields(verts=filled(size, b"\x85", b"N")),
+    "pairs in pairs": lambda size: fields(verts=filled(size, b"K\x01\x86", b"N")),
+    "triples in triples": lambda size: fields(verts=filled(size, b"NN\x87", b"N")),
+    "lists in lists": lambda size: fields(verts=b"](" * (size // 3) + b"e" * (size // 3)),
+    "lists in lists, one by one": lambda size: fields(verts=b"]" * (size // 2) + b"a" * (size // 2 - 1)),
+    "dicts in dicts": lambda size: fields(verts=b"}\x8c\x01a" * (size // 5) + b"N" + b"s" * (size // 5)),
+    "arrays in arrays": lambda size: fields(
+        unused=FRESH[:-1] + put(0) + b"R",
+        verts=(b"cnumpy.core.multiarray\n_reconstruct\n)R(NNNN" * (size // 46)) + b"N" + b"tb" * (size // 46),
+    ),
+    # Named many times
+    "a tuple of 2^28 leaves": lambda size: fields(verts=pairs()),
+    "a list of 2^28 leaves": lambda size: fields(unused=lists(), verts=get(DEPTH)),
+    "a number of 2^28 leaves": lambda size: fields(focal=pairs()),
+    "a key of 2^28 leaves": lambda size: fields(verts=b"}" + pairs() + b"Ns"),
+    "one of the keys of 2^28 leaves": lambda size: fields(verts=b"}(" + text("a") + b"N" + pairs() + b"Nu"),
+    "a shape of 2^28 leaves": lambda size: fields(verts=array(pairs(), F8, b"")),
+    "a type of 2^28 leaves": lambda size: fields(verts=array(b"K\x01\x85", dtype(pairs()), bytes(8))),
+    "a byte order of 2^28 leaves": lambda size: fields(
+        verts=array(b"K\x01\x85", dtype(text("f8"), pairs()), bytes(8))
+    ),
+    "arguments of 2^28 leaves": lambda size: fields(verts=b"cnumpy\ndtype\n" + pairs() + b"R"),
+    "the whole of 2^28 leaves": lambda size: pairs() + b".",
+    "a list many times": lambda size: fields(
+        unused=b"](" + b"K\x01" * 1000 + b"e" + put(0),
+        light_positions=filled(size, get(0), b"](", b"e") + put(1),
+        light_intensities=get(1),
+    ),
+    "a list in all fields": lambda size: fields(
+        unused=b"](" + b"K\x01" * 1000 + b"e" + put(0), **{key: b"](" + get(0) * 250 + b"e" for key in course_dict()}
+    ),
+    "an array many times": lambda size: fields(
+        unused=whole(3) + put(0), light_positions=filled(size, get(0), b"](", b"e") + put(1), light_intensities=get(1)
+    ),
+    "a large array many times": lambda size: fields(
+        unused=whole(size // 2) + put(0), light_positions=filled(size // 2, get(0), b"](", b"e")
+    ),
+    "long arguments many times": lambda size: filled(
+        size, b"cnumpy\ndtype\n" + get(0) + b"R", b"(" + b"N" * (size // 2) + b"t" + put(0)
+    ),
+    "a long state many times": lambda size: filled(
+        size, get(0) + b"b", b"(" + b"N" * (size // 2) + b"t" + put(0) + F8
+    ),
+    "a state many times": lambda size: filled(size, get(0) + b"b", b"(K\x03" + b"N" * 7 + b"t" + put(0) + F8),
+    # Hashed
+    "colliding keys": lambda size: fields(verts=b"}(" + keys(size, b"%bN") + b"u"),
+    "colliding keys, one by one": lambda size: fields(verts=b"}" + keys(size, b"%bNs")),
+    "a long key": lambda size: fields(**{"a" * size: b"N"}),
+}
+
+
+def seconds(path: str) -> float:
+    """What loading takes of the processor's time; the best of three where that is too long: others use the machine."""
+    best = float("inf")
+    for _ in range(3):
+        start = time.process_time()
+        try:
+            load(path)
+        except InputError as error:
+            assert str(error).isprintable()
+            assert len(str(error)) < 400
+        best = min(best, time.process_time() - start)
+        if best < SECONDS:
+            break
+    return best
+
+
+@pytest.mark.parametrize("name", WORST)
+def test_bad_cases_take_no_time(tmp_path, name):
+    """A hundred kilobytes; a tenth of the time would do, were there nothing that does not depend on the size."""
+    assert seconds(npy_of_pickle(tmp_path / "a.npy", WORST[name](SIZE // EVERY_DAY))) < SECONDS / 2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", WORST)
+def test_worst_cases_take_less_than_a_second(tmp_path, name):
+    pickled = WORST[name](SIZE)
+    assert len(pickled) < SIZE * 1.1
+    assert seconds(npy_of_pickle(tmp_path / "a.npy", pickled)) < SECONDS
+
+
+def hanging(depth: int = 60) -> bytes:
+    """A pickle of 350 bytes whose key would be hashed until the end of time."""
+    nested = b"".join(b"h" + bytes([k]) + b"\x86q" + bytes([k + 1]) for k in range(depth))
+    return b"\x80\x03}K\x01q\x00" + nested + b"Ns."
+
+
+def test_a_key_that_would_be_hashed_for_ever(tmp_path):
+    path = npy_of_pickle(tmp_path / "hang.npy", hanging())
+    done = python(f"from clshade import cli; cli.main(['render', {path!r}])", "", timeout=30)
+    assert "hang.npy: pickle: expected a dict of arrays and numbers" in done.stderr
+    assert "found a key other than text of at most 64 characters" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("key", [b"K\x01", b"N", b"C\x01a", b"K\x01\x85", b"\x88", text("k" * 65)])
+def test_keys_are_short_text(tmp_path, key):
+    pickled = fields(unused=b"}" + key + b"Ns")
+    refusal(npy_of_pickle(tmp_path / "bad.npy", pickled), "bad.npy: pickle: ", "a key other than text of at most 64")
+    assert load(npy_of_pickle(tmp_path / "a.npy", fields(unused=b"}" + text("k" * 64) + b"Ns"))).face_count == 2
+
+
+def test_shared_values_are_loaded(tmp_path):
+    """As numpy.save writes what a dict names more than once."""
+    white, where = [1.0, 0.5, 0.25], [0.0, 1.0, 2.0]
+    content = course_dict(light_positions=[where] * 500, light_intensities=[white] * 500, Ia=white, bg_color=white)
+    scene = load(npy_of_pickle(tmp_path / "a.npy", pickled_array(content)))
+    assert len(scene.lights) == 500
+    assert scene.lights[499].intensity.tolist() == scene.ambient.tolist() == white
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="no Ctrl-C for a process alone")
+def test_ctrl_c_while_a_pickle_is_read(tmp_path):
+    """A megabyte of opcodes in a row, again and again, in a process that is interrupted after a second."""
+    path = npy_of_pickle(tmp_path / "a.npy", filled(SIZE, b"N"))
+    code = f"""
+import contextlib
+from clshade.loading import load
+print("begun", flush=True)
+while True:
+    with contextlib.suppress(ValueError):
+        load({path!r})
+"""
+    environment = {"PYTHONPATH": f"{ROOT}:{':'.join(filter(None, sys.path))}"}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"begun\n"
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert b"KeyboardInterrupt" in err
