@@ -74,6 +74,9 @@ def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
     except ImportError as error:
         advice = f"install {install_advice()}"
         raise DeviceError(f"pyopencl cannot be imported ({one_line(str(error))}): {advice}") from None
+    # Its caches lie outside of the slots, and neither is checked for damage nor needed: `programs` has one of its own.
+    if "PYOPENCL_NO_CACHE" not in os.environ:
+        cl._PYOPENCL_NO_CACHE = True  # type: ignore[attr-defined]
     runtimes.starting()
     found: list[tuple[DeviceInfo, Any]] = []
     try:
@@ -255,8 +258,6 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
 
     try:
         context = cl.Context([handle])
-        # pyopencl's cache of built programs: in this process's own folder, no lock of another one to wait for.
-        context.cache_dir = str(runtimes.prepare().programs)  # type: ignore[attr-defined]
         options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
         queue = cl.CommandQueue(context, handle, **options)
     except cl.Error as error:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from . import atomic, interrupts, runtimes
-from .errors import DeviceError
+from .errors import DeviceError, OutputError
 
 PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
 VERDICT_VERSION = 1  # to be raised when the probe changes
@@ -34,7 +34,7 @@ RUNTIMES = {
     "amd": ("amd", "advanced micro devices"),
     "rusticl": ("rusticl",),
 }
-GET_INTEL = '`pip install "clshade[intel]"`'
+GET_INTEL = "`pip install intel-opencl-rt intel-cmplr-lib-rt`"
 GET_CONDA = "PoCL from conda-forge (`conda install -c conda-forge pyopencl pocl`)"
 
 
@@ -243,8 +243,12 @@ def _verdict_file(info: DeviceInfo) -> Path:
 def remember(info: DeviceInfo, problem: str) -> None:
     """Keeps a verdict on disk; if that fails, the device is tried out again next time."""
     file = _verdict_file(info)
-    with contextlib.suppress(OSError):
-        file.parent.mkdir(exist_ok=True)
+    with contextlib.suppress(OSError, OutputError):
+        if not file.parent.is_dir():
+            file.parent.unlink(missing_ok=True)
+            file.parent.mkdir()
+        if file.is_dir():
+            shutil.rmtree(file)
         atomic.write_bytes(file, json.dumps({"device": str(info), "problem": problem}).encode())
 
 
@@ -256,6 +260,6 @@ def recall(info: DeviceInfo) -> bool | None:
         works = json.loads(file.read_text())["problem"] == ""
         if not works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
             return None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return works

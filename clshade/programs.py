@@ -9,7 +9,7 @@ import re
 import threading
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -69,6 +69,7 @@ class Program:
     by us or by the runtime.
 
     lock: held while a kernel gets its arguments and is launched.
+    launched: what identifies the code of each launch that has been through (`Stages._launch`).
     """
 
     features: Features
@@ -77,9 +78,60 @@ class Program:
     kernels: dict[str, Any]
     stored: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
+    launched: set[tuple] = field(default_factory=set)
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
+
+
+SLOW = 0.5  # seconds of compiling before it is said
+LOADED = 0.02  # seconds within which a runtime finds what it has compiled before
+
+_own = threading.local()
+_said = False
+
+
+def waited() -> float:
+    """Seconds that this thread has waited so far for programs to be compiled or loaded."""
+    return getattr(_own, "waited", 0.0)
+
+
+@dataclass
+class FirstUse:
+    """ran: seconds of the block that were no waiting for a compiler."""
+
+    ran: float = 0.0
+
+
+@contextlib.contextmanager
+def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
+    """Around what makes the runtime compile a program or a kernel, or load one that it has kept (`stored`, as far as we
+    know), until that has run: counts the time, says what takes long, and watches over the cache."""
+    slot = runtimes.prepare()
+    use, start = FirstUse(), time.perf_counter()
+    timer = None if stored or _said else threading.Timer(max(SLOW - waited(), 0.0), _say, (device,))
+    if timer is not None:
+        timer.daemon = True
+        timer.start()
+    try:
+        with slot.using():
+            yield use
+    finally:
+        if timer is not None:
+            timer.cancel()
+        taken = time.perf_counter() - start - use.ran
+        _own.waited = waited() + taken
+    if taken > SLOW:
+        _say(device)  # what was thought to be stored
+    if taken > LOADED:
+        slot.seal()
+
+
+def _say(device: Device) -> None:
+    global _said
+    if not _said:
+        _said = True
+        telling.progress(f"compiling kernels for {device.title} ...")
 
 
 _built: dict[tuple, Program] = {}
@@ -119,19 +171,24 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     if key not in _built:
         start = time.perf_counter()
         path = _stored_at(device, source, options)
-        program = None if device.keeps_programs else _load(device, path)
-        stored = path.exists() if device.keeps_programs else program is not None
-        if program is None:
-            try:
-                program = _without_log(cl.Program(device.context, source), options)
-            except cl.RuntimeError as error:
-                lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-                raise DeviceError(
-                    f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
-                ) from error
-            if not stored:
-                _store(b"" if device.keeps_programs else program.binaries[0], path)
-        kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+        stored = path.exists()
+        with first_use(device, stored=stored):
+            program = _load(device, path) if stored and not device.keeps_programs else None
+            stored = stored and (device.keeps_programs or program is not None)
+            if program is None:
+                try:
+                    program = _without_log(cl.Program(device.context, source), options)
+                except cl.RuntimeError as error:
+                    lines = [line for line in str(error).splitlines() if "error" in line.lower()]
+                    raise DeviceError(
+                        f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
+                    ) from error
+                if not stored:
+                    _store(b"" if device.keeps_programs else program.binaries[0], path)
+            kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+        if not kernels:
+            cache = os.environ.get("POCL_CACHE_DIR", "")
+            raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
         taken = time.perf_counter() - start
         _built[key] = Program(features, lanes, taken, kernels, stored)
         telling.detail(

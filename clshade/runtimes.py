@@ -16,35 +16,14 @@ import stat
 import sys
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from . import interrupts
+from . import slots, telling
 from .errors import DeviceError
+from .slots import Slot, unusable
 
-SLOTS = 256  # cache folders before a process gets a throw-away one
 ROOM = 64 << 20  # bytes: PoCL ends the process, without a word, when it cannot write what it compiles
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
-
-
-@dataclass(frozen=True)
-class Slot:
-    """A cache folder that this process alone uses, for as long as it lives.
-
-    folder: holds `pocl` (PoCL's kernel cache) and `programs` (pyopencl's cache of built programs).
-    lock: descriptor of the locked file, or None where files cannot be locked.
-    """
-
-    folder: Path
-    lock: int | None
-
-    @property
-    def pocl(self) -> Path:
-        return self.folder / "pocl"
-
-    @property
-    def programs(self) -> Path:
-        return self.folder / "programs"
 
 
 _guard = threading.RLock()
@@ -76,13 +55,8 @@ def _default_cache_home() -> Path:
     return Path(named or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache"))
 
 
-def unusable(folder: Path, error: OSError) -> DeviceError:
-    """The complaint about a cache folder."""
-    return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
-
-
 def _fault(home: Path) -> str:
-    """Why caches cannot be kept there, by clshade and by pyopencl (which keeps one in `pytools`); "" if they can."""
+    """Why caches cannot be kept there; "" if they can."""
     try:
         if not home.is_absolute():
             return "not an absolute path"
@@ -93,36 +67,32 @@ def _fault(home: Path) -> str:
         free = shutil.disk_usage(home / "clshade").free
         if free < ROOM:
             return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
-        pytools = home / "pytools"
-        writable = os.access(pytools if pytools.exists() else home, os.W_OK | os.X_OK)
-        if writable and pytools.exists():
-            writable = all(os.access(file, os.W_OK) for file in pytools.iterdir())
-        return "" if writable else "not writable"
+        return ""
     except (OSError, RuntimeError) as error:
         return getattr(error, "strerror", None) or str(error)
 
 
 def _temporary_cache_home(instead: str) -> Path:
-    """A folder of this user in the system's temporary folder: the same one each time unless someone else made it.
+    """A folder in the system's temporary folder: this user's, kept for later runs; one for this process alone, removed when
+    it exits, where someone else made that or could have written to it: what is cached is code that gets loaded.
 
     instead: what was wrong with the other folder, for the message.
-
-    What is cached is code that gets loaded, so a folder that others can write to is not used.
     """
     import tempfile
 
     try:
-        if not hasattr(os, "getuid"):
-            return Path(tempfile.mkdtemp(prefix="clshade-"))
-        folder = Path(tempfile.gettempdir()) / f"clshade-{os.getuid()}"
-        try:
-            folder.mkdir(mode=0o700)
-        except FileExistsError:
-            status = folder.lstat()
-            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
-                folder = Path(tempfile.mkdtemp(prefix="clshade-"))
+        parent = Path(tempfile.gettempdir())
+        user = os.getuid() if hasattr(os, "getuid") else "user"
+        folder = parent / f"clshade-{user}"
+        kept = hasattr(os, "getuid") and _is_private(folder)
+        if not kept:
+            found = f"{instead}; {folder}: not private"
+            folder = slots.private_folder(parent, f"clshade-{user}-")
         fault = _fault(folder)
         if not fault:
+            if not kept:
+                remedy = "set XDG_CACHE_HOME to a folder that can be written"
+                telling.warning(f"compiled kernels are not kept ({found}): {remedy}")
             return folder
         fault = f"{folder}: {fault}"
     except OSError as error:
@@ -131,9 +101,22 @@ def _temporary_cache_home(instead: str) -> Path:
     raise DeviceError(f"no folder for caches can be written ({found}): set XDG_CACHE_HOME to a folder that can")
 
 
+def _is_private(folder: Path) -> bool:
+    """Whether nobody but this user can have written to the folder, which is made if need be."""
+    try:
+        folder.mkdir(mode=0o700)
+    except FileExistsError:
+        status = folder.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o022:
+            return False
+        if status.st_mode & 0o777 != 0o700:  # others may look into it, or it was made under an odd umask
+            folder.chmod(0o700)
+    return True
+
+
 def cache_home() -> Path:
     """A writable cache folder. Where the user's own is missing, unwritable or full: one in the temporary folder, which is
-    then also set as XDG_CACHE_HOME, because pyopencl fails without."""
+    then also set as XDG_CACHE_HOME, for the processes that this one starts."""
     global _home
     with _guard:
         if _home is None:
@@ -154,84 +137,14 @@ def cache_root() -> Path:
 # One cache folder per process
 
 
-def _lock(path: Path) -> int | None:
-    """The descriptor of the file at `path`, locked until it is closed or the process ends. None: another has it.
-
-    Raises OSError where the file cannot be made, or its file system knows no locks.
-    """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)  # not inherited by programs that are started
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        os.close(descriptor)
-        return None
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
-
-
-def _take(folder: Path) -> Slot | None:
-    """Claims the folder for this process, made if need be; None: another process has it."""
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    lock = _lock(folder / "lock")
-    if lock is None:
-        return None
-    slot = Slot(folder, lock)
-    for kept in (slot.pocl, slot.programs):
-        kept.mkdir(exist_ok=True, mode=0o700)
-    # Left by processes that were killed. pyopencl would wait a minute for its lock file, and then fail.
-    for left in [slot.programs / "lock", *slot.pocl.glob("tempfile*")]:
-        if not left.is_dir():
-            left.unlink(missing_ok=True)
-    return slot
-
-
-def _throw_away_slot() -> Slot:
-    """A folder for this process only, removed when it exits."""
-    import tempfile
-
-    try:
-        slot = Slot(Path(tempfile.mkdtemp(prefix="once-", dir=cache_root())), None)
-        for folder in (slot.pocl, slot.programs):
-            folder.mkdir()
-    except OSError as error:
-        raise unusable(cache_root(), error) from None
-    owner = os.getpid()
-
-    def remove() -> None:
-        if os.getpid() == owner:
-            shutil.rmtree(slot.folder, ignore_errors=True)
-
-    interrupts.at_end(remove)
-    return slot
-
-
-def _claim() -> Slot:
-    """The first folder of `slot-0`, `slot-1`, ... that no running process has. Two processes that share PoCL's cache
-    can crash; a process on its own always gets slot-0, and so finds what the last one compiled."""
-    try:
-        for number in range(SLOTS):
-            slot = _take(cache_root() / f"slot-{number}")
-            if slot is not None:
-                return slot
-    except OSError:
-        pass
-    return _throw_away_slot()
-
-
 def _adopt(slot: Slot) -> Slot:
     global _slot
     _slot = slot
     if not is_users("POCL_CACHE_DIR"):
         _set("POCL_CACHE_DIR", str(slot.pocl))
+    if slot.emptied:
+        users = f", but for POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}" if is_users("POCL_CACHE_DIR") else ""
+        telling.warning(f"the kernel cache {slot.folder} is thrown away and compiled anew{users}: {slot.emptied}")
     return slot
 
 
@@ -247,13 +160,13 @@ def isolate_cache(folder: str | os.PathLike[str]) -> Path:
         if _started_in == os.getpid():
             raise DeviceError("isolate_cache came too late: OpenCL has started in this process")
         try:
-            slot = _take(path)
+            slot = slots.take(path)
         except OSError as error:
             raise unusable(path, error) from None
         if slot is None:
             raise DeviceError(f"the cache folder {path} is in use by another process: give each its own")
-        if _slot is not None and _slot.lock is not None:
-            os.close(_slot.lock)
+        if _slot is not None:
+            _slot.release()
         os.environ.pop("POCL_CACHE_DIR", None)
         _adopt(slot)
         return path
@@ -264,8 +177,8 @@ def _forget() -> None:
     global _slot, _guard, _prepared
     _guard = threading.RLock()
     _prepared = False
-    if _slot is not None and _slot.lock is not None:
-        os.close(_slot.lock)
+    if _slot is not None:
+        _slot.release()
     _slot = None
 
 
@@ -298,6 +211,34 @@ def _registered(folders: Sequence[Path]) -> dict[str, str]:
     return found
 
 
+def _texts(folder: Path) -> dict[str, str]:
+    """The folder's files, name to content; empty where they cannot be read."""
+    try:
+        return {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
+    except OSError:
+        return {}
+
+
+def _write_vendors(folder: Path, files: dict[str, str]) -> None:
+    """Makes the folder with these files, in one step; in the place of one that is damaged."""
+    import tempfile
+
+    try:
+        made = Path(tempfile.mkdtemp(prefix="vendors-", dir=cache_root()))
+        for name, content in files.items():
+            (made / name).write_text(content + "\n")
+        if folder.is_dir():
+            shutil.rmtree(folder, ignore_errors=True)
+        else:
+            folder.unlink(missing_ok=True)
+    except OSError as error:
+        raise unusable(cache_root(), error) from None
+    try:
+        made.rename(folder)
+    except OSError:  # another process was first
+        shutil.rmtree(made, ignore_errors=True)
+
+
 def expose_runtimes() -> None:
     """Makes Intel's runtime visible where it is installed, beside PoCL and the system's runtimes.
 
@@ -318,19 +259,8 @@ def expose_runtimes() -> None:
         files["clshade-intel.icd"] = str(library)
     digest = hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest()[:16]
     folder = cache_root() / f"vendors-{digest}"
-    if not folder.is_dir():
-        import tempfile
-
-        try:
-            made = Path(tempfile.mkdtemp(prefix="vendors-", dir=cache_root()))
-            for name, content in files.items():
-                (made / name).write_text(content + "\n")
-        except OSError as error:
-            raise unusable(cache_root(), error) from None
-        try:
-            made.rename(folder)
-        except OSError:  # another process was first
-            shutil.rmtree(made, ignore_errors=True)
+    if _texts(folder) != {name: content + "\n" for name, content in files.items()}:
+        _write_vendors(folder, files)
     _set("OCL_ICD_VENDORS", str(folder))
 
 
@@ -339,7 +269,7 @@ def prepare(name: str = "") -> Slot:
     before importing pyopencl. `name`: the device asked for, as for `device.open_device`."""
     global _prepared
     with _guard:
-        slot = _slot or _adopt(_claim())
+        slot = _slot or _adopt(slots.claim(cache_root()))
         if not _prepared:
             expose_runtimes()
             # pyopencl looks this up unguarded when its cache fails; empty: it warns and goes on without the cache.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -15,7 +15,7 @@ from . import layout, projection
 from .device import Device
 from .errors import DeviceError
 from .features import Features
-from .programs import Program, build
+from .programs import Program, build, first_use
 from .validation import Array
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
@@ -23,6 +23,7 @@ _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _FLAGS = cl.mem_flags
+_WIDE = (1 << 16) - 1  # work-items in a direction from which on PoCL compiles a kernel of its own
 _ALIGNMENT = 64  # bytes: of a vector of 16 float32; kernels read four float64 at once, which NumPy does not align
 
 
@@ -162,12 +163,28 @@ class Stages:
         ]
         program = self._programs[name]
         kernel = program[name]
+        # PoCL compiles at the first launch with a local size, and again where a grid is wide.
+        code = name, local, max(size) >= _WIDE
         try:
+            if code not in program.launched:
+                return self._launch_first(program, code, size, raw)
             with program.lock:  # a kernel has one set of arguments, whoever launches it
                 kernel.set_args(*raw)
                 return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
+
+    def _launch_first(self, program: Program, code: tuple, size: tuple[int, ...], raw: Sequence[Any]) -> cl.Event:
+        """Launches what the runtime may have to compile or load for it, and waits until it has run."""
+        name, local, _ = code
+        with first_use(self.device, stored=program.stored) as use, program.lock:
+            program[name].set_args(*raw)
+            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size, local)
+            event.wait()
+            if self.device.profiling:
+                use.ran = (event.profile.end - event.profile.start) * 1e-9
+            program.launched.add(code)
+        return event
 
     def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
         """A work-item for `each` so many elements, in groups of 64."""

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from clshade import probing, runtimes
+from clshade import probing, runtimes, slots
 from clshade.errors import DeviceError
 from clshade.probing import DeviceInfo
 
@@ -91,7 +91,7 @@ def test_looking_for_room_takes_no_time(fresh_cache):
 def test_a_throw_away_folder_that_cannot_be_made(fresh_cache, monkeypatch, made):
     monkeypatch.setattr(*((tempfile, made) if made == "mkdtemp" else (Path, made)), no_space)
     with pytest.raises(DeviceError, match=r"the cache folder .* cannot be used: No space left on device"):
-        runtimes._throw_away_slot()
+        slots.throw_away(fresh_cache)
 
 
 @pytest.mark.parametrize("home", [tempfile, subprocess], ids=["folder", "process"])

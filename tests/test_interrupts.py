@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-COMMAND = ("render", "box_room", "--resolution", "160,120", "--deterministic")
+COMMAND = ("render", "box_room", "--resolution", "160,120", "--deterministic", "--quiet")
 OUTPUTS = ("out.exr", "out.png")
 EARLIER = b"earlier"
 
@@ -43,7 +43,7 @@ CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__
 # As where OpenEXR reads: what it prints by itself is kept from standard error meanwhile.
 UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
 FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
-THROWN_AWAY = "from clshade import runtimes; runtimes.SLOTS = 0; " + BUILDING
+THROWN_AWAY = "from clshade import slots; slots.SLOTS = 0; " + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from processes import OPEN, ROOT, python
 
-from clshade import runtimes
+from clshade import runtimes, slots
 
 CLAIM = "import os; from clshade import runtimes; print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'])"
 
@@ -74,7 +74,7 @@ def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
 def test_children_claim_their_own(tmp_path: Path) -> None:
     code = f"""
 import os, subprocess, sys
-from clshade import runtimes
+from clshade import runtimes, slots
 from clshade.errors import DeviceError
 held = runtimes.prepare()
 print(held.folder.name, flush=True)
@@ -83,7 +83,7 @@ if os.fork() == 0:
     print(runtimes.prepare().folder.name, os.path.basename(os.path.dirname(os.environ["POCL_CACHE_DIR"])), flush=True)
     os._exit(0)
 os.wait()
-print(runtimes._take(held.folder))  # still locked
+print(slots.take(held.folder))  # still locked
 runtimes.starting()
 if os.fork() == 0:
     try: runtimes.starting()
@@ -114,7 +114,7 @@ except DeviceError as error: print(error)
     done = python(code.replace("sys.argv[1]", repr(str(worker))), tmp_path, POCL_CACHE_DIR="/proc/x")
     assert done.stdout.splitlines()[0] == f"{worker} {worker}/pocl {worker}", done.stderr
     assert "too late" in done.stdout.splitlines()[1]
-    held = runtimes._lock(worker / "lock")
+    held = slots.lock_file(worker / "lock")
     assert held is not None
     done = python(f"from clshade.runtimes import isolate_cache; isolate_cache({str(worker)!r})", tmp_path)
     os.close(held)

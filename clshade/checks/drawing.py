@@ -27,7 +27,7 @@ STEP = 0.05  # degrees
 # direction 13, cosine 6, mirrored direction and its distance from the eye's 16, power by two polynomials 24, sums 12.
 PIXEL_FLOPS, LIGHT_FLOPS = 86, 71
 
-NOT_STAGES = ("pack", "open", "build", "upload", "frame")  # of frame.stats["times_ms"]
+NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 
 @dataclass(frozen=True)

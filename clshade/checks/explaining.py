@@ -188,7 +188,7 @@ def _side(timed: list[tuple[Times, ...]], k: int, size: int) -> Side:
 
 def _medians(times: list[Times]) -> Times:
     """Of each stage that runs in every frame; what happens once is left away."""
-    once = {"pack", "open", "build", "upload"}
+    once = {"pack", "open", "upload"}
     return {name: median(each.get(name, 0.0) for each in times) for name in times[0] if name not in once}
 
 

@@ -90,9 +90,9 @@ def measure(
         for variant in variants:
             renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
             image = renderer.render()
-            once = image.stats["times_ms"]
+            once, build_ms = image.stats["times_ms"], image.stats["build_ms"]
             errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
-            drawn.append(_Drawn(variant, renderer, once["build"], once["pack"] + once["upload"], *errors))
+            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors))
         times = frame_times([each.renderer for each in drawn], frames)
         return [
             Measured(each.variant, each.renderer.settings, ms, *each[2:]) for each, ms in zip(drawn, times, strict=True)

@@ -183,7 +183,8 @@ def summary(frame: Frame, output: str) -> str:
     times = dict(stats["times_ms"])
     columns, rows = stats["resolution"]
     whole = times.pop("frame")
-    fixed = {name: times.pop(name) for name in ("pack", "open", "build", "upload")}
+    fixed = {name: times.pop(name) for name in ("pack", "open", "upload")}
+    fixed["build"] = stats["build_ms"]
     shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
 
     def listed(values: dict[str, float]) -> str:

@@ -1,0 +1,302 @@
+"""Cache folders for one process at a time, and how a process knows that what the last one left there is whole.
+
+What is cached is compiled code. A damaged file of it crashes whatever runs it, or draws wrong pixels without a word. So
+each folder has a seal, the digests of its files, written anew whenever something was compiled. A process that takes the
+folder keeps only what the seal names, and nothing at all where a file is other than the seal says. While code is used for
+the first time in a process, a mark lies in the folder: a process that finds one knows that its user did not survive that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import interrupts
+from .errors import DeviceError
+
+SLOTS = 256  # cache folders before a process gets a throw-away one
+LEFT_SECONDS = 24 * 3600.0  # a folder that nothing locks was left by a process that was killed
+LOCK, SEAL, MARK = "lock", "seal", "in-use"
+_OWN = {LOCK, SEAL, MARK}
+_CHANGING = "last_accessed"  # where PoCL notes when it used a program
+_UNFINISHED = "tempfile"  # begins the names of files that PoCL is writing
+_DIED = "a run that began to use it ended abruptly"
+
+
+@dataclass
+class Slot:
+    """A cache folder that this process alone uses, for as long as it lives.
+
+    folder: holds `pocl` (PoCL's kernel cache) and `binaries` (programs that other runtimes built).
+    lock: descriptor of the locked file; None for a throw-away folder, which needs neither seal nor mark.
+    emptied: why what an earlier process had left was thrown away, a clause; "" if it was not.
+    """
+
+    folder: Path
+    lock: int | None
+    emptied: str = ""
+    _owner: int = field(default_factory=os.getpid)
+    _guard: threading.RLock = field(default_factory=threading.RLock)
+    _users: int = 0
+    _sealed: dict[str, tuple[str, int, int]] = field(default_factory=dict)  # name -> digest, size, time of change
+
+    @property
+    def pocl(self) -> Path:
+        return self.folder / "pocl"
+
+    @contextlib.contextmanager
+    def using(self) -> Iterator[None]:
+        """For a block that uses what is cached for the first time: if the process dies in it, the next one to take the
+        folder throws all of it away. The block ends with an exception, or an interrupt: nothing happens."""
+        with self._guard:
+            self._users += 1
+            if self._users == 1 and self.lock is not None:
+                with contextlib.suppress(OSError):  # a full disk: without the mark
+                    (self.folder / MARK).touch()
+        try:
+            yield
+        finally:
+            with self._guard:
+                self._users -= 1
+                if not self._users:
+                    self._unmark()
+
+    def release(self) -> None:
+        """Leaves the folder to other processes."""
+        self._end()
+        if self.lock is not None:
+            os.close(self.lock)
+        self.lock = None
+
+    def _unmark(self) -> None:
+        if self.lock is not None and self._owner == os.getpid():
+            with contextlib.suppress(OSError):
+                (self.folder / MARK).unlink()
+
+    def seal(self) -> None:
+        """Notes what the folder holds now, as whole. Without it (a full disk) it would be compiled again."""
+        if self.lock is None or self._owner != os.getpid():
+            return
+        with self._guard, contextlib.suppress(OSError):
+            known, self._sealed = self._sealed, {}
+            for name, status in _files(self.folder):
+                if os.path.basename(name).startswith(_UNFINISHED):
+                    continue
+                before = known.get(name)
+                if before is None or before[1:] != (status.st_size, status.st_mtime_ns):
+                    before = (_digest(self.folder / name), status.st_size, status.st_mtime_ns)
+                self._sealed[name] = before
+            if self._sealed != known:
+                _write_seal(self.folder, {name: digest for name, (digest, *_) in self._sealed.items()})
+
+    def _end(self) -> None:
+        """At the end of the process, even a forced one, which may come while something is compiled."""
+        self._unmark()
+        if not self._users:
+            self.seal()
+
+    def _examine(self) -> None:
+        """Throws away what an earlier process left and cannot be relied on. Raises OSError if that is impossible."""
+        self.emptied = self._fault()
+        if self.emptied:
+            _empty(self.folder)
+
+    def _fault(self) -> str:
+        if os.path.lexists(self.folder / MARK):
+            return _DIED
+        expected = _read_seal(self.folder)
+        if expected is None:
+            return f"{SEAL} is damaged"
+        try:
+            for name, status in _files(self.folder):
+                path = self.folder / name
+                if name not in expected:  # its process was killed before it could say that the file is whole
+                    path.unlink()
+                    continue
+                if not stat.S_ISREG(status.st_mode) or _digest(path) != expected[name]:
+                    return f"{path.name} is damaged"
+                self._sealed[name] = (expected[name], status.st_size, status.st_mtime_ns)
+        except OSError as error:
+            return f"{os.path.basename(error.filename or '')} cannot be read ({error.strerror})"
+        other = (name for name in expected if name not in self._sealed and os.path.lexists(self.folder / name))
+        return next((f"{os.path.basename(name)} is damaged" for name in other), "")  # a folder in its place
+
+
+# What a folder holds
+
+
+def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
+    """Every file in the folder that does not change by itself: its name from there, and its status."""
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for where, _, names in os.walk(folder, onerror=refuse):
+        for name in names:
+            path = os.path.join(where, name)
+            relative = path[len(os.fspath(folder)) + 1 :]
+            if name != _CHANGING and relative not in _OWN:
+                yield relative, os.lstat(path)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _write_seal(folder: Path, digests: dict[str, str]) -> None:
+    lines = "".join(f"{digest} {name}\n" for name, digest in digests.items() if "\n" not in name)
+    body = os.fsencode(lines)
+    made = folder / f"{SEAL}.new"
+    made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+    # Not synced: where a power cut loses it, what it vouches for may be lost as well.
+    os.replace(made, folder / SEAL)
+
+
+def _read_seal(folder: Path) -> dict[str, str] | None:
+    """Name -> digest; empty where there is none yet; None for one that is damaged."""
+    try:
+        digest, body = (folder / SEAL).read_bytes().split(b"\n", 1)
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError):
+        return None
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        return None
+    pairs = (line.split(" ", 1) for line in os.fsdecode(body).split("\n") if line)
+    return {name: digest for digest, name in pairs}
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.name == LOCK:
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+# Taking one
+
+
+def lock_file(path: Path) -> int | None:
+    """The descriptor of the file at `path`, locked until it is closed or the process ends. None: another has it.
+
+    Raises OSError where the file cannot be made, or its file system knows no locks.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)  # not inherited by programs that are started
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        os.close(descriptor)
+        return None
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def take(folder: Path) -> Slot | None:
+    """Claims the folder for this process, made if need be; None: another process has it. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    lock = lock_file(folder / LOCK)
+    if lock is None:
+        return None
+    slot = Slot(folder, lock)
+    try:
+        slot._examine()
+        slot.pocl.mkdir(exist_ok=True, mode=0o700)
+    except OSError:
+        os.close(lock)
+        raise
+    interrupts.at_end(slot._end)
+    return slot
+
+
+def unusable(folder: Path, error: OSError) -> DeviceError:
+    """The complaint about a cache folder."""
+    return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
+
+
+def throw_away(root: Path) -> Slot:
+    """A folder for this process only, removed when it exits. Raises DeviceError."""
+    try:
+        slot = Slot(private_folder(root, "once-"), None)
+        slot.pocl.mkdir()
+    except OSError as error:
+        raise unusable(root, error) from None
+    return slot
+
+
+def claim(root: Path) -> Slot:
+    """The first folder of `slot-0`, `slot-1`, ... that no running process has and this one can use. Two processes that
+    share PoCL's cache can crash; a process on its own always gets slot-0, and so finds what the last one compiled."""
+    with contextlib.suppress(OSError):
+        for number in range(SLOTS):
+            try:
+                slot = take(root / f"slot-{number}")
+            except (PermissionError, FileExistsError, NotADirectoryError, IsADirectoryError):
+                continue  # another user's, as after `sudo`, or no folder at all
+            if slot is not None:
+                return slot
+    return throw_away(root)
+
+
+# Folders for one process
+
+
+def private_folder(parent: Path, prefix: str) -> Path:
+    """A new folder that is removed when this process exits. Those of processes that were killed go first.
+
+    Raises OSError where it cannot be made.
+    """
+    import tempfile
+
+    for left in parent.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):
+            _remove_if_left(left)
+    folder, owner = Path(tempfile.mkdtemp(prefix=prefix, dir=parent)), os.getpid()
+
+    @interrupts.at_end
+    def remove() -> None:
+        if os.getpid() == owner:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    try:
+        lock = lock_file(folder / LOCK)  # held to the end
+    except OSError:  # a file system without locks: left, it is removed when it is old
+        return folder
+    return folder if lock is not None else private_folder(parent, prefix)  # another process took it for one left
+
+
+def _remove_if_left(folder: Path) -> None:
+    status = folder.lstat()
+    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    if not (own and stat.S_ISDIR(status.st_mode)):
+        return
+    if not (folder / LOCK).is_file():  # just made, or its file system knows no locks
+        if status.st_mtime < time.time() - LEFT_SECONDS:
+            shutil.rmtree(folder, ignore_errors=True)
+        return
+    lock = lock_file(folder / LOCK)
+    if lock is not None:
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(lock)
