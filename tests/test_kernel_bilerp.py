@@ -198,9 +198,9 @@ def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
 def test_texels_across_the_seam(device, precision, lanes):
     """How much each texel counts, at coordinates of 1/16 to 2^40, many of them just beside a whole number.
 
-    In units of 2^-24, of float64 2^-53: 1 for the fraction's rounding and 1 for a share's that is what it leaves of 1. As the
-    comment in texture.clh says, 1 unit of 2^-48 of the coordinate and 6 of what is within the image, times texels. `fast` takes
-    the high part alone, right to 1 unit, and rounds within the image three times: 4 units times texels.
+    A unit is 2^-24, of float64 2^-53: one for the fraction's rounding, one where a share is what it leaves of 1. As the
+    comment in texture.clh says, unit^2 of the coordinate and 6 of what is within the image, times texels. `fast` takes the
+    high part alone and rounds within the image four times: 4 units times texels.
     """
     if precision == "float64":
         needs_float64(device)

@@ -311,15 +311,6 @@ def test_another_number_of_samples_builds_nothing(device):
     assert len(programs.built()) == before
 
 
-@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long)])
-def test_lanes_do_not_change_the_bits(device, lanes):
-    scene = Scene((blob(),), CAMERA.with_resolution((61, 45)), LIGHTS)
-    frames = [draw(device, scene, samples=11, resolve="weighted", lanes=each) for each in (None, lanes)]
-    for layer in ("Z", "id"):
-        assert frames[0][layer].tobytes() == frames[1][layer].tobytes()
-    assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
-
-
 @pytest.mark.parametrize("samples", [0, 65, -1, 2.5, True, "4", None])
 def test_refused_numbers_of_samples(samples):
     with pytest.raises(InputError, match=r"Settings: samples: expected a whole number from 1 to 64, found"):
