@@ -211,7 +211,11 @@ class _Builder:
             values = self.buffers.array(index, normalized=False)
             if values.shape[1] != 1 or values.dtype.kind != "u":
                 raise item.refuse("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
-            flat = values.reshape(-1)
+            flat, most = values.reshape(-1), np.iinfo(values.dtype).max
+            if int(flat.max()) == most:  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
+                place = int(np.argmax(flat == most))
+                expected = f"indices below {most}, the largest of their type"
+                raise item.refuse("indices", expected, f"{most} at place {place} of accessors[{index}]")
             if int(flat.max()) >= count:
                 place = int(np.argmax(flat >= count))
                 found = f"{flat[place]} at place {place} of accessors[{index}]"

@@ -7,6 +7,7 @@ without Ka gets its Kd. illum 0 shows Kd whatever the lights are, illum 1 has no
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
@@ -135,7 +136,7 @@ class Library:
 
     def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
         """A map's image and those of its options that are rendered; None, with a warning, where there is no image."""
-        name, options = _split_options(text, material.ignored)
+        name, options = _split_options(text, material.ignored, shown(library), where)
         path = beside(self.root, os.path.dirname(library) or ".", name, shown(library), where)
         if path is None:
             warnings.warn(f"{shown(library)}: {where}: there is no file {quoted(name)}", stacklevel=2)
@@ -208,8 +209,11 @@ def _is_default(keyword: str, rest: str) -> bool:
     return value is not None and all(_NUMBER.fullmatch(word) is not None and float(word) == value for word in words)
 
 
-def _split_options(text: str, ignored: list[str]) -> tuple[str, dict[str, Any]]:
-    """The file's name, with the blanks in it, after a map's options, and those options that are rendered."""
+def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tuple[str, dict[str, Any]]:
+    """The file's name, with the blanks in it, after a map's options, and those options that are rendered.
+
+    Raises InputError for a number that float64 cannot hold.
+    """
     options: dict[str, Any] = {}
     place = 0
     while (word := _WORD.match(text, place)) and word.group().lower() in _OPTIONS:
@@ -222,6 +226,8 @@ def _split_options(text: str, ignored: list[str]) -> tuple[str, dict[str, Any]]:
                 break
             values.append(found.group(1))
             place = found.end()
+            if _NUMBER.fullmatch(values[-1]) and math.isinf(float(values[-1])):
+                raise complaint(owner, f"{where}: {name}", "finite numbers", quoted(values[-1]))
         if name in ("-s", "-o") and values:
             first, second = float(values[0]), float((values[1:] or ["1" if name == "-s" else "0"])[0])
             options["scale" if name == "-s" else "offset"] = (first, second)

@@ -12,6 +12,7 @@ from .errors import InputError
 from .spelling import hint
 
 Array = np.ndarray
+_VECTOR_SHAPES = ((3,), (1, 3), (3, 1))
 
 
 def _describe(value: Any) -> str:
@@ -72,7 +73,7 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
     """A 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
     expected = "three finite numbers" if finite else "three numbers"
     array = floats(owner, name, value, expected)
-    if array.shape not in ((3,), (1, 3), (3, 1)):
+    if array.shape not in _VECTOR_SHAPES:
         raise refuse(owner, name, expected, value)
     array = array.astype(np.float64).reshape(3)
     if finite and not np.isfinite(array).all():
@@ -83,20 +84,23 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
 
 def coefficient(owner: str, name: str, value: Any) -> Array:
     """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
-    array = floats(owner, name, value, "a number or three numbers")
-    return vector(owner, name, np.full(3, array.item()) if array.size == 1 else array)
+    expected = "a number or three finite numbers"
+    array = floats(owner, name, value, expected)
+    if array.ndim and array.shape not in _VECTOR_SHAPES:
+        raise refuse(owner, name, expected, value)
+    return vector(owner, name, array if array.ndim else np.full(3, array.item()))
 
 
 def number(
     owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
 ) -> float:
-    """A finite real number above `above` and not below `least`, as a Python float."""
+    """A finite real number above `above` and not below `least`, as a Python float; no array of one."""
     if not expected:
         expected = "a finite number"
         expected += f" above {above:g}" if above > -math.inf else ""
         expected += f" of at least {least:g}" if least > -math.inf else ""
     array = floats(owner, name, value, expected)
-    if array.size != 1:
+    if array.ndim:
         raise refuse(owner, name, expected, value)
     result = float(array.item())
     if not math.isfinite(result) or result <= above or result < least:
@@ -107,7 +111,7 @@ def number(
 def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
     expected = f"a whole number from {least} to {most}"
     array = floats(owner, name, value, expected)
-    if array.size != 1 or isinstance(value, bool) or array.item() != array.item() or math.isinf(array.item()):
+    if array.ndim or array.dtype.kind == "b" or not math.isfinite(array.item()):
         raise refuse(owner, name, expected, value)
     result = int(array.item())
     if result != array.item() or not least <= result <= most:

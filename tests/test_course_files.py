@@ -158,6 +158,19 @@ def test_refused_fields(tmp_path, key, value, part):
     refusal(path, f"bad.npy: {field}: ", part)
 
 
+@pytest.mark.parametrize("key", ["M", "N", "W", "H", "focal", "n", "ka", "kd", "ks", "Ia", "bg_color"])
+@pytest.mark.parametrize(
+    "wrapped", [lambda v: [v], lambda v: [[v]], lambda v: np.array([v]), lambda v: np.full((1, 1, 1), v)]
+)
+def test_an_array_of_one_is_no_number(tmp_path, key, wrapped):
+    value = 48 if key in "MN" else 0.5
+    load(save_npy(tmp_path / "a.npy", course_dict(**{key: value})))
+    load(save_npy(tmp_path / "a.npy", course_dict(**{key: np.array(value)})))
+    refusal(
+        save_npy(tmp_path / "bad.npy", course_dict(**{key: wrapped(value)})), f"bad.npy: {key}: ", "number", "shape (1"
+    )
+
+
 @pytest.mark.parametrize("key", sorted(set(course_dict()) - {"depth"}))
 def test_a_missing_key_is_named(tmp_path, key):
     if key == "vertex_colors":  # not needed beside uvs

@@ -122,6 +122,26 @@ def test_sparse_rows_up_to_the_last(tmp_path):
     refusal(sparse([1], 2).glb(tmp_path / "a.glb"), "accessors[0].sparse.indices.count: ")
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("mode", [4, 5, 6])
+def test_the_largest_index_of_a_type_is_refused(tmp_path, kind, mode):
+    """glTF forbids it, as it restarts a strip on some devices, even where there are so many vertices."""
+    most = int(np.iinfo(kind).max)
+    verts = np.zeros((most + 1, 3), np.float32)
+    verts[[1, most - 1, most], [0, 1, 1]] = 1
+    for last, good in ((most - 1, True), (most, False)):
+        document = Gltf()
+        document.mesh({"POSITION": verts}, np.array([0, 1, last], kind), mode=mode)
+        path = document.glb(tmp_path / "a.glb")
+        if good:
+            assert sorted(load(path).meshes[0].verts.max(axis=0).tolist()) == [0, 1, 1]
+        else:
+            expected = (
+                f"a.glb: meshes[0].primitives[0].indices: expected indices below {most}, the largest of their type"
+            )
+            refusal(path, expected, f"found {most} at place 2 of accessors[1]")
+
+
 def test_broken_containers(tmp_path):
     good = (tmp_path / "good.glb", triangle().glb(tmp_path / "good.glb"))[0].read_bytes()
     text = b'{"asset":{"version":"2.0"}}'

@@ -47,6 +47,21 @@ def test_options_of_maps(tmp_path):
     assert material_of(tmp_path, "map_Kd -mm 0 1 my image.png\n")[1].ignored == ("option -mm of maps",)
 
 
+@pytest.mark.parametrize(
+    "option", ["-s 1e400", "-s 1 -1e999 1", "-o 0 0 1e400", "-t 1e400", "-bm 1e400", "-mm 0 1e400"]
+)
+def test_numbers_of_options_that_overflow_are_refused(tmp_path, option):
+    Image.new("RGB", (3, 2)).save(tmp_path / "image.png")
+    write(tmp_path / "a.mtl", f"newmtl m\nmap_Kd {option} image.png\n")
+    path = write(tmp_path / "a.obj", TEXTURED)
+    name, number = option.split()[0], next(word for word in option.split() if "e" in word)
+    refusal(path, f"a.mtl: line 2: map_Kd: {name}: expected finite numbers, found '{number}'")
+    write(tmp_path / "a.mtl", f"newmtl m\nmap_Kd {option.replace(number, '1e300')} image.png\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert load(path).meshes[0].material.texture is not None
+
+
 def test_masks(tmp_path):
     colors = RNG.integers(0, 256, (2, 3, 3), dtype=np.uint8)
     mask = np.array([[0, 128, 255], [255, 0, 64]], np.uint8)
