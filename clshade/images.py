@@ -1,14 +1,16 @@
-"""Image files as textures: decoded by Pillow under limits, 16 bits kept, alpha kept where it is asked for."""
+"""Image files as textures: decoded under limits, mostly by Pillow, 16 bits kept, alpha kept where it is asked for."""
 
 from __future__ import annotations
 
 import io
 import os
+import sys
 import warnings
 from typing import Any
 
 import numpy as np
 
+from . import pnm, tiff
 from .atomic import Path, shown
 from .errors import InputError
 from .reading import complaint, read_file
@@ -20,12 +22,18 @@ MAX_SIDE = 32768  # pixels; scene.Texture takes no more
 MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
-# How Pillow's PNG decoder, which keeps 8 bits a channel of a 16-bit color image, is told to give the low bytes: its raw
-# mode, the raw mode of the same size that shows the other byte, and the channels that then hold them.
+# Pillow's decoders keep 8 bits a channel of a 16-bit color image. How they are told to give the low bytes: the raw mode,
+# the raw mode of the same size that shows the other byte, and the channels that then hold them.
+_NATIVE_SWAPPED = "B" if sys.byteorder == "little" else "L"
 _LOW_BYTES = {
-    "RGB;16B": ("RGB;16L", slice(0, 3)),
-    "RGBA;16B": ("RGBA;16L", slice(0, 4)),
-    "LA;16B": ("RGBA", slice(1, 4, 2)),
+    ("PNG", "RGB;16B"): ("RGB;16L", slice(0, 3)),
+    ("PNG", "RGBA;16B"): ("RGBA;16L", slice(0, 4)),
+    ("PNG", "LA;16B"): ("RGBA", slice(1, 4, 2)),
+    **{
+        ("TIFF", f"{mode};16{order}"): (f"{mode};16{other}", slice(0, channels))
+        for mode, channels in (("RGB", 3), ("RGBX", 3), ("RGBA", 4), ("CMYK", 4))
+        for order, other in (("L", "B"), ("B", "L"), ("N", _NATIVE_SWAPPED))
+    },
 }
 _GREY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
 _TO_RGB = ("P", "PA", "RGBX", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
@@ -40,7 +48,8 @@ def srgb_to_linear(values: Array) -> Array:
 def read_image(path: Path, *, srgb: bool) -> Array:
     """An image file as (h, w, 3) float32, row 0 at the top.
 
-    srgb: whether the values are decoded from sRGB to linear; otherwise they are value/255, or value/65535 for 16 bits.
+    srgb: whether the values are decoded from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
+    for PPM and PGM images value/most, most being the file's largest value.
     Grey images get three equal channels, palettes are resolved, of animations the first picture is taken. Alpha is
     dropped, with a warning when it is not opaque everywhere. Formats: see FORMATS.
 
@@ -60,13 +69,12 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
     Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     try:
-        pixels = _codes(_opened(data, owner, MAX_PIXELS), data, owner)
+        pixels, most = _decoded(data, owner)
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
         reason = " ".join(str(error).split()) or type(error).__name__
         raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason[:160]) from None
-    most = np.iinfo(pixels.dtype).max
     levels = np.arange(most + 1) / most
     plain = levels.astype(np.float32)
     table = srgb_to_linear(levels).astype(np.float32) if srgb else plain
@@ -86,12 +94,37 @@ def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tup
     """
     try:
         image = _opened(data, owner, most_pixels, formats=("PNG",))
-        codes = _codes(image, data, owner)
+        codes, _ = _codes(image, data, owner)
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
         raise complaint(owner, "file", "a PNG image", " ".join(str(error).split())[:160] or "damaged data") from None
     return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
+
+
+def _decoded(data: bytes | memoryview, owner: str) -> tuple[Array, int]:
+    """(h, w, C) uint8 or uint16 pixels, grey, grey and alpha, RGB or RGBA, and the code of white."""
+    if bytes(data[:1]) == b"P":
+        data = bytes(data)
+        head = pnm.header(data, owner)
+        if head is not None:
+            _check_size(head.width, head.height, owner, MAX_PIXELS)
+            return pnm.codes(data, head, owner), head.most
+    layout = tiff.layout(data)
+    if layout is not None and layout.is_foreign:
+        _check_size(layout.width, layout.height, owner, MAX_PIXELS)
+        return tiff.codes(data, layout, owner), 65535
+    image = _opened(data, owner, MAX_PIXELS)
+    codes, most = _codes(image, data, owner)
+    if layout is not None and layout.photometric == 0 and layout.bits > 8:  # 0 is white
+        codes = most - codes
+    return codes, most
+
+
+def _check_size(width: int, height: int, owner: str, most_pixels: int, found: str = "") -> None:
+    if max(width, height) > MAX_SIDE or width * height > most_pixels:
+        expected = f"at most {MAX_SIDE} pixels a side and {most_pixels} in all"
+        raise complaint(owner, "image", expected, found or f"{width} x {height}")
 
 
 def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tuple[str, ...] = FORMATS) -> Any:
@@ -105,41 +138,69 @@ def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tup
                 image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
             else:
                 image = Image.open(io.BytesIO(data), formats=formats)
-            width, height = image.size
-            found = f"{width} x {height}"
+            (width, height), found = image.size, ""
         except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
             width = height = MAX_SIDE + 1
             found = str(error)
-    if max(width, height) > MAX_SIDE or width * height > most_pixels:
-        raise complaint(owner, "image", f"at most {MAX_SIDE} pixels a side and {most_pixels} in all", found)
+    _check_size(width, height, owner, most_pixels, found)
     return image
 
 
-def _codes(image: Any, data: bytes | memoryview, owner: str) -> Array:
-    """(h, w, C) uint8 or uint16 pixels: grey, grey and alpha, RGB or RGBA."""
-    raw = image.tile[0][3] if image.format == "PNG" and image.tile else ""
+def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int]:
+    """(h, w, C) uint8 or uint16 pixels, grey, grey and alpha, RGB or RGBA, and the code of full intensity."""
+    raw = image.tile[0][3] if image.format in ("PNG", "TIFF") and image.tile else ""
     raw = raw if isinstance(raw, str) else raw[0]
     image.load()
-    if raw in _LOW_BYTES:
-        return _sixteen_bits(np.asarray(image), data, raw)
-    return _eight_or_grey(image, raw, owner)
+    if (image.format, raw) in _LOW_BYTES:
+        return _keyed(_sixteen_bits(image, data, raw), image), 65535
+    if image.mode in _GREY_16 or (image.mode == "I" and raw.startswith("I;16") and not raw.endswith("S")):
+        codes = np.asarray(image).astype(np.uint16)[:, :, None]
+        return _keyed(codes, image), 4095 if raw == "I;12" else 65535
+    if image.format == "TIFF" and max(image.tag_v2.get(258, (1,))) > 8:
+        found = f"a TIFF image with channels of {max(image.tag_v2[258])} bits and pixels of type {image.mode}"
+        raise complaint(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
+    return _eight_bits(image, owner), 255
 
 
-def _sixteen_bits(high: Array, data: bytes | memoryview, raw: str) -> Array:
-    """The 16-bit colors of a PNG from its high bytes (h, w, C), as Pillow gives them, and its low bytes."""
+def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
+    """The 16-bit codes, (h, w, C), of an image of which Pillow gives the high bytes."""
+    from PIL import Image
+
+    low_mode, channels = _LOW_BYTES[image.format, raw]
+    low: Any = Image.open(io.BytesIO(data), formats=(image.format,)) if image.format != "PNG" else _png(data)
+    low.tile = [_decoded_as(tile, low_mode) for tile in low.tile]
+    low.load()
+    low_bytes = np.asarray(low)[:, :, channels]
+    codes = np.asarray(image)[:, :, : low_bytes.shape[2]].astype(np.uint16) << 8 | low_bytes
+    if image.mode != "CMYK":
+        return codes
+    ink = 65535 - codes.astype(np.uint32)
+    return ((ink[:, :, :3] * ink[:, :, 3:] + 32767) // 65535).astype(np.uint16)
+
+
+def _decoded_as(tile: Any, raw: str) -> Any:
+    """A tile of an image of Pillow, with another raw mode; what else the decoder is told stays."""
+    arguments = raw if isinstance(tile[3], str) else (raw, *tile[3][1:])
+    return tile._replace(args=arguments) if hasattr(tile, "_replace") else (*tile[:3], arguments)
+
+
+def _png(data: bytes | memoryview) -> Any:
     from PIL import PngImagePlugin
 
-    low_mode, channels = _LOW_BYTES[raw]
-    image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
-    image.tile = [(*image.tile[0][:3], low_mode)]
-    low = np.asarray(image)[:, :, channels]
-    return high[:, :, : low.shape[2]].astype(np.uint16) << 8 | low
+    return PngImagePlugin.PngImageFile(io.BytesIO(data))
 
 
-def _eight_or_grey(image: Any, raw: str, owner: str) -> Array:
+def _keyed(codes: Array, image: Any) -> Array:
+    """16-bit codes with an alpha channel that is 0 where they are the one transparent color of a PNG, if it has one."""
+    key = image.info.get("transparency")
+    if image.format != "PNG" or key is None or codes.shape[2] not in (1, 3):
+        return codes
+    alpha = np.where((codes == np.asarray(key, np.uint16)).all(axis=2), 0, 65535).astype(np.uint16)
+    return np.concatenate([codes, alpha[:, :, None]], axis=2)
+
+
+def _eight_bits(image: Any, owner: str) -> Array:
     mode = image.mode
-    if mode in _GREY_16 or (mode == "I" and raw.startswith("I;16")):
-        return np.asarray(image).astype(np.uint16)[:, :, None]
     if mode in ("1", "La"):
         image = image.convert("L" if mode == "1" else "LA")
     elif "transparency" in image.info and mode in ("P", "L", "RGB"):
@@ -147,7 +208,7 @@ def _eight_or_grey(image: Any, raw: str, owner: str) -> Array:
     elif mode in _TO_RGB:
         image = image.convert("RGBA" if mode in ("RGBa", "PA") else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA"):
-        raise complaint(owner, "image", "8 bits a channel, or 16 bits and grey or PNG", f"pixels of type {mode}")
+        raise complaint(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
     pixels = np.asarray(image)
     return pixels[:, :, None] if pixels.ndim == 2 else pixels
 

@@ -1,0 +1,98 @@
+"""Gray and RGB images of the PNM family, text and binary, of any largest value: Pillow keeps 8 bits of their colors."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from .reading import complaint, quoted
+from .validation import Array
+
+_MAX_HEADER = 1 << 16  # bytes, of which most are comments
+_CHUNK = 1 << 20  # bytes of text taken at once
+_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_NUMBER = rb"(\d{1,9})"
+# A comment may touch the last number; one white space then begins the pixels.
+_HEADER = re.compile(rb"P([2356])" + (_GAP + _NUMBER) * 3 + rb"(?:#[^\r\n]*)?\s")
+_COMMENT = re.compile(rb"#[^\r\n]*")
+
+
+@dataclass(frozen=True)
+class Header:
+    """channels: 1 or 3. most: the largest value. start: of the pixels, in bytes."""
+
+    width: int
+    height: int
+    channels: int
+    most: int
+    is_text: bool
+    start: int
+
+
+def header(data: bytes, owner: str) -> Header | None:
+    """The header of a PGM or PPM file (P2, P3, P5, P6); None for anything else.
+
+    Raises InputError for a broken one, and where the file has fewer bytes than its pixels take.
+    """
+    if data[:1] != b"P" or data[1:2] not in (b"2", b"3", b"5", b"6"):
+        return None
+    match = _HEADER.match(data, 0, _MAX_HEADER)
+    if match is None:
+        raise complaint(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
+    kind, width, height, most = (int(number) for number in match.groups())
+    if not (width and height and 0 < most < 1 << 16):
+        expected = "a PNM image with pixels and a largest value from 1 to 65535"
+        raise complaint(owner, "image", expected, f"{width} x {height} with {most}")
+    found = Header(width, height, 3 if kind in (3, 6) else 1, most, kind < 4, match.end())
+    count = width * height * found.channels
+    least = 2 * count - 1 if found.is_text else count * (1 if most < 256 else 2)
+    if least > len(data) - found.start:
+        expected = f"at least {least} bytes for {width} x {height} pixels"
+        raise complaint(owner, "image", expected, f"{len(data) - found.start} bytes")
+    return found
+
+
+def codes(data: bytes, found: Header, owner: str) -> Array:
+    """(h, w, 1 or 3) uint8 or uint16 values from 0 to found.most. What follows the first image is left out.
+
+    Raises InputError for text where a number is due, and for values above found.most.
+    """
+    count = found.width * found.height * found.channels
+    kind = np.dtype(np.uint8 if found.most < 256 else ">u2")
+    if found.is_text:
+        values = _text_values(data, found, count, kind.newbyteorder("="), owner)
+    else:
+        values = np.frombuffer(data, kind, count, found.start).astype(kind.newbyteorder("="), copy=False)
+    if values.max() > found.most:
+        raise complaint(owner, "image", f"values up to {found.most}", str(values.max()))
+    return values.reshape(found.height, found.width, found.channels)
+
+
+def _text_values(data: bytes, found: Header, count: int, kind: np.dtype, owner: str) -> Array:
+    values, place, start = np.empty(count, kind), 0, found.start
+    while place < count:
+        if start >= len(data):
+            raise complaint(owner, "image", f"{count} values", str(place))
+        end = start + _CHUNK
+        while end < len(data) and not data[end - 1 : end].isspace():  # whole numbers, whole comments
+            end += 1
+        hash_at = max(data.rfind(b"\n", start, end), data.rfind(b"\r", start, end)) + 1
+        if data.find(b"#", max(hash_at, start), end) >= 0:
+            end = min((at + 1 for at in (data.find(b"\n", end), data.find(b"\r", end)) if at >= 0), default=len(data))
+        part = _numbers(_COMMENT.sub(b"", data[start:end]), count - place, owner)
+        if len(part) and part.max() > found.most:
+            raise complaint(owner, "image", f"values up to {found.most}", str(part.max()))
+        values[place : place + len(part)] = part
+        place, start = place + len(part), end
+    return values
+
+
+def _numbers(text: bytes, most: int, owner: str) -> Array:
+    """The whole numbers in text, at most so many."""
+    words = text.split(None, most)[:most]
+    bad = next((word for word in words if not (word.isdigit() and len(word) < 10)), None)
+    if bad is not None:
+        raise complaint(owner, "image", "whole numbers", quoted(bad))
+    return np.array(words, dtype="S9").astype(np.int64)

@@ -1,0 +1,135 @@
+"""TIFF images with 16 bits a channel in the layouts that Pillow does not know, or cuts to 8 bits, through tifffile."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .reading import complaint
+from .validation import Array
+
+_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
+_PLANAR, _EXTRA, _FORMAT = 284, 338, 339
+_NONE, _DEFLATE = (1,), (8, 32946)  # compressions
+_ASSOCIATED = 1  # alpha that the colors are multiplied by
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the first image of a file says of itself. bits: of the deepest channel. unsigned: whole numbers from 0."""
+
+    width: int
+    height: int
+    samples: int
+    bits: int
+    unsigned: bool
+    photometric: int
+    planar: bool
+    orientation: int
+    extra: tuple[int, ...]
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it has 16 bits a channel, and Pillow gives them cut, wrong or not at all."""
+        gray = self.photometric in (0, 1) and (self.samples == 2 or (self.planar and self.samples == 1))
+        color = self.photometric == 2 and self.samples in (3, 4)
+        return self.bits == 16 and self.unsigned and (gray or (color and (self.planar or _ASSOCIATED in self.extra)))
+
+
+def layout(data: bytes | memoryview) -> Layout | None:
+    """The layout of a TIFF file's first image, None for other files and for what is too broken to say."""
+    from PIL import TiffImagePlugin
+
+    head = bytes(data[:16])
+    if head[:4] not in _MAGIC:
+        return None
+    try:
+        directory: Any = TiffImagePlugin.ImageFileDirectory_v2(head if head[2] == 43 or head[3] == 43 else head[:8])
+        file = io.BytesIO(data)
+        file.seek(directory.next)
+        directory.load(file)
+        bits = directory.get(_BITS, (1,))
+        return Layout(
+            width=int(directory[_WIDTH]),
+            height=int(directory[_HEIGHT]),
+            samples=int(directory.get(_SAMPLES, 1)),
+            bits=max(bits),
+            unsigned=set(directory.get(_FORMAT, (1,))) == {1} and len(set(bits)) == 1,
+            photometric=int(directory.get(_PHOTOMETRIC, 1)),
+            planar=directory.get(_PLANAR, 1) == 2,
+            orientation=int(directory.get(_ORIENTATION, 1)),
+            extra=tuple(directory.get(_EXTRA, ())),
+        )
+    except Exception:  # a broken file raises anything at all; Pillow then says what is wrong
+        return None
+
+
+def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
+    """(h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout, of a size already checked.
+
+    Raises InputError where tifffile is not installed, and for a compression other than deflate.
+    """
+    try:
+        import tifffile
+    except ImportError:
+        expected = "tifffile, for 16 bits a channel in planes, with gray and alpha, or with associated alpha"
+        found_none = 'none: `pip install tifffile`, or `pip install "clshade[images]"`'
+        raise complaint(owner, "image", expected, found_none) from None
+    logger = logging.getLogger("tifffile")  # which complains of broken files on standard error
+    before, logger.disabled = logger.disabled, True
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            page: Any = file.pages[0]
+            _check_compression(page, data, owner)
+            pixels = np.asarray(page.asarray(maxworkers=1))
+    finally:
+        logger.disabled = before
+    wanted = (found.samples, found.height, found.width) if found.planar else (found.height, found.width, found.samples)
+    if pixels.size != math.prod(wanted) or pixels.dtype != np.uint16:
+        raise complaint(owner, "image", f"16-bit pixels of shape {wanted}", f"{pixels.dtype} of shape {pixels.shape}")
+    pixels = pixels.reshape(wanted)
+    pixels = np.moveaxis(pixels, 0, -1) if found.planar else pixels
+    if found.photometric == 0:
+        pixels = np.concatenate([65535 - pixels[:, :, :1], pixels[:, :, 1:]], axis=2)
+    if _ASSOCIATED in found.extra:
+        pixels = _divided(pixels)
+    return _upright(pixels, found.orientation)
+
+
+def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
+    """Raises InputError for a compression that is not known, and for more data than the pixels take."""
+    compression = int(page.compression)
+    if compression not in _NONE + _DEFLATE:
+        expected = "no compression or deflate, for 16 bits in planes, with associated alpha, or gray with alpha"
+        raise complaint(owner, "image", expected, page.compression.name)
+    if compression in _NONE:
+        return
+    most = math.prod(page.chunks) * 2
+    for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+        part = zlib.decompressobj().decompress(data[start : start + count], most + 1)
+        if len(part) > most:
+            raise complaint(owner, "image", f"at most {most} bytes in a strip or tile", "more")
+
+
+def _divided(pixels: Array) -> Array:
+    """Colors that are multiplied by alpha, the last channel, as they are without; 0 where alpha is."""
+    alpha = pixels[:, :, -1:].astype(np.uint32)
+    straight = (pixels[:, :, :-1] * np.uint32(65535) + alpha // 2) // np.maximum(alpha, 1)
+    straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
+    return np.concatenate([straight, pixels[:, :, -1:]], axis=2)
+
+
+def _upright(pixels: Array, orientation: int) -> Array:
+    """Turned and mirrored so that row 0 is the top and column 0 the left, as the orientation of the TIFF standard says."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.transpose(1, 0, 2)
+    rows = -1 if orientation in (3, 4, 7, 8) else 1
+    columns = -1 if orientation in (2, 3, 6, 7) else 1
+    return pixels[::rows, ::columns]
