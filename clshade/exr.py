@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from . import atomic
+from . import atomic, exr_limits
 from .atomic import Path, shown
 from .camera import Camera
 from .errors import InputError
@@ -45,8 +45,6 @@ FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and posit
 
 _OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
 _MAX_BYTES = 1 << 34  # of a file that is read
-_MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
-_MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
 _PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
 _LOCK = threading.Lock()  # the number of OpenEXR's threads and the standard streams belong to the whole process
@@ -339,27 +337,17 @@ def _plain(name: str, value: Any) -> Any:
     return value.name.lower() if name in ("type", "lineOrder") else value
 
 
-def _check_part(header: dict[str, Any], owner: str) -> None:
-    """Refuses what is no flat image of a size that can be read."""
-    if str(header.get("type", "")).startswith("deep"):
-        raise complaint(owner, "type", "a flat image", "a deep one")
-    for name in ("dataWindow", "displayWindow"):
-        x0, y0, x1, y1 = header[name]
-        if x1 < x0 or y1 < y0 or (x1 - x0 + 1) * (y1 - y0 + 1) > _MAX_PIXELS:
-            raise complaint(owner, name, f"1 to {_MAX_PIXELS} pixels", str(header[name]))
-
-
 def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, Any]]]:
     """Channels of the data window, and the header, of each part."""
     import OpenEXR
 
     with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
         headers = [
-            {name: _plain(name, value) for name, value in exr.header(part).items() if name != "channels"}
-            for part in range(len(exr.parts))
+            {name: _plain(name, value) for name, value in exr.header(part).items()} for part in range(len(exr.parts))
         ]
-    for header in headers:  # whose display windows are the same: OpenEXR sees to that
-        _check_part(header, owner)
+    exr_limits.check(headers, exr_limits.channel_bytes(data, len(headers)), data, owner)
+    for header in headers:
+        del header["channels"]
     parts = []
     with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
         if len(exr.parts) != len(headers) or not headers:  # all that it says when pixels cannot be read
@@ -374,15 +362,12 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
     return parts
 
 
-def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]], owner: str) -> dict[str, Array]:
+def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, Array]:
     """The channels of all parts, of the display window. A name that an earlier part has gets its part's in front."""
-    x0, y0, x1, y1 = parts[0][1]["displayWindow"]
-    channel_bytes = sum(plane.itemsize for channels, _ in parts for plane in channels.values())
-    if channel_bytes * (x1 - x0 + 1) * (y1 - y0 + 1) > _MAX_SHOWN:  # a small file may have a large display window
-        raise complaint(owner, "channels", f"at most {_MAX_SHOWN} bytes in the display window", "more")
     merged: dict[str, Array] = {}
     for number, (channels, header) in enumerate(parts):
-        for name, plane in channels.items():
+        for name in list(channels):
+            plane = channels.pop(name)  # the pixels go as soon as they are copied
             unique = name if name not in merged else f"{header.get('name', '')}.{name}"
             outside = header.get(_OUTSIDE.get(name, ""))
             known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
@@ -414,7 +399,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     come first. Of several parts all channels; a name that an earlier part has gets its part's name and a dot in front.
     header: the attributes, of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
     Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
-    larger than 2^28 pixels, 2^35 bytes or the memory.
+    larger than 2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold (see `exr_limits`).
     """
     owner = shown(path)
     data = read_file(path, _MAX_BYTES)
@@ -423,7 +408,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     try:
         with _quiet():
             parts = _decode(data, owner)
-        planes = _merged(parts, owner)
+        planes = _merged(parts)
     except MemoryError:
         raise complaint(owner, "file", "an image that fits into memory", "a larger one") from None
     except (InputError, ImportError):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import os
 import struct
+import time
 
 import numpy as np
 import pytest
+from processes import PEAK, python
 
-from clshade import exr
+from clshade import exr, exr_limits
 from clshade.errors import InputError, OutputError
 
 
@@ -204,8 +206,8 @@ def test_a_small_file_with_a_large_display_window(path, capfd, monkeypatch):
     channels, _ = exr.read(path)
     assert channels["c"].shape == (16384, 16384)
     assert channels["c"][:2, :2].tolist() == [[1.0, 0.0], [0.0, 0.0]]
-    monkeypatch.setattr(exr, "_MAX_SHOWN", 2**30 - 1)
-    assert "channels: expected at most 1073741823 bytes in the display window, found more" in bad(path, capfd)
+    monkeypatch.setattr(exr_limits, "MAX_SHOWN", 2**30 - 1)
+    assert "channels: expected at most 1073741823 bytes in the display window, found 1073741824" in bad(path, capfd)
     monkeypatch.undo()
 
     def none_left(*_):
@@ -213,3 +215,96 @@ def test_a_small_file_with_a_large_display_window(path, capfd, monkeypatch):
 
     monkeypatch.setattr(exr, "_displayed", none_left)
     assert "an image that fits into memory" in bad(path, capfd)
+
+
+def wide(data: bytes, *edges: int, name: bytes = b"dataWindow") -> bytes:
+    """The file with another window in every header."""
+    before, *parts = data.split(name + b"\0box2i\0" + struct.pack("<i", 16))
+    assert parts
+    return before + b"".join(
+        name + b"\0box2i\0" + struct.pack("<5i", 16, *edges) + part[16:] for part in parts
+    )
+
+
+HEADERS = {
+    "a wide data window": ("dwaa", ("R", "G", "B", "A", "Z", "id"), (0, 0, 6881326, 32)),
+    "sixty channels": ("zip", tuple(f"layer{k:02d}.R" for k in range(60)), (0, 0, 16383, 16383)),
+    "many rows": ("zips", ("R", "G", "B"), (0, 0, 16383, 16383)),
+    "pxr24": ("pxr24", ("Z",), (0, 0, 16383, 16383)),
+    "zstd": ("zstd", ("Z", "id"), (-100_000_000, 5, 100_000_000, 5)),
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_headers_that_claim_more_than_a_file_can_hold(path, capfd, name):
+    compression, names, window = HEADERS[name]
+    exr.write(path, {channel: noise((33, 47)) for channel in names}, compression=compression)
+    path.write_bytes(wide(path.read_bytes(), *window))
+    start = time.process_time()
+    assert f"a.exr: dataWindow: expected pixels that {path.stat().st_size} bytes can hold" in bad(path, capfd)
+    assert time.process_time() - start < 0.5
+
+
+def test_commands_refuse_such_headers_in_little_memory(path):
+    compression, names, window = HEADERS["a wide data window"]
+    exr.write(path, {channel: noise((33, 47)) for channel in names}, compression=compression)
+    path.write_bytes(wide(path.read_bytes(), *window))
+    code = f"""{PEAK}
+from clshade import cli
+for arguments in (["inspect", {str(path)!r}], ["compare", {str(path)!r}, {str(path)!r}]):
+    assert cli.main(arguments) == 2
+print(peak())
+"""
+    done = python(code, "")
+    assert done.returncode == 0, done.stderr
+    first, second = done.stderr.splitlines()
+    assert first == second
+    assert "a.exr: dataWindow: expected pixels that " in first
+    assert float(done.stdout) < 300.0
+
+
+@pytest.mark.parametrize("names", [("R", "G", "B"), ("A",), ("x.Y",), ("Z", "N.X"), ("id",)])
+@pytest.mark.parametrize("compression", exr.COMPRESSIONS)
+def test_the_densest_files_are_read(path, compression, names):
+    """Zeros, of all types and of names that DWA treats in its three ways: no codec gets nearer to what it could."""
+    for half in (False, True):
+        planes = {name: np.zeros((512, 1024), np.uint32 if name == "id" else np.float32) for name in names}
+        exr.write(path, planes, compression=compression, half=half)
+        assert not any(plane.any() for plane in exr.read(path)[0].values())
+
+
+def test_images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded(path, capfd, monkeypatch):
+    import OpenEXR
+
+    exr.write(path, {name: noise((40, 50)) for name in "RGBA"} | {"half": noise((40, 50))})
+    opened = []
+    genuine = OpenEXR.File
+
+    def noted(*arguments, **options):
+        opened.append(options.get("header_only", False))
+        return genuine(*arguments, **options)
+
+    monkeypatch.setattr(OpenEXR, "File", noted)
+    monkeypatch.setattr(exr_limits.host_memory, "available", lambda: 40 * 50 * 5 * 4.0)
+    assert len(exr.read(path)[0]) == 5
+    assert opened == [True, False]
+    monkeypatch.setattr(exr_limits.host_memory, "available", lambda: 40 * 50 * 5 * 4.0 - 1)
+    text = bad(path, capfd)
+    assert "expected an image that fits into memory, of which 39999 bytes are free, found 40000" in text
+    assert opened == [True, False, True]
+
+
+def test_what_an_image_takes_is_known_from_its_header(path):
+    """Types and names of the channels of all parts."""
+    import OpenEXR
+
+    half, whole = np.zeros((3, 4), np.float16), np.zeros((3, 4), np.uint32)
+    parts = [
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": half.astype(np.float32), "a.half": half.copy()}, "one"),
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"id": whole.copy(), "x" * 200: half.copy()}, "two"),
+    ]
+    OpenEXR.File(parts).write(str(path))
+    assert exr_limits.channel_bytes(path.read_bytes(), 2) == [{"Z": 4, "a.half": 2}, {"id": 4, "x" * 200: 2}]
+    channels, header = exr.read(path)
+    assert {name: plane.itemsize for name, plane in channels.items()} == {"Z": 4, "a.half": 2, "id": 4, "x" * 200: 2}
+    assert "channels" not in header

@@ -1,0 +1,107 @@
+"""What the header of an OpenEXR file claims, held against the file's size and the memory that is free, before any pixel is
+decoded: a damaged or made-up header of a few KB may claim terabytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from . import host_memory
+from .reading import complaint
+
+MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
+MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
+
+# The most bytes of pixels to a byte of the file, by the codecs' own formats: RLE has runs of 128 in 2 bytes; deflate (zip)
+# 258 bytes in 2 bits; PXR24 leaves out a byte of 4 before; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A
+# has 32 bytes in 3 where all are the same. DWA runs deflate over what RLE leaves of alpha, and over the 4 bytes that a block
+# of 8x8 floats of a color takes at least; other channels get deflate alone. Zstandard has 128 KiB in a block of 4 bytes;
+# so has, as is assumed, whatever is not listed.
+_DEFLATE = 1032
+_DENSEST = {"none": 1, "rle": 64, "zips": _DEFLATE, "zip": _DEFLATE, "pxr24": _DEFLATE * 4 // 3, "piz": 410}
+_DENSEST |= {"b44": 11, "b44a": 11, "dwaa": _DEFLATE, "dwab": _DEFLATE}
+_DENSEST_OF_OTHERS = 1 << 17
+_DWA_COLORS = {"r", "g", "b", "y", "ry", "by", "a", "red", "grn", "green", "blu", "blue"}  # the last part of a name
+_TYPE_BYTES = {0: 4, 1: 2, 2: 4}  # uint, half, float
+
+
+def _least(size: int, channel: str, compression: str) -> int:
+    """The fewest bytes that a channel of this size can take in a file."""
+    densest = _DENSEST.get(compression, _DENSEST_OF_OTHERS)
+    if compression.startswith("dwa") and channel.split(".")[-1].lower() in _DWA_COLORS:
+        densest *= 64
+    return size // densest
+
+
+def _area(window: tuple[int, int, int, int]) -> int:
+    return (window[2] - window[0] + 1) * (window[3] - window[1] + 1)
+
+
+def channel_bytes(data: bytes, parts: int) -> list[dict[str, int]]:
+    """Bytes of a value of each channel of each part. data: a file whose headers OpenEXR has found right: its module
+    gives all of a header but the channels' types."""
+    found: list[dict[str, int]] = []
+    at = 8  # magic number and version
+    for _ in range(parts):
+        sizes: dict[str, int] = {}
+        while data[at]:
+            name = data[at : data.index(b"\0", at)]
+            at = data.index(b"\0", at + len(name) + 1) + 1  # the end of the attribute's type
+            size = int.from_bytes(data[at : at + 4], "little")
+            if name == b"channels":
+                sizes = _listed_channels(data[at + 4 : at + 4 + size])
+            at += 4 + size
+        at += 1
+        found.append(sizes)
+    return found
+
+
+def _listed_channels(listed: bytes) -> dict[str, int]:
+    """From a `chlist`: names, each with type, a flag and samplings, 16 bytes, until an empty name."""
+    sizes, at = {}, 0
+    while listed[at]:
+        end = listed.index(b"\0", at)
+        kind = int.from_bytes(listed[end + 1 : end + 5], "little")
+        sizes[listed[at:end].decode("utf-8", "surrogateescape")] = _TYPE_BYTES.get(kind, 4)
+        at = end + 17
+    return sizes
+
+
+def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], data: bytes, owner: str) -> None:
+    """Raises InputError for parts that are no flat images, of sizes that are not read, that so few bytes cannot hold, or
+    that do not fit into memory.
+
+    headers: of the parts; windows as (x0, y0, x1, y1) inclusive. sizes: from `channel_bytes`.
+    """
+    least = pixels = shown = 0
+    padded = 0  # the largest channel that is copied into its display window
+    for header, part in zip(headers, sizes, strict=True):
+        _check_part(header, owner)
+        data_window, display = _area(header["dataWindow"]), _area(header["displayWindow"])
+        for channel, size in part.items():
+            least += _least(size * data_window, channel, header["compression"])
+            pixels += size * data_window
+            shown += size * display
+            if header["dataWindow"] != header["displayWindow"]:
+                padded = max(padded, size * display)
+    if shown > MAX_SHOWN:  # a small file may have a large display window
+        raise complaint(owner, "channels", f"at most {MAX_SHOWN} bytes in the display window", str(shown))
+    if least > len(data):
+        raise complaint(owner, "dataWindow", f"pixels that {len(data)} bytes can hold", f"{pixels} bytes of them")
+    free = host_memory.available()
+    if pixels + padded > free:
+        raise complaint(
+            owner, "file", f"an image that fits into memory, of which {free:.0f} bytes are free", f"{pixels + padded}"
+        )
+
+
+def _check_part(header: dict[str, Any], owner: str) -> None:
+    if str(header.get("type", "")).startswith("deep"):
+        raise complaint(owner, "type", "a flat image", "a deep one")
+    for name in ("dataWindow", "displayWindow"):
+        x0, y0, x1, y1 = header[name]
+        if x1 < x0 or y1 < y0 or _area(header[name]) > MAX_PIXELS:
+            raise complaint(owner, name, f"1 to {MAX_PIXELS} pixels", str(header[name]))
+    for channel in header["channels"]:
+        if (channel.xSampling, channel.ySampling) != (1, 1):
+            raise complaint(owner, channel.name, "a value for every pixel", "a subsampled channel")
