@@ -183,12 +183,12 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
                     raise DeviceError(
                         f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
                     ) from error
-                if not stored:
-                    _store(b"" if device.keeps_programs else program.binaries[0], path)
             kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
         if not kernels:
             cache = os.environ.get("POCL_CACHE_DIR", "")
             raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
+        if not stored:
+            _store(b"" if device.keeps_programs else program.binaries[0], path)
         taken = time.perf_counter() - start
         _built[key] = Program(features, lanes, taken, kernels, stored)
         telling.detail(
@@ -235,3 +235,4 @@ def _store(binary: bytes, path: Path) -> None:
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)
+        runtimes.prepare().seal()

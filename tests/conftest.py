@@ -10,7 +10,7 @@ import pytest
 from devices import working_devices
 from processes import OPEN, python
 
-from clshade import course, runtimes
+from clshade import course, programs, runtimes
 from clshade.device import Device, open_device
 from clshade.errors import DeviceError
 
@@ -18,6 +18,12 @@ from clshade.errors import DeviceError
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
         metafunc.parametrize("device", working_devices() or [None], indirect=True, scope="session")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient() -> None:
+    """Nothing is said of slow compilers: whether they have work to do depends on what ran before."""
+    programs.SLOW = 1e6
 
 
 @pytest.fixture(scope="session")

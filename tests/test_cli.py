@@ -50,6 +50,11 @@ def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120)
 
 
+def without_compiling(err: str) -> list[str]:
+    """The lines of standard error, but the one that is there where no run before has compiled the kernels."""
+    return [line for line in err.splitlines() if not line.startswith("clshade: compiling kernels for ")]
+
+
 # Rendering
 
 
@@ -75,7 +80,7 @@ def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
 def test_render_as_a_process_in_a_folder(tmp_path):
     """The default of -o: `out.exr` and `out.png` here."""
     done = process(*SMALL, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, without_compiling(done.stderr)) == (0, [])
     assert listing(tmp_path) == ["out.exr", "out.png"]
 
 
@@ -335,7 +340,7 @@ def test_a_full_disk_behind_standard_output(tmp_path, arguments):
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
         )
-    assert done.stderr == "clshade: standard output: cannot be written: No space left on device\n"
+    assert without_compiling(done.stderr) == ["clshade: standard output: cannot be written: No space left on device"]
     assert done.returncode == 2
 
 

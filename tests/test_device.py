@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shutil
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 from processes import OPEN, python
 
-from clshade import device, probing, runtimes
+from clshade import device, probing
 from clshade.errors import DeviceError
 from clshade.probing import DeviceInfo
 
@@ -110,8 +112,20 @@ def test_open_device_runs_a_kernel(opened: device.Device) -> None:
     assert event.profile.end >= event.profile.start > 0
 
 
-def test_programs_are_cached_in_the_claimed_folder(opened: device.Device) -> None:
-    assert opened.context.cache_dir == str(runtimes.prepare().programs)
+def test_pyopencl_keeps_no_caches_of_its_own(opened: device.Device, tmp_path: Path) -> None:
+    """They are shared with other programs, and a damaged one ended every run; unless the user wants them."""
+    code = f"""
+import numpy as np
+from clshade import device
+import pyopencl as cl
+opened = device.open_device({opened.index!r})
+kernel = cl.Program(opened.context, "__kernel void one(__global float *x) {{ x[0] = 1; }}").build().all_kernels()[0]
+kernel.set_args(cl.Buffer(opened.context, cl.mem_flags.READ_WRITE, 4))
+"""
+    for variables, kept in (({}, {"clshade"}), ({"PYOPENCL_NO_CACHE": "0"}, {"clshade", "pytools"})):
+        done = python(code, tmp_path, **variables)
+        assert done.returncode == 0, done.stderr
+        assert {path.name for path in tmp_path.iterdir()} - {"pyopencl"} == kept
 
 
 def test_importing_does_not_import_pyopencl(tmp_path: Path) -> None:
@@ -136,7 +150,7 @@ def test_a_device_that_aborts_gives_one_line(
     assert "SIGABRT" in message
     assert '"ld" doesn\'t exist' in message
     if opened.platform == POCL.platform:
-        assert all(word in message for word in ("apt install gcc", 'pip install "clshade[intel]"', "conda-forge"))
+        assert all(word in message for word in ("apt install gcc", probing.GET_INTEL, "conda-forge"))
     assert not list(fresh_cache.glob("probe-*"))
 
 
@@ -183,10 +197,24 @@ def test_verdict_is_remembered_until_the_system_changes(
     os.utime(fresh_cache / "ld", (1, 1))  # another one
     device.open_device(opened.index)
     assert len(tried) == 4
-    for file in (fresh_cache / "verdicts").iterdir():
-        file.write_text("{")
-    device.open_device(opened.index)
-    assert len(tried) == 5
+    folder = fresh_cache / "verdicts"
+    damages: list[Callable[[Path], Any]] = [
+        lambda file: file.write_text("{"),
+        lambda file: file.write_text("[" * 100_000),
+        lambda file: file.write_bytes(b"\xff\xfe\0"),
+        lambda file: (file.unlink(), file.mkdir(), (file / "x").touch()),
+    ]
+    for damage in [*damages, None]:
+        if damage is None:
+            shutil.rmtree(folder)
+            folder.touch()
+        else:
+            for file in list(folder.iterdir()):
+                damage(file)
+        before = len(tried)
+        for _ in range(2):
+            device.open_device(opened.index)
+            assert len(tried) == before + 1, "tried out once, and remembered"
 
 
 def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
@@ -279,7 +307,7 @@ def test_no_pyopencl(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("system", "machine", "words"),
     [
-        ("linux", "x86_64", ["pyopencl[pocl]", "clshade[intel]", "pocl-opencl-icd", "driver"]),
+        ("linux", "x86_64", ["pyopencl[pocl]", "intel-opencl-rt", "pocl-opencl-icd", "driver"]),
         ("linux", "aarch64", ["pocl-opencl-icd", "conda-forge", "no PoCL for aarch64"]),
         ("darwin", "arm64", ["conda-forge", "driver"]),
     ],
@@ -289,7 +317,7 @@ def test_install_advice(system: str, machine: str, words: list[str], monkeypatch
     monkeypatch.setattr("platform.machine", lambda: machine)
     advice = probing.install_advice()
     assert all(word in advice for word in words)
-    assert ("clshade[intel]" in advice) == (machine == "x86_64")
+    assert ("intel-opencl-rt" in advice) == (machine == "x86_64")
 
 
 def test_list_and_format_devices(opened: device.Device, fresh_cache: Path) -> None:

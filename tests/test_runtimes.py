@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,10 @@ from processes import OPEN, ROOT, python
 
 from clshade import runtimes, slots
 
-CLAIM = "import os; from clshade import runtimes; print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'])"
+CLAIM = (
+    "import os; from clshade import runtimes; "
+    "print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'], flush=True)"
+)
 
 
 def test_no_home(homeless: tuple[Path, str]) -> None:
@@ -22,16 +26,45 @@ def test_no_home(homeless: tuple[Path, str]) -> None:
     assert folders == f"{home} {home}/clshade/slot-0/pocl"
 
 
-def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["others can write", "group can write", "link", "file", "another user's"])
+def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: str) -> None:
+    """Whoever can write to it can put code there. What serves instead does not pile up, run after run."""
     taken = tmp_path / f"clshade-{os.getuid()}"
-    taken.mkdir()
-    taken.chmod(0o777)
-    done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    folder = Path(done.stdout.split()[0])
-    assert folder.is_relative_to(tmp_path)
-    assert not folder.is_relative_to(taken)
-    assert not list(taken.iterdir())
+    own = tmp_path / "own"
+    own.mkdir(mode=0o700)
+    if kind == "link":
+        taken.symlink_to(own)
+    elif kind == "file":
+        taken.touch()
+    else:
+        taken.mkdir()
+        taken.chmod({"others can write": 0o777, "group can write": 0o770}.get(kind, 0o700))
+    if kind == "another user's":
+        if os.getuid() != 0:
+            pytest.skip("only root can give folders away")
+        os.chown(taken, 4711, 4711)
+    for deed in ("", "; os.kill(os.getpid(), 9)", "", ""):
+        done = python(CLAIM + deed, "/proc/nowhere", TMPDIR=str(tmp_path))
+        assert done.returncode == (-9 if deed else 0), done.stderr
+        folder = Path(done.stdout.split()[0])
+        assert folder.parent.parent.parent == tmp_path
+        assert folder.parent.parent.name.startswith(f"clshade-{os.getuid()}-")
+        assert len(done.stderr.splitlines()) == 1
+        assert done.stderr.startswith("clshade: warning: compiled kernels are not kept (/proc/nowhere: ")
+        assert len(list(tmp_path.iterdir())) == (3 if deed else 2)
+    assert not list(own.iterdir())
+
+
+def test_a_temporary_folder_that_others_can_read_is_made_private(tmp_path: Path) -> None:
+    folder = tmp_path / f"clshade-{os.getuid()}"
+    folder.mkdir()
+    folder.chmod(0o755)
+    for _ in range(2):
+        done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
+        assert done.stdout.split()[0] == str(folder / "clshade" / "slot-0")
+        assert done.stderr == ""
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert list(tmp_path.iterdir()) == [folder]
 
 
 def test_nowhere_to_write(tmp_path: Path) -> None:
@@ -56,15 +89,13 @@ def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
             folder, pocl = process.stdout.readline().split()
             assert folder == str(tmp_path / "clshade" / expected)
             assert pocl == str(tmp_path / "clshade" / expected / "pocl")
-        # What a process that is killed leaves behind is cleared away by the next, which keeps the compiled kernels.
+        # What a process that is killed leaves behind is cleared away by the next.
         slot = tmp_path / "clshade" / "slot-0"
         running[0].kill()
         running[0].wait()
-        (slot / "programs" / "lock").touch()
         (slot / "pocl" / "tempfile_abc").touch()
-        (slot / "pocl" / "kept").touch()
         assert python(CLAIM, tmp_path).stdout.split()[0] == str(slot)
-        assert [path.name for path in sorted(slot.rglob("*"))] == ["lock", "pocl", "kept", "programs"]
+        assert [path.name for path in sorted(slot.rglob("*"))] == ["lock", "pocl"]
     finally:
         for process in running:
             process.kill()
@@ -149,6 +180,15 @@ def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, m
         contents = {path.name: path.read_text().strip() for path in folder.iterdir()}
         assert contents == {"mesa.icd": "libMesaOpenCL.so.1", "clshade-intel.icd": str(library)}
         assert len(list(fresh_cache.glob("vendors-*"))) == 1
+    for damage in (
+        lambda: (folder / "mesa.icd").write_text(""),
+        lambda: (folder / "clshade-intel.icd").unlink(),
+        lambda: (shutil.rmtree(folder), folder.touch()),
+    ):
+        damage()
+        runtimes.expose_runtimes()
+        assert {path.name: path.read_text().strip() for path in folder.iterdir()} == contents
+        assert list(fresh_cache.glob("vendors-*")) == [folder]
     # Registered by the system already: nothing has to be done. The variable set above does not pass for the user's.
     (system / "intel.icd").write_text(str(library))
     runtimes.expose_runtimes()

@@ -1,0 +1,155 @@
+"""What is compiled or loaded at a first use: counted apart from the frame, said when it takes long, marked in the cache."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+import clshade
+from clshade import Renderer, programs, runtimes, telling
+from clshade.device import Device
+from clshade.features import CHOICES, OPTIONAL, Features
+from clshade.slots import MARK
+from clshade.stages import Buffer, Stages
+
+SCENE = clshade.builtin("quads")
+SLOWLY = 0.06  # seconds
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
+    """As if no program were built yet in this process, and each build and each kernel's first launch took a while: what
+    was called, and whether the mark was there."""
+    mark = runtimes.prepare().folder / MARK
+    found: list[tuple[str, bool]] = []
+    program, launch = cl.Program, cl.enqueue_nd_range_kernel
+
+    def build(*arguments: Any) -> Any:
+        found.append((f"build {len(found)}", mark.exists()))
+        time.sleep(SLOWLY)
+        return program(*arguments)
+
+    def enqueue(queue: Any, kernel: Any, *arguments: Any) -> Any:
+        if kernel.function_name not in dict(found):
+            time.sleep(SLOWLY)
+        found.append((kernel.function_name, mark.exists()))
+        return launch(queue, kernel, *arguments)
+
+    monkeypatch.setattr(cl, "Program", build)
+    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", enqueue)
+    monkeypatch.setattr(programs, "_built", {})
+    yield found
+    assert not mark.exists()
+
+
+# Time
+
+
+def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool]], opened: Device) -> None:
+    start = time.perf_counter()
+    with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
+        first = renderer.render().stats
+        passed = (time.perf_counter() - start) * 1e3
+        uses = len(dict(calls))
+        second = renderer.render().stats
+    least = uses * SLOWLY * 1e3
+    assert uses >= 6, "two programs and their kernels"
+    assert least <= first["build_ms"] <= passed
+    assert sum(first["times_ms"][name] for name in ("pack", "open", "upload", "frame")) <= passed - least
+    assert second["build_ms"] == 0.0
+    assert "build" not in first["times_ms"]
+
+
+def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], opened: Device) -> None:
+    """A camera among the triangles needs a kernel that the frame before did not."""
+    scene = clshade.builtin("torus_knot")
+    seen = scene.camera
+    inside = clshade.Camera(seen.lookat, seen.eye, seen.up, seen.focal, seen.plane, (32, 24))
+    with Renderer(scene, device=opened, resolution=(32, 24)) as renderer:
+        outside = renderer.render().stats
+        clipped, again = (renderer.render(camera=inside).stats for _ in range(2))
+    assert "clip" not in outside["times_ms"]
+    assert "setup_pieces" in dict(calls)
+    assert clipped["build_ms"] >= SLOWLY * 1e3
+    assert clipped["times_ms"]["clip"] <= clipped["times_ms"]["frame"]
+    assert again["build_ms"] == 0.0
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("stored", [False, True])
+@pytest.mark.parametrize("level", [telling.NORMAL, telling.QUIET])
+def test_what_takes_long_is_said_once(
+    parts: int, stored: bool, level: int, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    """Even if no part of it takes long by itself; where a program was thought to be stored, after a part that did."""
+    monkeypatch.setattr(programs, "_said", False)
+    monkeypatch.setattr(programs, "_own", type(programs._own)())
+    monkeypatch.setattr(programs, "SLOW", 0.15)
+    device: Any = SimpleNamespace(title="PoCL: CPU")
+    line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == telling.NORMAL else ""
+    with telling.at_level(level):
+        for _ in range(parts):
+            with programs.first_use(device, stored=stored):
+                time.sleep(0.3 / parts)
+        meanwhile = capfd.readouterr().err
+        assert meanwhile == (line if parts == 1 or not stored else "")
+        assert 0.3 <= programs.waited() < 1.5
+        with programs.first_use(device, stored=False):
+            time.sleep(0.2)
+            assert capfd.readouterr().err == ("" if meanwhile else line), "while it is under way"
+
+
+def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = programs.waited()
+    with programs.first_use(SimpleNamespace(title=""), stored=True) as use:  # type: ignore[arg-type]
+        time.sleep(0.05)
+        use.ran = 0.05
+    assert programs.waited() - before < 0.05
+
+
+# Marks
+
+
+def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]], opened: Device) -> None:
+    if runtimes.prepare().lock is None:
+        pytest.skip("a folder that nobody finds again has no mark")
+    with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
+        for _ in range(2):
+            renderer.render()
+    used: set[str] = set()
+    for name, marked in calls:
+        assert marked == (name not in used), name
+        used.add(name)
+    assert len(used) >= 6
+    assert len(calls) > len(used)
+
+
+def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opened: Device) -> None:
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    stages = Stages(opened, programs.build(opened, features, ("layers.cl",)))
+    marked = []
+    for count in (64, 64, 70_000, 70_000):
+        calls.clear()
+        owners, numbers, shown = (Buffer(opened, np.zeros(count, np.int32)) for _ in range(3))
+        stages.layer_number(owners, owners, numbers, shown, count)
+        opened.queue.finish()
+        marked += [mark for _, mark in calls]
+    assert marked == [True, False, True, False]
+
+
+def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As PoCL makes one of an emptied file, in a folder that is the user's."""
+    monkeypatch.setattr(programs, "_built", {})
+    monkeypatch.setattr(programs, "_without_log", lambda *_: SimpleNamespace(all_kernels=list, binaries=[b""]))
+    monkeypatch.setattr(programs, "_store", lambda *_: pytest.fail("it is not kept"))
+    monkeypatch.setattr(programs, "_stored_at", lambda *_: runtimes.prepare().folder / "none")
+    monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):
+        programs.build(opened, features, ("bilerp.cl",))

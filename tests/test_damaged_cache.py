@@ -1,0 +1,214 @@
+"""Damaged kernel caches: the run that meets one draws the right image all the same, and says so in a line."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from processes import ROOT
+
+from clshade.device import Device
+
+SMALL = ("render", "quads", "--resolution", "64,48", "--deterministic", "-o", "image")
+Damage = Callable[[Path], object]
+
+
+class Run(NamedTuple):
+    code: int
+    images: tuple[bytes, ...]
+    said: list[str]
+
+
+def run(folder: Path, device: str, *options: str, before: str = "") -> Run:
+    """A run with the cache in `folder`; `before`: Python that comes first."""
+    for name in ("image.exr", "image.png"):
+        (folder / name).unlink(missing_ok=True)
+    environment = {name: value for name, value in os.environ.items() if "POCL_CACHE_DIR" not in name}
+    # A cache that cannot be written lets the temporary folder serve, which the tests do not share.
+    environment |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
+    code = f"import sys, resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); sys.argv[0] = 'clshade'\n{before}"
+    code += "\nfrom clshade.__main__ import entry; entry()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *SMALL, "--device", device, *options],
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    images = tuple(path.read_bytes() for path in sorted(folder.glob("image.*")))
+    return Run(done.returncode, images, done.stderr.splitlines())
+
+
+@pytest.fixture(scope="module")
+def kept(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
+    """A folder with the cache that a run leaves, and what a run that finds all in it gives."""
+    if "portable computing" not in opened.platform.lower():
+        pytest.skip("only PoCL keeps its kernels in our folder")
+    folder = tmp_path_factory.mktemp("kept")
+    first = run(folder, opened.index)
+    assert first.code == 0, first.said
+    second = run(folder, opened.index)
+    assert (second.code, second.images, second.said) == (0, first.images, [])
+    return folder, second
+
+
+@pytest.fixture
+def cached(kept: tuple[Path, Run], tmp_path: Path) -> Path:
+    """A folder with a copy of that cache."""
+    shutil.copytree(kept[0] / "cache", tmp_path / "cache")
+    return tmp_path
+
+
+# Ways to damage files
+
+
+def cut(share: float) -> Damage:
+    return lambda path: os.truncate(path, int(path.stat().st_size * share))
+
+
+def flip(seed: int) -> Damage:
+    """Thirty bits, here and there."""
+
+    def change(path: Path) -> None:
+        drawn, data = random.Random(f"{seed} {path.name}"), bytearray(path.read_bytes())
+        for _ in range(30):
+            data[drawn.randrange(len(data))] ^= 1 << drawn.randrange(8)
+        path.write_bytes(data)
+
+    return change
+
+
+def fill(path: Path) -> None:
+    path.write_bytes(random.Random(path.name).randbytes(path.stat().st_size))
+
+
+def fill_with(text: str) -> Damage:
+    return lambda path: path.write_text(text)
+
+
+def make_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def every(change: Damage, pattern: str = "*") -> Damage:
+    """The change, of every file that is not empty and has such a name."""
+
+    def apply(cache: Path) -> None:
+        found = [path for path in cache.rglob(pattern) if path.is_file() and path.stat().st_size]
+        assert found
+        for path in found:
+            change(path)
+
+    return apply
+
+
+def file_instead(name: str) -> Damage:
+    def apply(cache: Path) -> None:
+        shutil.rmtree(cache / name)
+        (cache / name).write_text("x")
+
+    return apply
+
+
+def with_pyopencls(change: Damage) -> Damage:
+    """Of the file in which pyopencl would keep what it generates."""
+
+    def apply(cache: Path) -> None:
+        version = ".".join(map(str, sys.version_info))
+        path = cache / "pytools" / f"pdict-v5-pyopencl-invoker-cache-v42-nano-{version}.sqlite"
+        path.parent.mkdir()
+        path.write_bytes(b"x" * 20_000)
+        change(path)
+
+    return apply
+
+
+KINDS: dict[str, Damage] = {
+    "all empty": every(cut(0)),
+    "all half": every(cut(0.5)),
+    "all garbage": every(fill),
+    "so empty": every(cut(0), "*.so"),
+    "so half": every(cut(0.5), "*.so"),
+    "so a tenth": every(cut(0.1), "*.so"),
+    "so garbage": every(fill, "*.so"),
+    **{f"so flips {seed}": every(flip(seed), "*.so") for seed in range(3)},
+    "so a folder": every(make_folder, "*.so"),
+    "bc half": every(cut(0.5), "*.bc"),
+    "bc flips": every(flip(9), "*.bc"),
+    "verdict garbage": every(fill, "*.json"),
+    "verdict {}": every(fill_with("{}"), "*.json"),
+    "verdict nested": every(fill_with("[" * 100_000), "*.json"),
+    "verdict null": every(fill_with("null"), "*.json"),
+    "sqlite garbage": with_pyopencls(fill),
+    "slot a file": file_instead("clshade/slot-0"),
+    "clshade a file": file_instead("clshade"),
+    "binaries garbage": lambda cache: [fill_with("x" * 80)(path) for path in cache.glob("clshade/slot-0/binaries/*")],
+    "seal garbage": every(fill, "seal"),
+    "seal lost": lambda cache: (cache / "clshade/slot-0/seal").unlink(),
+    "half the programs lost": lambda cache: shutil.rmtree(next((cache / "clshade/slot-0/pocl").glob("*/*"))),
+    "lock a folder": lambda cache: make_folder(cache / "clshade/slot-0/lock"),
+    "pocl a file": file_instead("clshade/slot-0/pocl"),
+    "verdicts a file": file_instead("clshade/verdicts"),
+}
+THROWN_AWAY = ("all", "so", "bc", "binaries", "seal garbage")  # what a line says
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_damage(kept: tuple[Path, Run], cached: Path, opened: Device, kind: str) -> None:
+    KINDS[kind](cached / "cache")
+    first = run(cached, opened.index)
+    assert (first.code, first.images) == (0, kept[1].images), first.said
+    thrown = [line for line in first.said if "is thrown away and compiled anew: " in line]
+    assert len(thrown) == kind.startswith(THROWN_AWAY)
+    others = [line for line in first.said if line not in thrown]
+    assert all(line.startswith("clshade: compiling kernels for ") for line in others), first.said
+    assert run(cached, opened.index) == kept[1], "and the next one has nothing to compile or to say"
+
+
+def test_a_flipped_bit_is_found_before_it_is_run(kept: tuple[Path, Run], cached: Path, opened: Device) -> None:
+    """In any compiled file, were it one that would only draw wrong pixels."""
+    path = sorted((cached / "cache").rglob("*.so"))[-1]
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 4
+    path.write_bytes(data)
+    found = run(cached, opened.index)
+    assert (found.code, found.images) == (0, kept[1].images)
+    slot = cached / "cache" / "clshade" / "slot-0"
+    line = f"clshade: warning: the kernel cache {slot} is thrown away and compiled anew: {path.name} is damaged"
+    assert found.said[0] == line
+    assert all("compiling kernels" in line for line in found.said[1:])
+
+
+CRASHES = """
+import os
+import pyopencl as cl
+cl.{function} = lambda *arguments, **options: os.abort()
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("function", ["Program", "enqueue_nd_range_kernel"], ids=["loading", "launching"])
+def test_a_run_that_died_of_what_is_cached(kept: tuple[Path, Run], cached: Path, opened: Device, function: str) -> None:
+    died = run(cached, opened.index, before=CRASHES.format(function=function))
+    assert died.code == -6
+    found = run(cached, opened.index)
+    assert (found.code, found.images) == (0, kept[1].images)
+    assert found.said[0].endswith("is thrown away and compiled anew: a run that began to use it ended abruptly")
+
+
+@pytest.mark.long
+def test_only_the_first_use_counts(kept: tuple[Path, Run], cached: Path, opened: Device) -> None:
+    """A run that is killed later, here when it would write, throws nothing away."""
+    crash = "import os; from clshade import frame; frame.Frame.write = lambda *_, **__: os.kill(os.getpid(), 9)"
+    assert run(cached, opened.index, before=crash).code == -9
+    assert run(cached, opened.index) == kept[1]
