@@ -30,15 +30,21 @@ def quiet() -> bool:
     return _level < NORMAL
 
 
+def _is_worker() -> bool:
+    """Whether multiprocessing started this process: lines of many would mix with what their parent shows."""
+    module = sys.modules.get("multiprocessing.process")
+    return module is not None and module.parent_process() is not None
+
+
 def warning(text: str) -> None:
-    """A line about what is other than was meant, unless quiet."""
-    if _level >= NORMAL:
+    """A line about what is other than was meant, unless quiet or in a worker."""
+    if _level >= NORMAL and not _is_worker():
         _print(f"warning: {text}")
 
 
 def progress(text: str) -> None:
-    """A line that says what takes long, unless quiet."""
-    if _level >= NORMAL:
+    """A line that says what takes long, unless quiet or in a worker."""
+    if _level >= NORMAL and not _is_worker():
         _print(text)
 
 

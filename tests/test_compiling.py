@@ -105,6 +105,14 @@ def test_what_takes_long_is_said_once(
             assert capfd.readouterr().err == ("" if meanwhile else line), "while it is under way"
 
 
+def test_workers_leave_it_to_the_process_that_started_them(monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
+    telling.progress("one")
+    monkeypatch.setattr("multiprocessing.process._parent_process", object())
+    telling.progress("two")
+    telling.warning("three")
+    assert capfd.readouterr().err == "clshade: one\n"
+
+
 def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     before = programs.waited()
     with programs.first_use(SimpleNamespace(title=""), stored=True) as use:  # type: ignore[arg-type]

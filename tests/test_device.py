@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import sys
 import time
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import OPEN, python
+from processes import OPEN, ROOT, python
 
 from clshade import device, probing
 from clshade.errors import DeviceError
@@ -318,6 +319,12 @@ def test_install_advice(system: str, machine: str, words: list[str], monkeypatch
     advice = probing.install_advice()
     assert all(word in advice for word in words)
     assert ("intel-opencl-rt" in advice) == (machine == "x86_64")
+
+
+def test_no_advice_names_a_package_that_is_not_published() -> None:
+    """Of clshade itself: an extra is installed from a clone, as '.[intel]'."""
+    for path in (*Path(device.__file__).parent.rglob("*.py"), ROOT / "README.md"):
+        assert not re.search(r"pip install[^`\n]*clshade", path.read_text()), path
 
 
 def test_list_and_format_devices(opened: device.Device, fresh_cache: Path) -> None:

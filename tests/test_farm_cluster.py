@@ -169,7 +169,7 @@ def test_workers_and_a_scheduler_exclude_each_other(capsys):
 def test_without_dask(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert 'pip install "clshade[cluster]"' in refused(capsys, "tcp://127.0.0.1:8786")[0]
+    assert 'pip install "dask[distributed]"' in refused(capsys, "tcp://127.0.0.1:8786")[0]
 
 
 def test_the_code_s_digest_changes_with_the_code(tmp_path, monkeypatch):

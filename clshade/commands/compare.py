@@ -86,6 +86,7 @@ def _print(found: Comparison, arguments: argparse.Namespace) -> None:
     from ..checks.image_errors import has_flip, has_ssim
 
     print("\n".join(found.lines()))
-    missing = [name for name, there in (("SSIM", has_ssim()), ("FLIP", has_flip())) if not there]
-    if missing:
-        telling.detail(f"{' and '.join(missing)}: pip install 'clshade[compare]'")
+    packages = ("SSIM", has_ssim(), "scikit-image"), ("FLIP", has_flip(), "flip-evaluator")
+    for name, there, package in packages:
+        if not there:
+            telling.detail(f"{name}: pip install {package}")

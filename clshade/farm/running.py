@@ -185,7 +185,7 @@ def _results(
 ) -> Iterator[Drawn | Lost | Silent]:
     if scheduler is not None:
         if importlib.util.find_spec("distributed") is None:
-            raise InputError('--scheduler: expected dask.distributed, found none: `pip install "clshade[cluster]"`')
+            raise InputError('--scheduler: expected dask.distributed, found none: `pip install "dask[distributed]"`')
         from .cluster import draw_on_cluster
 
         return draw_on_cluster(job, tasks, scheduler, timeout, frame_timeout)
