@@ -1,0 +1,144 @@
+"""How much of anything a file may hold: what stands at a limit is taken, what is one beyond it is refused in a line."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from functools import partial
+
+import numpy as np
+import pytest
+from mesh_writers import pack_glb, ply, triangle
+from scene_files import npy_of_pickle, refusal
+
+from clshade import course_pickle, load, reading
+from clshade.errors import InputError
+from clshade.gltf_buffers import Buffers
+from clshade.gltf_json import Item
+from clshade.images import read_image
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.mtl", "a.png"])
+def test_sizes_of_files(tmp_path, monkeypatch, name):
+    """Sparse files, which are not read: where the size is good, opening them fails."""
+
+    own = tmp_path / "of.obj"
+    own.write_bytes(b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+
+    def opened(path, mode):
+        if os.fspath(path) == str(own):
+            return open(path, mode)
+        raise OSError(5, "opened")
+
+    monkeypatch.setattr(reading, "open", opened, raising=False)
+    path = tmp_path / name
+    readers = {"a.png": partial(read_image, path, srgb=True), "a.mtl": partial(load, own)}
+    read = readers.get(name, partial(load, path))
+    most = {"a.mtl": 1 << 24, "a.png": 1 << 29}.get(name, 1 << 31)
+    for size, part in ((most, "opened"), (most + 1, f"file: expected at most {most} bytes, found {most + 1} bytes")):
+        path.touch()
+        os.truncate(path, size)
+        with pytest.raises(InputError, match=part):
+            read()
+
+
+def png_header(columns: int, rows: int) -> bytes:
+    """A grey PNG without its pixels."""
+    head = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0)
+    chunks = (head, b"IDAT" + zlib.compress(b""), b"IEND")
+    parts = (struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@pytest.mark.parametrize(
+    ("size", "good"),
+    [((8192, 8192), True), ((8193, 8192), False), ((8192, 8193), False)]
+    + [((32768, 1), True), ((32769, 1), False), ((1, 32768), True), ((1, 32769), False), ((32768, 2049), False)],
+)
+def test_pixels_of_images(tmp_path, size, good):
+    (tmp_path / "a.png").write_bytes(png_header(*size))
+    with pytest.raises(InputError) as caught:
+        read_image(tmp_path / "a.png", srgb=True)
+    assert ("at most 32768 pixels a side and 67108864 in all" in str(caught.value)) == (not good)
+
+
+def test_rows_of_gltf_accessors():
+    """2^26 with data, 2^24 without."""
+    views = [{"buffer": 0, "byteLength": (1 << 26) + 1}]
+    text = {"componentType": 5121, "type": "SCALAR"}
+    document = {"buffers": [{"byteLength": (1 << 26) + 1}], "bufferViews": views, "accessors": []}
+    for count in (1 << 24, 1 << 26):
+        for more in (0, 1):
+            fields = {"bufferView": 0} if count == 1 << 26 else {}
+            document["accessors"].append({**text, **fields, "count": count + more})
+    buffers = Buffers(Item(document, "", document, "a.glb"), ".", memoryview(bytes((1 << 26) + 1)))
+    for index, count in ((0, 1 << 24), (2, 1 << 26)):
+        assert buffers.array(index).shape == (count, 1)
+        with pytest.raises(InputError, match=rf"accessors\[{index + 1}\]\.count"):
+            buffers.array(index + 1)
+
+
+def test_nodes_of_gltf_files(tmp_path):
+    document = triangle()
+    document.json["buffers"] = [{"byteLength": len(document.data)}]
+    document.json["nodes"] = [{"mesh": 0}, *({} for _ in range((1 << 16) - 1))]
+    for more, good in ((0, True), (1, False)):
+        document.json["nodes"] += [{}] * more
+        (tmp_path / "a.glb").write_bytes(pack_glb(json.dumps(document.json).encode(), document.data))
+        if good:
+            assert len(load(tmp_path / "a.glb").meshes) == 1
+        else:
+            refusal(tmp_path / "a.glb", "nodes: expected at most 65536, found 65537")
+
+
+def test_headers_and_lists_of_ply_files(tmp_path):
+    """end_header begins within the first 2^16 bytes; an element has at most 8 lists."""
+    points = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    rows = [("3f", corner) for corner in ([0, 0, 0], [1, 0, 0], [0, 1, 0])]
+
+    def written(lists: int, padding: int = 0) -> str:
+        head = points + "element face 1\nproperty list uchar int vertex_indices\n"
+        head += "".join(f"property list uchar uchar l{k}\n" for k in range(lists - 1)) + f"comment {padding * 'c'}\n"
+        data = ply("binary_little_endian", head, [*rows, ("B3i" + "B" * (lists - 1), [3, 0, 1, 2, *[0] * (lists - 1)])])
+        (tmp_path / "a.ply").write_bytes(data)
+        return str(tmp_path / "a.ply")
+
+    assert len(load(written(8)).meshes[0].faces) == 1
+    refusal(written(9), "element face: expected at most 8 lists, found 9")
+    with open(written(1), "rb") as file:
+        room = (1 << 16) - (file.read().index(b"end_header") + len(b"end_header"))
+    assert len(load(written(1, room)).meshes[0].faces) == 1
+    refusal(written(1, room + 1), "header: expected end_header in the first 65536 bytes")
+
+
+def test_facets_of_stl_files(tmp_path):
+    """As many as the head says: no byte less, none more."""
+    path = tmp_path / "a.stl"
+    path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(49))
+    refusal(path, "facet count: expected 134 bytes for its 1 facets, found 133 bytes")
+    path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(51))
+    refusal(path, "facet count: expected 134 bytes")
+    path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(50))
+    assert len(load(path).meshes[0].faces) == 1
+
+
+def test_headers_of_course_files(tmp_path):
+    """At most 4096 bytes."""
+    path = tmp_path / "a.npy"
+    npy_of_pickle(path, b"")
+    header = path.read_bytes()[10:].strip()
+    for length, part in ((4096, "pickle: "), (4097, "header: expected format 1, 2 or 3 and at most 4096 bytes")):
+        path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", length) + header.ljust(length))
+        refusal(path, part)
+
+
+def test_depth_and_parts_of_a_course_files_lists():
+    good = [[[1.0, 2.0]]]
+    assert course_pickle.value("a.npy", "n", good).shape == (1, 1, 2)
+    with pytest.raises(InputError, match="nested too deep"):
+        course_pickle.value("a.npy", "n", [good])
+    small = np.zeros(1 << 20).tolist()
+    with pytest.raises(InputError, match="too long"):
+        course_pickle.value("a.npy", "n", [*small, 1.0])
