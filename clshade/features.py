@@ -25,6 +25,7 @@ CHOICES = (
     "CULL",
     "ORTHOGRAPHIC",
     "CORNER_COLORS",
+    "BRIGHT",
 )
 # Work that a scene may not need: 1 never changes a bit of the image, 0 saves the work.
 OPTIONAL = (
@@ -119,6 +120,20 @@ def _is_white(mesh: Mesh) -> bool:
     return mesh.colors is None or not (mesh.colors != 1.0).any()
 
 
+def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
+    """Whether colors beyond 1 may be interpolated. at_corners: texture_at vertex, where texels are, too."""
+    looked_up = at_corners and texture_applies(mesh)
+    if mesh.colors is None and not looked_up:
+        return False
+    most = np.abs(mesh.material.color)
+    with np.errstate(over="ignore"):
+        if mesh.colors is not None and not replaces_colors(mesh):
+            most = most * np.maximum(mesh.colors.max(axis=0, initial=0.0), -mesh.colors.min(axis=0, initial=0.0))
+        if looked_up:
+            most = most * np.abs(mesh.material.texture.image[..., :3]).max(axis=(0, 1))  # type: ignore[union-attr]
+    return bool((most > 1.0).any())
+
+
 def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
     return any(value.any() for value in values)
 
@@ -209,16 +224,25 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
     }
 
 
-def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool) -> Features:
-    """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background."""
+def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool, bright: bool = False) -> Features:
+    """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background.
+
+    bright: whether colors beyond 1 are interpolated."""
     lit = shader != "nolight"
-    values = {"PHONG": int(shader == "phong"), "CENTROID": 1, "VERTEX_COLORS": 1}
+    values = {
+        "PHONG": int(shader == "phong"),
+        "CENTROID": 1,
+        "VERTEX_COLORS": 1,
+        "BRIGHT": int(bright and shader == "phong"),
+    }
     unneeded = _unneeded_terms([material], ambient, lit, lit and shining)
     values.update({name: int(not reason) for name, reason in unneeded.items()})
     return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
 
 
-def _choices(scene: Scene, settings: Settings, *, culls: bool, at_corners: bool, relit: bool) -> dict[str, bool]:
+def _choices(
+    scene: Scene, settings: Settings, meshes: list[Mesh], *, culls: bool, at_corners: bool, relit: bool
+) -> dict[str, bool]:
     """Those of CHOICES. relit: whether light is forced upon shader nolight."""
     return {
         "FAST": settings.precision == "fast",
@@ -235,6 +259,8 @@ def _choices(scene: Scene, settings: Settings, *, culls: bool, at_corners: bool,
         "CULL": culls,
         "ORTHOGRAPHIC": scene.camera.orthographic,
         "CORNER_COLORS": at_corners,
+        # Of the others the errors are measured by the brightest corner, of this one by the color at the pixel.
+        "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
     }
 
 
@@ -256,7 +282,8 @@ def derive(
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
     at_corners = any(map(texture_applies, meshes)) and settings.texture_at == "vertex"
-    choices = _choices(scene, settings, culls=_culls(materials, settings), at_corners=at_corners, relit="LIT" in forced)
+    culls, relit = _culls(materials, settings), "LIT" in forced
+    choices = _choices(scene, settings, meshes, culls=culls, at_corners=at_corners, relit=relit)
     terms = _unneeded_terms(materials, scene.ambient, lit, shining)
     read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
     unread = (

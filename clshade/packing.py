@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,9 @@ def _unit(vectors: Array) -> Array:
 def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
     normals = np.asarray(mesh.normals, np.float64)
     if matrix is not None:
-        m = matrix[:3, :3]
+        # By powers of two to about 1: products neither overflow nor vanish.
+        m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
+        normals = np.ldexp(normals, -np.frexp(np.abs(normals).max(axis=1, keepdims=True, initial=0.0))[1])
         # The cofactor matrix turns normals as the matrix turns planes, also where it has no inverse.
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
         normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
@@ -98,8 +101,20 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
 
 
 def mirrors(matrix: Array | None) -> bool:
-    """Whether a placement turns left into right. Its faces then run the other way, so that front stays front."""
-    return matrix is not None and float(np.linalg.det(matrix[:3, :3])) < 0.0
+    """Whether a placement turns left into right: its determinant is negative, exactly, for of placements that flatten float64
+    leaves no more than a random sign. Its faces then run the other way, so that front stays front."""
+    if matrix is None:
+        return False
+    (a, b, c), (d, e, f), (g, h, i) = np.ldexp(
+        matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max(axis=1, keepdims=True))[1]
+    ).tolist()
+    products = a * e * i, b * f * g, c * d * h, -c * e * g, -b * d * i, -a * f * h
+    determinant = math.fsum(products)
+    # Each product is right to 2^-52 of itself, unless it underflows.
+    if abs(determinant) > 2.0**-50 * math.fsum(map(abs, products)) + 1e-300:
+        return determinant < 0.0
+    a, b, c, d, e, f, g, h, i = map(Fraction, matrix[:3, :3].ravel().tolist())
+    return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
 
 
 def _turned(index: Array, matrix: Array | None) -> Array:

@@ -66,8 +66,9 @@ class _Lit:
         self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
 
 
-def _features(shader: str, around: Surroundings) -> Features:
-    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()))
+def _features(shader: str, around: Surroundings, bright: bool = False) -> Features:
+    """bright: see `derive_alone`."""
+    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()), bright)
 
 
 @cache
@@ -209,7 +210,7 @@ def _draw(
     resolution: tuple[int, int],
 ) -> Array | None:
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
-    stages = scene_stages(device, _features(shader, around))
+    stages = scene_stages(device, _features(shader, around, bool((np.abs(attributes[1]) > 1.0).any())))
     lit = _Lit(device, around, attributes[1])
     table = np.zeros(1, layout.SINGLE.Image)
     table["columns"], table["rows"] = columns, rows = resolution

@@ -31,8 +31,8 @@ INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, global const Tria
 #endif
 #if VERTEX_COLORS || CORNER_COLORS
     put_color(&seen->color, mine,
-              mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
-                          in->colors[color_index(in, face, 2)]));
+              mix_colors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                         in->colors[color_index(in, face, 2)]));
 #endif
 #if MATERIALS
     put_surface(&seen->surface, mine, material_of(in, face));
@@ -66,9 +66,9 @@ INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 
 #endif
 #if CORNER_COLORS
     CornerRows color = rows_of(t.face);
-    put_color(&seen->color, mine, mix_gathered(m, in->colors, &color, (reals)(1.0f)));
+    put_color(&seen->color, mine, mix_gathered_colors(m, in->colors, &color));
 #elif VERTEX_COLORS
-    put_color(&seen->color, mine, mix_gathered(m, in->colors, &vertex, (reals)(1.0f)));
+    put_color(&seen->color, mine, mix_gathered_colors(m, in->colors, &vertex));
 #endif
     put_surfaces(&seen->surface, mine, in, t.face);
     return mine;

@@ -38,16 +38,17 @@ def light(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
 
 
 def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -> Array:
-    """What float32 may be off by, (..., 3): all of the light budget where a highlight may be decided either way."""
+    """What float32 may be off by, (..., 3), highlights that may be decided either way included."""
     point, normal, eye = (np.asarray(v, np.float64) for v in (point, normal, eye))
     positions = np.asarray(positions, np.float64).reshape(-1, 3)
     length = np.sqrt((normal * normal).sum(axis=-1))
     extent = np.abs(point - eye).max(axis=-1)
-    kappa = shade.conditioning(point, extent, np.where(length > 0.0, length, 1.0), eye, positions)
+    around = extent, np.where(length > 0.0, length, 1.0)
+    kappa = shade.conditioning(point, *around, eye, positions)
     budget = shade.budget(np.asarray(color, np.float64), k_a, np.asarray(k_d), np.asarray(k_s), intensities)
-    gate = shade.at_gate(point, normal, eye, positions) & bool(np.any(k_s))
-    share = np.where(gate, 1.0, FACTOR * np.sqrt(max(n, 1.0)) * HALF_ULP * kappa)
-    return np.minimum(share, 1.0)[..., None] * budget + TINY
+    jump = shade.jumps(point, normal, *around, np.float64(n), eye, positions, np.reshape(intensities, (-1, 3)))
+    share = np.minimum(FACTOR * np.sqrt(max(n, 1.0)) * HALF_ULP * kappa, 1.0)
+    return share[..., None] * budget + jump * np.abs(np.asarray(color) * k_s) + TINY
 
 
 def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[Array, Array, Array]:

@@ -170,11 +170,12 @@ def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inp
     eye = np.zeros(3)
     light = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, positions, intensities)
     length = np.sqrt((normal * normal).sum(axis=-1))
+    place = point, normal, extent, length
     return {
         "rgb": color * light,
         "budget": shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, intensities),
         "kappa": shade.conditioning(point, extent, length, eye, positions),
-        "gate": shade.at_gate(point, normal, eye, positions),
+        "jump": np.abs(color * surface.ks) * shade.jumps(*place, surface.n, eye, positions, intensities),
         "exponent": surface.n,
     }
 
@@ -211,7 +212,7 @@ def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[st
         "rgb": np.zeros((*shape, 3)),
         "budget": np.zeros((*shape, 3)),
         "kappa": np.ones(shape),
-        "gate": np.zeros(shape, bool),
+        "jump": np.zeros((*shape, 3)),
         "exponent": np.ones(shape),
     }
     for name, values in found.items():

@@ -219,11 +219,12 @@ def test_a_highlights_gate_may_be_decided_either_way():
     assert clshade.check(frame, "all").gates == 0
     rows, columns = np.divmod(np.arange(4800), 80)
     expected = oracle.sample(frame.scene, frame.settings, rows, columns)
-    gate = expected.gate.copy()
-    gate[30 * 80 + 40] = True
-    found = checking._Found(frame, replace(expected, gate=gate), rows, columns)
-    assert found.gates.sum() == 1
-    assert found.counted.max() <= 1.0
+    for highlight, excepted in ((1e-3, True), (9e-4, False)):
+        jump = expected.jump.copy()
+        jump[30 * 80 + 40] = highlight
+        found = checking._Found(frame, replace(expected, jump=jump), rows, columns)
+        assert found.gates.sum() == int(excepted)
+        assert (found.counted.max() <= 1.0) is excepted
 
 
 # The sample

@@ -59,6 +59,12 @@ def test_one_triangle(shader, count):
     assert (before == X).all()
 
 
+def test_a_glaring_corner_costs_the_others_no_digits():
+    """Opposite a corner of 1e6, the pixel's own color is what the bound is of."""
+    glaring = np.array([[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]])
+    assert_drawn(draw("phong", verts_c=glaring), expect("phong", verts_c=glaring))
+
+
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("n", [1, 200, 1e4])
 def test_exponents(shader, n):

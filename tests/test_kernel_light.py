@@ -129,14 +129,15 @@ def test_light_at_random_points(device, n):
     found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
     wide = [a.astype(np.float64) for a in (points, normals, colors, positions, intensities, kd, ks)]
     p, m, c, l_pos, l_int, kd, ks = wide
+    around = np.abs(p).max(axis=1), np.ones(count)
     expected = OracleFrame(
         rgb=(c * shade.reflected(p, m, EYE, kd, ks, np.float64(n), l_pos, l_int))[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
         budget=shade.budget(c, np.zeros(3), kd, ks, l_int)[None],
-        kappa=shade.conditioning(p, np.abs(p).max(axis=1), np.ones(count), EYE, l_pos)[None],
-        gate=shade.at_gate(p, m, EYE, l_pos)[None],
+        kappa=shade.conditioning(p, *around, EYE, l_pos)[None],
+        jump=(np.abs(c * ks) * shade.jumps(p, m, *around, np.float64(n), EYE, l_pos, l_int))[None],
         exponent=np.full((1, count), n),
     )
     steep = np.zeros((1, count), bool)

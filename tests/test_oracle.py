@@ -276,15 +276,42 @@ def test_highlight_against_mpmath(n):
 
 def test_conditioning_budget_and_gate():
     eye, lights = np.zeros(3), np.array([[0.0, 0, -4]])
-    point, normal = np.array([[0.0, 0, -5], [0, 0, -4.001]]), np.array([0.0, 0, 1])
+    point = np.array([[0.0, 0, -5], [0, 0, -4.001]])
     kappa = shade.conditioning(point, np.array([5.0, 5.0]), np.array([1.0, 1.0]), eye, lights)
     assert close(kappa, [5, 5000], rtol=1e-9)
     assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
     found = shade.budget(np.array([0.5, 1, 3]), np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3), [[2.0, 2, -2]] * 2)
     assert close(found, [2.1, 2.1, 6.1])
-    grazing = np.array([[0.0, 0, -4 - 1e-7], [0, 0, -4.1], [0.0, 0, -4]]) + [[1, 0, 0], [1, 0, 0], [0, 0, 0]]
-    assert shade.at_gate(grazing, normal, eye, lights).tolist() == [True, False, True]
-    assert not shade.at_gate(grazing, np.zeros(3), eye, lights).any()
+    # Seen along parallel lines directions to the eye are exact, and coordinates count from the origin.
+    beside = point[:1] + [0, 0, 1]
+    assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights, True) == pytest.approx(1e6)
+    assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights * 1e9, True) == pytest.approx(1)
+
+
+def jump(light, n=2.0, normal=(0.0, 0, 1), length=1.0):
+    """By how much a light may jump at (2, 0, -2), which the eye sees at 45 degrees to its normal."""
+    point, lights = np.array([[2.0, 0, -2]]), np.array([light])
+    around = np.array([2.0]), np.array([length]), np.float64(n)
+    return shade.jumps(point, np.array(normal), *around, np.zeros(3), lights, np.array([[1.0, 2, -3]]))[0]
+
+
+def test_highlights_that_may_be_decided_either_way():
+    """A light 1 away and 3 from the eye has kappa 3: 3e-6 of N.L and R.V are in doubt."""
+    for height in (2.9e-6, -2.9e-6):  # N.L; R.V is sqrt(1/2)
+        assert close(jump((3, 0, -2 + height)), [0.5, 1, 1.5], rtol=1e-5)
+        assert close(jump((3, 0, -2 + height), n=20.0), np.array([1, 2, 3]) / 1024, rtol=1e-4)
+    assert not jump((3, 0, -2 + 3.1e-6)).any()
+    assert not jump((3, 0, -2 - 3.1e-6)).any()
+    # R.V < 0 where the light is beyond the point's other side: nothing behind the gate.
+    assert not jump((1, 0, -2)).any()
+    # The mean normal's length: 1/10 leaves 1e-5 in doubt.
+    assert close(jump((3, 0, -2 + 9.9e-6), length=0.1), [0.5, 1, 1.5], rtol=1e-4)
+    # The light towards the eye: R.V = 0. What is behind the gate is next to nothing where n is not.
+    assert close(jump((1, 0, -1), n=0.0), [1, 2, 3])
+    assert close(jump((1, 0, -1), n=1.0), [0, 0, 0], atol=1e-5)
+    assert jump((1, 0, -1), n=0.5).max() > 1e-3
+    assert not jump((1, 0, -1.001), n=0.0).any()
+    assert not jump((3, 0, -2), normal=(0.0, 0, 0)).any()
 
 
 # Texture

@@ -354,19 +354,19 @@ def test_depth_ties_are_excepted_only_with_proof():
         compare.assert_same_ids(frame, expected, scene, settings)
 
 
-def test_gates_are_excepted_up_to_the_budget_and_counted(case):
+def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
     expected, frame = case[0], rounded(case[0])
     at = tuple(np.argwhere(expected.id > 0)[0])
     frame.rgb[at] += 0.5 * expected.budget[at].astype(np.float32)
-    gate = np.zeros_like(expected.gate)
-    gate[at] = True
-    marked = replace(expected, gate=gate)
+    jump = np.zeros_like(expected.jump)
+    jump[at] = 0.5 * expected.budget[at]
+    marked = replace(expected, jump=jump)
     compare.assert_colors_within(frame.rgb, marked)
     with pytest.raises(AssertionError, match="too many"):
         compare.assert_colors_within(frame.rgb, marked, gate_fraction=1e-6)
     with pytest.raises(AssertionError, match="colors off"):
         compare.assert_colors_within(frame.rgb, expected)
-    frame.rgb[at] += 2 * expected.budget[at].astype(np.float32)
+    frame.rgb[at] += 0.01 * expected.budget[at].astype(np.float32)
     with pytest.raises(AssertionError, match="colors off"):
         compare.assert_colors_within(frame.rgb, marked)
 

@@ -41,7 +41,8 @@ class Check:
     ties: pixels with another owner at a depth within 2^-38 of its own, which either may own; not counted as
         wrong. With several samples also pixels of the same id, if of any: those whose color is off, where one
         of the samples has two nearest faces as close as that; nor do they count in `bounds`.
-    gates: pixels more bounds off than allowed where a highlight may be decided either way; not counted in `bounds`.
+    gates: pixels more bounds off than allowed, by no more than a highlight that may be decided either way; not counted in
+        `bounds`.
     depth: the largest relative error of Z, in 2^-24; 8 are allowed (2^-53 and 16 of float64). None without the layer Z.
     ids: whether owners were compared; without the layer id only coverage is.
     precision: of the frame.
@@ -198,14 +199,13 @@ class _Found:
             different, unproven = compare.different_ids(frame["id"][where], expected, scene, settings, where)
             self.wrong |= unproven
             self.ties = different & ~unproven
+        gates = compare.excepted_at_gates(np.nan_to_num(rgb), expected, self.allowed, precision)
         if "id" not in frame.layers or settings.samples > 1:
-            suspects = (ratio > self.allowed) & ~expected.gate & (expected.alpha > 0.0)
+            suspects = (ratio > self.allowed) & ~gates & (expected.alpha > 0.0)
             self.ties |= compare.depth_ties(scene, settings, suspects, where)
         compared = ~self.wrong & ~self.ties
         self.error = np.where(compared, ratio, 0.0)
-        over = self.error > self.allowed
-        jumps = (absolute <= expected.budget + self.allowed * compare.color_bound(expected, precision)).all(axis=-1)
-        self.gates = over & expected.gate & jumps
+        self.gates = compared & gates
         self.counted = np.where(self.gates, 0.0, self.error)
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(absolute > 0.0, absolute / expected.budget, 0.0).max(axis=-1)

@@ -197,6 +197,14 @@ def color_errors(rgb: np.ndarray, oracle: OracleFrame, precision: str = "float32
         return error, np.where(error > 0.0, error / color_bound(oracle, precision), 0.0).max(axis=-1)
 
 
+def excepted_at_gates(rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str = "float32") -> np.ndarray:
+    """(M, N) bool: pixels more than `factor` bounds off, but by no more than the highlights that rounding may open or close
+    there, and `factor` bounds."""
+    error, ratio = color_errors(rgb, oracle, precision)
+    within = error <= oracle.jump + factor * color_bound(oracle, precision)
+    return oracle.gate & (ratio > factor) & within.all(axis=-1)
+
+
 def assert_colors_within(
     rgb: np.ndarray,
     oracle: OracleFrame,
@@ -209,8 +217,8 @@ def assert_colors_within(
 ) -> float:
     """Colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
 
-    gate_fraction: where the oracle says that a highlight may be decided either way, a pixel may be off by up to its
-    light budget; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
+    gate_fraction: where the oracle says that a highlight may be decided either way, a pixel may be off by up to that
+    highlight; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
     """
     assert_array("rgb", rgb, oracle.rgb.shape, dtype)
     skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
@@ -222,16 +230,15 @@ def _colors_agree(
 ) -> Agreement:
     """The comparison of `assert_colors_within`."""
     looked_at = ~skip
-    error, ratio = color_errors(rgb, oracle, precision)
-    jumps = looked_at & oracle.gate & (ratio > factor)
+    ratio = color_errors(rgb, oracle, precision)[1]
+    jumps = looked_at & excepted_at_gates(rgb, oracle, factor, precision)
     if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.id))):
         raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
-    bad = jumps & (error > oracle.budget + factor * color_bound(oracle, precision)).any(axis=-1)
-    bad |= looked_at & ~oracle.gate & (ratio > factor)
+    bad = looked_at & ~jumps & (ratio > factor)
     if bad.any():
         columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
         raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
-    return Agreement(float(ratio[looked_at & ~oracle.gate].max(initial=0.0)), skip, jumps)
+    return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
 
 
 def depth_roundings(Z: np.ndarray) -> int:

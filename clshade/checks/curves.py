@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import figures, oracle
-from ..oracle import coverage, transform
+from ..oracle import coverage, shade, transform
 from ..scene import Scene, Settings
 from ..validation import Array
 from . import compare
@@ -87,7 +87,9 @@ def distance(bench: Bench) -> Curve:
         position = (near_light(reach)[0][:1] - eye).astype(F).astype(np.float64)
         lights = position, np.ones((1, 3))
         expected = expected_light(seen, normals, lights, n)
-        budget = expected.budget[0, :, 0] * ~expected.gate[0] + 1e30 * expected.gate[0]
+        n_l, r_v, _ = shade.angles(seen, normals.astype(np.float64), np.zeros(3), position[0])
+        gate = np.minimum(np.abs(n_l), np.abs(r_v)) < shade.GATE
+        budget = np.where(gate, 1e30, expected.budget[0, :, 0])
         found = bench.light(seen, normals, lights, n=n)[:, 0].astype(np.float64)
         plain = naive_light(seen, normals, position, n, 1.0, 1.0)
         ours.append(_largest(np.abs(found - expected.rgb[0, :, 0]) / budget))

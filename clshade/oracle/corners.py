@@ -10,7 +10,7 @@ import numpy as np
 from ..scene import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
-from .transform import world_vertices
+from .transform import mirrors, world_vertices
 from .vectors import Array
 
 MOST_UV = 2.0**40  # whole numbers beyond 2^24 have no texel of their own left in float32
@@ -35,7 +35,7 @@ def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Ar
     verts = world_vertices(mesh.verts, matrix)
     if mesh.normals is None or compute_normals:
         normals = vertex_normals(verts, mesh.faces)[mesh.faces]
-        if np.linalg.det(matrix[:3, :3]) < 0.0:
+        if mirrors(matrix):
             normals = -normals
     else:
         used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
@@ -61,7 +61,7 @@ def gather(scene: Scene) -> Corners:
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors turns the corners' order round: what was the front stays the front.
-            turned = slice(None) if np.linalg.det(matrix[:3, :3]) >= 0.0 else [0, 2, 1]
+            turned = [0, 2, 1] if mirrors(matrix) else slice(None)
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
             colors.append(mesh_colors[:, turned])

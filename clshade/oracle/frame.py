@@ -32,10 +32,10 @@ class OracleFrame:
     budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
         its own absolute value.
     kappa: (M, N) amplification of rounding errors by the light's geometry.
-    gate: (M, N) bool, True where a highlight may be decided either way.
+    jump: (M, N, 3) by how much highlights may change the color that may be decided either way, see `shade.jumps`.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
-    those of the sample nearest the center, kappa, gate and exponent the worst of all, budget the mean.
+    those of the sample nearest the center, kappa and exponent the worst of all, budget and jump the mean.
     """
 
     rgb: Array
@@ -44,8 +44,13 @@ class OracleFrame:
     Z: Array
     budget: Array
     kappa: Array
-    gate: Array
+    jump: Array
     exponent: Array
+
+    @property
+    def gate(self) -> Array:
+        """(M, N) bool: where a highlight may be decided either way."""
+        return np.asarray((self.jump > 0.0).any(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +247,7 @@ def _resolved(
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     if settings.resolve == "weighted" and scene.background is None:
         weights[0] = np.zeros_like(weights[0])  # nothing has no color to be weighed: the mean of what is covered
-    whole, rgb, budget = np.zeros(len(total.Z)), np.zeros_like(total.rgb), np.zeros_like(total.rgb)
+    whole, rgb, budget, jump = np.zeros(len(total.Z)), *(np.zeros_like(total.rgb) for _ in range(3))
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
         rgb[lit] += weight[:, None] * part.rgb
@@ -256,12 +261,15 @@ def _resolved(
             apart = (np.abs(part.rgb) + np.abs(rgb[lit])) * sampling.weight(part.rgb, settings.resolve)[:, None]
             most = most + apart * most.max(axis=-1, keepdims=True)
         budget[lit] += (weight / whole[lit])[:, None] * most
-    measures = {name: getattr(total, name).copy() for name in ("kappa", "gate", "exponent")}
+        jump[lit] += (weight / whole[lit])[:, None] * part.jump
+    if settings.resolve == "weighted":  # a jump is one of the weights too, and not a small one
+        jump = np.where((jump > 0.0).any(axis=-1, keepdims=True), budget, 0.0)
+    measures = {name: getattr(total, name).copy() for name in ("kappa", "exponent")}
     for lit, _, part in parts:
         for name, worst in measures.items():
             worst[lit] = np.maximum(worst[lit], getattr(part, name))
     nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
-    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, **measures)
+    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, jump=jump, **measures)
 
 
 def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
@@ -296,7 +304,7 @@ def _background(scene: Scene, count: int) -> OracleFrame:
         Z=np.full(count, np.inf),
         budget=np.tile(np.abs(color), (count, 1)),
         kappa=np.ones(count),
-        gate=np.zeros(count, bool),
+        jump=np.zeros((count, 3)),
         exponent=np.ones(count),
     )
 

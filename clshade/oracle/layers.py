@@ -11,6 +11,7 @@ from . import coverage, shade
 from .corners import interpolated
 from .frame import BATCH, Prepared, face_weight_steps, face_weights, opaque_test, owners, prepare, samples_of
 from .pixels import blend, shade_pixels
+from .transform import mirrors
 from .vectors import Array, length, unit
 
 
@@ -72,7 +73,7 @@ def mirrored_faces(scene: Scene) -> Array:
     found = [np.zeros(0, bool)]
     for mesh in scene.meshes:
         for matrix in np.asarray(mesh.instances):
-            found.append(np.full(len(mesh.faces), np.linalg.det(matrix[:3, :3]) < 0.0))
+            found.append(np.full(len(mesh.faces), mirrors(matrix)))
     return np.concatenate(found)
 
 

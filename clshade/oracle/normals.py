@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .vectors import Array, cross, dot, power_of_two, unit
+from .transform import mirrors
+from .vectors import Array, cross, power_of_two, unit
 
 CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
 
@@ -41,6 +42,6 @@ def placed_normals(normals: Array, matrix: Array) -> Array:
         return unit(normals)
     rows = matrix[:3, :3] / power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
     cofactors = np.stack([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
-    if dot(rows[0], cofactors[0]) < 0.0:
+    if mirrors(matrix):
         cofactors = -cofactors
     return unit(unit(normals) @ cofactors.T)

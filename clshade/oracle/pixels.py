@@ -15,12 +15,12 @@ from .vectors import Array, length
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Per pixel: rgb and budget (K, 3); kappa, gate and exponent (K,). See frame.OracleFrame."""
+    """Per pixel: rgb, budget and jump (K, 3); kappa and exponent (K,). See frame.OracleFrame."""
 
     rgb: Array
     budget: Array
     kappa: Array
-    gate: Array
+    jump: Array
     exponent: Array
 
 
@@ -134,7 +134,7 @@ def _nolight(batch: Batch) -> Shaded:
     rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
     worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most
     budget, ones = np.maximum(worst_color, 1.0), np.ones(len(rgb))
-    return Shaded(rgb, budget, ones, np.zeros(len(rgb), bool), ones)
+    return Shaded(rgb, budget, ones, np.zeros_like(rgb), ones)
 
 
 def _gouraud(batch: Batch) -> Shaded:
@@ -151,12 +151,14 @@ def _gouraud(batch: Batch) -> Shaded:
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
-    kappa = shade.conditioning(points, batch.extent[:, None], np.ones(1), eye, lights.positions)
+    place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
+    kappa = shade.conditioning(*place, eye, lights.positions, parallel)
     kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
-    gate = shade.at_gate(points, normals, eye, lights.positions).any(axis=1) & (batch.surface.ks != 0.0).any(axis=1)
+    jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel)
+    jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, kappa[where], gate[where], pixel.n)
+    return Shaded(rgb, budget, kappa[where], jump * worst_color, pixel.n)
 
 
 def _phong(batch: Batch) -> Shaded:
@@ -172,9 +174,12 @@ def _phong(batch: Batch) -> Shaded:
     rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
-    kappa = shade.conditioning(point, batch.extent[where], normal_length, eye, lights.positions)
+    extent, parallel = batch.extent[where], batch.view is not None
+    kappa = shade.conditioning(point, extent, normal_length, eye, lights.positions, parallel)
     kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
-    gate = shade.at_gate(point, normal, eye, lights.positions) & (surface.ks != 0.0).any(axis=1)
-    most = vertex_color * batch.texel.most
+    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel
+    # Of corners with colors of both signs each is rounded by itself.
+    most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most
+    jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most
     budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, kappa, gate, surface.n)
+    return Shaded(rgb, budget, kappa, jump, surface.n)

@@ -5,6 +5,7 @@ Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; sn
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,13 @@ def world_vertices(verts: Array, matrix: Array) -> Array:
     if np.array_equal(matrix, np.eye(4)):
         return verts
     return verts @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def mirrors(matrix: Array) -> bool:
+    """Whether a placement (4, 4) turns left into right: is its determinant negative? By rational numbers: of a placement
+    that flattens rounding would leave a random sign."""
+    (a, b, c), (d, e, f), (g, h, i) = (map(Fraction, row) for row in matrix[:3, :3].tolist())
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0
 
 
 def to_camera(points: Array, eye: Array, axes: Array) -> Array:

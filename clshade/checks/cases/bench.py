@@ -162,7 +162,7 @@ def wrong_pixels(found: Array, expected: Array, detail: str = "") -> Outcome:
 def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors: bool = True) -> Outcome:
     """Ids and coverage exact but for proven depth ties, depths within their roundings, colors within BOUNDS.
 
-    Pixels at a highlight's gate may be off by their light budget.
+    Pixels at a highlight's gate may be off by that highlight.
     """
     if expected is None:
         expected = oracle.render(frame.scene, frame.settings)
@@ -177,13 +177,12 @@ def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors:
 
 
 def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, limit: float = BOUNDS) -> Outcome:
-    """Errors of colors (M, N, 3) in bounds; what is not finite, or at a gate off by more than the budget, is wrong."""
+    """Errors of colors (M, N, 3) in bounds; what is not finite is wrong, and what a highlight at its gate
+    explains is not counted."""
     error, ratio = compare.color_errors(rgb, expected)
     seen = np.ones(ratio.shape, bool) if skip is None else ~skip
-    over = (error > expected.budget + limit * compare.color_bound(expected)).any(axis=-1)
-    bad = seen & (~np.isfinite(rgb).all(axis=-1) | (expected.gate & over))
-    measured = seen & ~expected.gate & np.isfinite(ratio)
-    bad |= seen & ~expected.gate & ~np.isfinite(ratio)
+    bad = seen & ~(np.isfinite(rgb).all(axis=-1) & np.isfinite(ratio))
+    measured = seen & ~compare.excepted_at_gates(rgb, expected, limit) & np.isfinite(ratio)
     with np.errstate(divide="ignore", invalid="ignore"):
         roundings = np.where(error > 0.0, error / expected.budget, 0.0).max(axis=-1) / compare.HALF_ULP
     return Outcome(
@@ -211,6 +210,7 @@ def expected_light(
             shade.budget(np.ones(3), np.zeros(3), np.full(3, kd), np.full(3, ks), intensities), (1, count, 3)
         ),
         kappa=shade.conditioning(p, np.abs(p).max(axis=1), np.ones(count), eye, positions)[None],
-        gate=shade.at_gate(p, m, eye, positions)[None],
+        jump=ks
+        * shade.jumps(p, m, np.abs(p).max(axis=1), np.ones(count), np.float64(n), eye, positions, intensities)[None],
         exponent=np.full((1, count), n),
     )

@@ -1,0 +1,93 @@
+"""Instances whose placements flatten or mirror: which way round faces and normals are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade import packing
+from clshade.camera import Camera
+from clshade.oracle import transform
+from clshade.oracle.normals import placed_normals
+from clshade.oracle.vectors import unit
+from clshade.renderer import Renderer
+from clshade.scene import Material, Mesh, PointLight, Scene
+
+
+def test_mirroring_is_decided_exactly():
+    """Of placements that flatten space float64 gives determinants of either sign; packing and oracle have to agree."""
+    rng = np.random.default_rng(3)
+    signs = []
+    for number in range(300):
+        matrix = np.eye(4)
+        matrix[:3, :3] = rng.normal(size=(3, 3))
+        if number % 3 < 2:
+            matrix[:3, 2] = matrix[:3, :2] @ rng.normal(size=2)
+        matrix[:3, :3] *= 10.0 ** rng.uniform(-120, 100)
+        signs.append(transform.mirrors(matrix))
+        assert packing.mirrors(matrix) == signs[-1]
+        other = matrix[:, [1, 0, 2, 3]]
+        if number % 3 == 2:
+            assert signs[-1] == (np.linalg.det(matrix[:3, :3] / np.abs(matrix[:3, :3]).max()) < 0)
+            assert transform.mirrors(other) == packing.mirrors(other) == (not signs[-1])
+    assert 50 < sum(signs) < 250
+
+
+@pytest.mark.parametrize(
+    ("rows", "mirrored"),
+    [
+        ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], True),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, 0]], False),
+        ([[-1, 0, 0], [0, 1, 0], [0, 0, -0.0]], False),
+        ([[1, 2, 3], [4, 5, 6], [7, 8, 9]], False),
+        ([[1, 2, 3], [4, 5, 6], [7, 8, 9 + 2.0**-49]], True),
+        ([[1, 2, 3], [4, 5, 6], [7, 8, 9 - 2.0**-49]], False),
+        ([[1e-200, 0, 0], [0, 1e-200, 0], [0, 0, -1e-200]], True),
+        ([[1e200, 0, 0], [0, -1e200, 0], [0, 0, 1e200]], True),
+        ([[1, 1e-200, 0], [1e-200, 0, 0], [0, 0, 1]], True),
+    ],
+)
+def test_whether_a_placement_mirrors(rows, mirrored):
+    matrix = np.eye(4)
+    matrix[:3, :3] = rows
+    assert packing.mirrors(matrix) is mirrored
+    assert transform.mirrors(matrix) is mirrored
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-30, 1.0, 1e30, 1e200])
+def test_placed_normals_of_any_length(size):
+    """Under matrices of any size, in packing as in the oracle."""
+    rng = np.random.default_rng(4)
+    normals, matrix = size * rng.normal(size=(20, 3)), np.eye(4)
+    matrix[:3, :3] = rng.normal(size=(3, 3))
+    expected = unit(unit(normals) @ np.linalg.inv(matrix[:3, :3]))
+    for scale in (1e-160, 1.0, 1e160):
+        placed = matrix * [[scale] * 3 + [1]]
+        mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[placed])
+        assert np.allclose(packing._own_normals(mesh, placed), expected, rtol=1e-9, atol=1e-12)
+        assert np.allclose(placed_normals(normals, placed), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
+    """Quads with given normals, flattened along random directions: each one's normal is on the side that the exact sign of
+    its determinant says, and two-sided materials turn it by the same."""
+    rng = np.random.default_rng(5)
+    placements = np.tile(np.eye(4), (12, 1, 1))
+    for k, placement in enumerate(placements):
+        placement[:3, :3] = rng.normal(size=(3, 3))
+        placement[:3, 2] = placement[:3, :2] @ rng.normal(size=2)
+        placement[:3, 3] = 3 * (k % 4) - 4.5, 3 * (k // 4) - 3, 0
+    assert 2 < sum(map(packing.mirrors, placements)) < 10
+    verts, directions = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), rng.normal(size=(4, 3))
+    material = Material(ka=0.1, kd=0.5, ks=0.5, n=5.0, two_sided=True)
+    mesh = Mesh(verts, [[0, 1, 2], [0, 2, 3]], normals=directions, instances=placements, material=material)
+    camera = Camera((0, 0, 20), (0, 0, 0), (0, 1, 0), 1.0, (0.6, 0.8), (40, 30))
+    scene = Scene(
+        (mesh,), camera, (PointLight((5, 9, 20), (1, 1, 1)), PointLight((5, -9, -20), (0, 0, 1))), np.full(3, 0.3)
+    )
+    with Renderer(scene, device=device, layers=("id", "N")) as renderer:
+        frame = renderer.render()
+    assert len(np.unique(frame["id"])) > 12
+    found = clshade.check(frame, "all")
+    assert found.passed, found.lines()
