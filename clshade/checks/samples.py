@@ -54,6 +54,25 @@ def _image16() -> bytes:
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
+def _tiff16() -> bytes:
+    """RGB with 16 bits a channel, in two strips."""
+    data = np.arange(4 * 5 * 3, dtype="<u2").reshape(4, 15) * np.uint16(1000)
+    start = 8 + data.nbytes
+    # Width, height, bits, compression, RGB, offsets of strips, samples, rows and bytes of strips: short or long.
+    tags = [(256, 3, 1, 5), (257, 3, 1, 4), (258, 3, 3, start), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 2, start + 6)]
+    tags += [(277, 3, 1, 3), (278, 3, 1, 2), (279, 4, 2, start + 14)]
+    values = struct.pack("<3H4I", 16, 16, 16, 8, 8 + data.nbytes // 2, data.nbytes // 2, data.nbytes // 2)
+    directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
+    return b"II*\0" + struct.pack("<I", start + len(values)) + data.tobytes() + values + directory
+
+
+def _pnm(magic: str) -> bytes:
+    """RGB with values up to 1023, as text or binary."""
+    values = np.arange(4 * 5 * 3, dtype=">u2") * np.uint16(17)
+    body = " ".join(map(str, values.tolist())).encode() if magic == "P3" else values.tobytes()
+    return f"{magic} # a comment\n5 4\n1023\n".encode() + body
+
+
 # Course scenes
 
 
@@ -91,6 +110,9 @@ def _course() -> list[Sample]:
         Sample({"a.npy": files[1]}),
         Sample({"a.npy": files[0], "b.png": _image("RGB")}, "b.png"),
         Sample({"a.npy": files[0], "b.png": _image16()}, "b.png"),
+        Sample({"a.npy": files[0], "b.tif": _tiff16()}, "b.tif"),
+        Sample({"a.npy": files[0], "b.ppm": _pnm("P3")}, "b.ppm"),
+        Sample({"a.npy": files[0], "b.ppm": _pnm("P6")}, "b.ppm"),
     ]
 
 
@@ -141,12 +163,30 @@ Ke 1 0 0
 """
 
 
+# Polygons that are not convex, one with corners on its edges and twice at one place, and one with a bridge to a hole.
+_POLYGONS = """v 0 0 0
+v 4 0 0
+v 4 4 0.1
+v 2 1 0
+v 0 4 0
+v 2 0 0
+v 1 1 0
+v 1.5 1 0
+v 1 1.5 0
+f 1 2 3 4 5
+f 1 2 4 5
+f 1 6 2 2 3 4 5 5
+f 1 2 3 5 1 7 9 8 7
+"""
+
+
 def _obj() -> list[Sample]:
     images = {"b.png": _image("P"), "c.png": _image("RGBA")}
     plain = "\n".join(line for line in _OBJ.splitlines() if not line.startswith(("mtllib", "usemtl")))
     return [
         Sample({"a.obj": _OBJ.encode(), "a.mtl": _MTL.encode(), **images}),
         Sample({"a.obj": plain.encode()}, options={"crease": 30.0}),
+        Sample({"a.obj": _POLYGONS.encode()}),
         Sample({"a.obj": _OBJ.replace("\n", "\r\n").encode(), "a.mtl": _MTL.encode(), **images}, "b.png"),
     ]
 
