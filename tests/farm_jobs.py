@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
+from typing import Any
 
+from clshade.camera import Camera
 from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames
 from clshade.farm.job import Job, Task
@@ -21,3 +24,19 @@ def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:
     frames = parse_frames(f"1..{count}")
     cameras = orbit(builtin("icosphere").camera.with_resolution(resolution), frames.numbers, frames)
     return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+
+
+class HangingCamera(Camera):
+    """A camera with which no frame is ever done."""
+
+    def __getattribute__(self, name: str) -> Any:
+        while name == "resolution":
+            time.sleep(1.0)
+        return super().__getattribute__(name)
+
+
+def hanging(task: Task) -> Task:
+    """The same with a camera that hangs."""
+    camera = object.__new__(HangingCamera)
+    camera.__dict__.update(task.camera.__dict__)
+    return Task(task.number, camera, task.path)

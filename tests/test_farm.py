@@ -13,7 +13,7 @@ from devices import working_devices
 from clshade import cli, exr
 from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.farm import draw_frames
+from clshade.farm import Run, draw_frames
 from clshade.farm.cameras import FIELDS, orbit, read_cameras
 from clshade.farm.frames import parse_frames, parse_pattern
 from clshade.scenes import builtin
@@ -248,6 +248,60 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
 
 
 @needs_device
+def test_the_folder_of_the_frames_is_made(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "turntable", "icosphere", *SMALL, "--count", "2", "-o", "new/deep/f.#.exr")
+    assert code == 0, err
+    assert sorted(path.name for path in (tmp_path / "new" / "deep").iterdir()) == [
+        "f.1.exr",
+        "f.1.png",
+        "f.2.exr",
+        "f.2.png",
+    ]
+    assert "new/deep/f.1.exr ... new/deep/f.2.exr" in out
+
+
+def drawn_with(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[int], dict[str, object]]]:
+    """What `draw_frames` is called with from now on, without drawing."""
+    calls: list[tuple[list[int], dict[str, object]]] = []
+
+    def note(scene: object, cameras: dict[int, Camera], output: str, **options: object) -> Run:
+        calls.append((list(cameras), options))
+        return Run(len(cameras), 0, 0, 1.0, 1.0, 1, 1, output, output)
+
+    monkeypatch.setattr("clshade.farm.draw_frames", note)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("arguments", "numbers", "warned"),
+    [
+        (("--count", "3"), [1, 2, 3], False),
+        (("--frames", "36"), [36], True),
+        (("--frames", "36..36"), [36], True),
+        (("--frames", "1"), [1], False),
+        (("--frames", "36", "--turn", "1..120"), [36], False),
+        (("--frames", "36", "-o", "single.exr"), [36], False),
+        (("--frames", "1..3"), [1, 2, 3], False),
+        (("--frames", "2,7"), [2, 7], False),
+    ],
+)
+def test_a_count_and_one_frame_that_may_have_been_meant_for_it(capsys, monkeypatch, arguments, numbers, warned):
+    calls = drawn_with(monkeypatch)
+    code, _, err = run(capsys, "turntable", "quads", *arguments)
+    assert (code, calls[0][0]) == (0, numbers)
+    line = "clshade: warning: --frames 36 is one frame, that of number 36: --count 36 draws 36 frames\n"
+    assert err == (line if warned else "")
+
+
+def test_the_limit_of_a_frame_s_time_is_handed_on(capsys, monkeypatch):
+    calls = drawn_with(monkeypatch)
+    for command in (("turntable", "quads"), ("turntable", "quads", "--workers", "2", "--frame-timeout", "2.5")):
+        assert run(capsys, *command)[0] == 0
+    assert [options["frame_timeout"] for _, options in calls] == [None, 2.5]
+
+
+@needs_device
 def test_a_frame_is_what_render_draws(tmp_path, capsys):
     """An eighth of a turn, and the first camera of a file; all of it, bit for bit."""
     (tmp_path / "c.json").write_text('[{"eye": [3, 2, 9]}, {"eye": [3, 2, 9], "orthographic": true, "plane": [6, 8]}]')
@@ -284,6 +338,20 @@ COMMANDS = [
     (("turntable", "-o", "out.exr"), ("--output", "'out.exr'", "out.####.exr")),
     (("turntable", "--workers", "0"), ("workers", "0")),
     (("turntable", "--timeout", "0"), ("timeout", "above 0")),
+    (("turntable", "--count", "0"), ("--count", "from 1 to 1000000", "0")),
+    (("turntable", "--count", "two"), ("--count", "'two'")),
+    (("turntable", "--count", "3", "--frames", "3"), ("--count", "not allowed with")),
+    (("turntable", "--frame-timeout", "3"), ("--frame-timeout", "two --workers or more", "--scheduler")),
+    *(
+        (
+            ("turntable", "--workers", "2", "--frame-timeout", value),
+            ("--frame-timeout", "seconds above 0", f"'{value}'"),
+        )
+        for value in ("0", "-1", "nan", "inf", "x")
+    ),
+    (("turntable", "-o", "new/deep/f.##.exr", "--device", "no-such"), ("frame 1", "no OpenCL device")),
+    (("turntable", "-o", "new/f.##.exr", "--compression", "rar"), ("compression", "'rar'")),
+    (("turntable", "-o", "c.json/f.##.exr"), ("c.json is not a folder",)),
     (("turntable", "--workers", "two"), ("--workers", "'two'")),
     (("turntable", "--compression", "rar"), ("compression", "'rar'")),
     (("turntable", "--device", "no-such"), ("frame 1", "no OpenCL device matches 'no-such'")),

@@ -17,7 +17,8 @@ from farm_jobs import job
 
 from clshade import cli
 from clshade.errors import DeviceError, InputError, WorkerError
-from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
+from clshade.farm import waiting
+from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 dispatch = pytest.importorskip("clshade.farm.dispatch", exc_type=ImportError)
@@ -71,6 +72,52 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
     written = {path.name: path.read_bytes() for path in there.iterdir() if not path.name.startswith(".clshade-")}
     assert written == {path.name: path.read_bytes() for path in here.iterdir()}
     assert len(written) == 2 * COUNT
+
+
+def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
+    """Its frames are drawn by the other one, in the next run, which it never hears of, all of them; without a limit it is
+    told of, and waited for."""
+    monkeypatch.setattr(waiting, "SILENT", 2.0)
+    monkeypatch.setattr(cluster_module, "SILENT", 2.0)
+    workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
+    cluster.wait_for_workers(2)
+    taken: list[int] = []
+
+    def given(folder: Path) -> Iterator[Task]:
+        for task in tasks(folder):
+            taken.append(task.number)
+            yield task
+
+    found: list[Drawn | Lost | Silent] = []
+    for each in cluster_module.draw_on_cluster(job(), given(tmp_path), cluster.address, PATIENT, 3.0):
+        found.append(each)
+        if len(found) == COUNT // 4:
+            assert isinstance(each, Drawn)
+            stopped = workers[int(each.worker.rpartition(":")[2])]
+            stopped.send_signal(signal.SIGSTOP)
+        assert len(taken) - sum(isinstance(each, Drawn) for each in found) <= 2 * dispatch.AHEAD
+    assert sorted(each.number for each in found if isinstance(each, Drawn)) == list(range(1, COUNT + 1))
+    assert any(isinstance(each, Lost) and "gave no sign for " in each.reason for each in found)
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == COUNT
+
+    for path in tmp_path.iterdir():
+        path.unlink()
+    capsys.readouterr()
+    found = list(cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0))
+    assert len({each.number for each in found if isinstance(each, Drawn)}) == COUNT
+    assert "no sign of worker tcp://127.0.0.1:" in capsys.readouterr().err
+
+    for path in tmp_path.iterdir():
+        path.unlink()
+    found = []
+    for each in cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT):
+        found.append(each)
+        if isinstance(each, Silent) and sum(isinstance(each, Drawn) for each in found) > COUNT // 2:
+            stopped.send_signal(signal.SIGCONT)
+    assert len({each.number for each in found if isinstance(each, Drawn)}) == COUNT
+    silent = [each for each in found if isinstance(each, Silent)]
+    assert silent
+    assert silent[-1].worker.startswith("tcp://127.0.0.1:")
 
 
 def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATIENT) -> list[Drawn | Lost]:

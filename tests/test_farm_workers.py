@@ -5,22 +5,28 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import farm_jobs
 import pytest
 from devices import working_devices
-from farm_jobs import job
+from farm_jobs import hanging, job
 
 from clshade import exr
+from clshade.camera import Camera
 from clshade.errors import DeviceError, OutputError, WorkerError
-from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Task
+from clshade.farm import local, waiting
+from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from clshade.farm.local import ATTEMPTS, draw_locally
+from clshade.renderer import Renderer
 
 ROOT = Path(__file__).resolve().parent.parent
 COUNT = 24
@@ -81,8 +87,7 @@ def test_two_workers_one_of_which_is_killed(tmp_path, expected):
     assert killed
     lost = [each for each in found if isinstance(each, Lost)]
     assert [each.reason for each in lost] == ["was killed by SIGKILL"]
-    written = {name: data for name, data in contents(tmp_path).items() if not name.startswith(".clshade-")}
-    assert written == expected
+    assert written(tmp_path) == expected
     assert not children()
 
 
@@ -101,6 +106,112 @@ def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
         found.extend(draw_locally(job(), [good, bad], 2))
     assert sum(isinstance(each, Lost) for each in found) == ATTEMPTS - 1
     assert not children()
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    """Without what a process that was killed was writing."""
+    return {name: data for name, data in contents(folder).items() if not name.startswith(".clshade-")}
+
+
+def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
+    monkeypatch.setattr(waiting, "SILENT", 0.5)
+    found: list[Drawn | Lost | Silent] = []
+    silent: list[Silent] = []  # of the worker that is stopped
+    stopped = 0
+    for each in draw_locally(job(), tasks(tmp_path), 2):
+        found.append(each)
+        if not stopped and sum(isinstance(one, Drawn) for one in found) == COUNT // 3:
+            stopped = children()[0]
+            os.kill(stopped, signal.SIGSTOP)
+        elif isinstance(each, Silent) and each.worker == str(stopped):
+            silent.append(each)
+            if len(silent) == 2:
+                os.kill(stopped, signal.SIGCONT)
+    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    assert sorted(drawn) == list(range(1, COUNT + 1))
+    first, second, *_ = silent
+    assert first.numbers == second.numbers
+    assert second.seconds >= 2.0 * first.seconds >= 1.0
+    assert drawn.index(first.numbers[0]) > COUNT // 3
+    assert not any(isinstance(each, Lost) for each in found)
+    assert written(tmp_path) == expected
+
+
+def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
+    found: list[Drawn | Lost | Silent] = []
+    for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
+        found.append(each)
+        if len(found) == COUNT // 3:
+            stopped = children()[0]
+            os.kill(stopped, signal.SIGSTOP)
+    assert sorted(each.number for each in found if isinstance(each, Drawn)) == list(range(1, COUNT + 1))
+    lost = [each for each in found if isinstance(each, Lost)]
+    assert [each.reason.partition(" for ")[0] for each in lost].count(f"{stopped} gave no sign") == 1
+    assert written(tmp_path) == expected
+    assert not is_alive(stopped)
+    assert not children()
+
+
+def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
+    bad = hanging(tasks(tmp_path, 2)[1])
+    found: list[Drawn | Lost | Silent] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* gave no sign for [0-9.]+ s$"):
+        found.extend(draw_locally(job(), [bad], 2, frame_timeout=0.5))
+    assert [each.numbers for each in found if isinstance(each, Lost)] == [(2,)] * (ATTEMPTS - 1)
+    assert not children()
+
+
+def test_starting_does_not_count(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    task = tasks(tmp_path, 1)[0]
+    worker, other = (MagicMock(task=task, ready=False, clock=waiting.Clock()) for _ in range(2))
+    crew = local._Crew(job(), 2, 5.0)
+    monkeypatch.setattr(crew, "_start", lambda: other)
+    now[0] += waiting.PREPARING + 4.0
+    assert [type(each) for each in crew._look_at(worker)] == [Silent]
+    worker.ready = True
+    worker.clock.restart()
+    now[0] += 4.0
+    assert list(crew._look_at(worker)) == []
+    now[0] += 2.0
+    assert [each.numbers for each in crew._look_at(worker)] == [(1,)]
+    worker.kill.assert_called_once()
+    assert other.begin.call_args[0][0] is task
+    now[0] += waiting.PREPARING
+    other.ready = False
+    assert not any(isinstance(each, Lost) for each in crew._look_at(other))
+    now[0] += 6.0
+    assert [type(each) for each in crew._look_at(other)] == [Lost]
+
+
+def test_kernels_are_compiled_before_a_frame_counts(tmp_path, monkeypatch):
+    order: list[str] = []
+    render = Renderer.render
+
+    def watched(self: Renderer, camera: Camera) -> object:
+        order.append("{}x{}".format(*camera.resolution))
+        return render(self, camera)
+
+    monkeypatch.setattr(Renderer, "render", watched)
+    with FrameWriter(job()) as writer:
+        for task in tasks(tmp_path, 2):
+            writer.draw(task, lambda: order.append("ready"))
+    assert order == ["16x16", "ready", "32x24", "ready", "32x24"]
+
+
+def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
+    worker = local._Worker(1, timed=False)
+    try:
+        os.kill(worker.process.pid, signal.SIGSTOP)  # type: ignore[arg-type]
+        start = time.monotonic()
+        worker.begin(tasks(tmp_path, 1)[0], bytes(1 << 24))
+        assert time.monotonic() - start < 5.0
+    finally:
+        worker.kill()
+        worker.dismiss()
+    assert worker._sender is not None
+    assert not worker._sender.is_alive()
 
 
 def draw_all(given: Job, listed: Iterable[Task]) -> None:
@@ -132,9 +243,11 @@ def test_leaving_early_ends_the_workers(tmp_path):
 # Runs of the command
 
 
-def start(folder: Path, *further: str) -> subprocess.Popen[str]:
+def start(folder: Path, *further: str, silent: float = 10.0) -> subprocess.Popen[str]:
+    """silent: seconds until a worker without a sign is told of."""
+    code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry; entry()"
     frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
-    command = [sys.executable, "-m", "clshade", "turntable", "icosphere", "--preset", "course", *frames, *further]
+    command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -228,3 +341,39 @@ def test_a_run_says_that_a_worker_was_killed(tmp_path):
     assert "; 1 lost, the frames drawn again" in out
     assert f"{5 * COUNT}/{5 * COUNT}" in err
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path):
+    process = start(tmp_path, silent=0.5)
+    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
+    workers = workers_of(process)
+    for worker in workers:
+        os.kill(worker, signal.SIGSTOP)
+    form = r"clshade: warning: no sign of worker (\d+) for \d+ s, at frame (\d+) \(--frame-timeout SECONDS gives .*\)\n"
+    silent: set[int] = set()
+    while silent != set(workers):
+        line = process.stderr.readline()  # type: ignore[union-attr]
+        found = re.fullmatch(form, line)
+        assert found, line
+        if int(found[2]) > 2:  # the first two may have waited for their workers to start
+            silent.add(int(found[1]))
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=180)
+    assert (process.returncode, err.splitlines()[-1:]) == (130, ["clshade: interrupted"])
+    wait_until(lambda: not any(is_alive(pid) for pid in workers))
+    assert "\r" not in err
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_goes_on_without_the_worker_that_is_stopped(tmp_path):
+    process = start(tmp_path, "--frames", f"1..{2 * COUNT}", "--frame-timeout", "3")
+    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
+    stopped = workers_of(process)[0]
+    os.kill(stopped, signal.SIGSTOP)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert f"drawn again: the worker {stopped} gave no sign for " in err
+    assert "lost, the frames drawn again" in out
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 2 * COUNT

@@ -109,7 +109,7 @@ def draw_frames(
     pattern = parse_pattern(output, len(cameras))
     saving = dict(saving or {})
     scene, settled = settle(scene, **settings)
-    left = [number for number in cameras if overwrite or not all(map(_is_there, pattern.names(number)))]
+    left = list(cameras) if overwrite else _left(pattern, cameras)
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
@@ -155,6 +155,26 @@ def _collect(results: Iterator[Drawn | Lost | Silent], bar: Progress, limited: b
 
 def _frames(numbers: Sequence[int]) -> str:
     return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+
+
+def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
+    """The frames without their two files. The folder is read once: to look for each of a million would take a minute."""
+    folder = os.path.dirname(pattern.names(0)[0])
+    try:
+        listed = {name.lower() for name in os.listdir(folder or os.curdir)}
+    except FileNotFoundError:
+        return list(numbers)
+    except (OSError, ValueError):  # one that may be entered, not read; or a name that is none
+        return [number for number in numbers if not all(map(_is_there, pattern.names(number)))]
+    if not listed:
+        return list(numbers)
+
+    def is_there(name: str) -> bool:
+        # Some file systems do not tell letters of either case, or spellings of one that is not in ASCII, from each other.
+        base = os.path.basename(name)
+        return (base.lower() in listed or not base.isascii()) and _is_there(name)
+
+    return [number for number in numbers if not all(map(is_there, pattern.names(number)))]
 
 
 def _is_there(name: str) -> bool:

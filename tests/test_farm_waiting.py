@@ -1,0 +1,332 @@
+"""How long workers may be silent, by a clock that the tests turn; and frames on their way through a cluster that is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from farm_jobs import tasks
+
+from clshade.errors import WorkerError
+from clshade.farm import waiting
+from clshade.farm.job import Drawn, Lost, Silent, Task
+
+dispatch = pytest.importorskip("clshade.farm.dispatch", reason="needs dask.distributed", exc_type=ImportError)
+members = pytest.importorskip("clshade.farm.members", exc_type=ImportError)
+
+
+class Time:
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def turned(monkeypatch) -> Time:
+    turned = Time()
+    for module in (waiting, dispatch):
+        monkeypatch.setattr(module, "time", turned)
+    return turned
+
+
+def test_silence_is_told_each_time_that_it_has_doubled(turned):
+    clock, told = waiting.Clock(), []
+    for _ in range(1000):
+        turned.now += 0.1
+        if (seconds := clock.due(latest=0.1)) is not None:
+            told.append(round(seconds))
+    assert told == [10, 20, 40, 80]
+    clock.restart()
+    turned.now += 9.9
+    assert clock.due(0.1) is None
+    turned.now += 0.2
+    assert clock.due(0.1) is not None
+
+
+def test_frames_that_take_long_are_no_silence(turned):
+    clock = waiting.Clock()
+    turned.now += 25.0
+    assert clock.due(latest=13.0) is None
+    assert clock.due(latest=12.0) == 25.0
+
+
+def test_time_in_which_this_process_was_stopped_does_not_count(turned):
+    clock, pauses = waiting.Clock(), waiting.Pauses()
+    for passed, paused in ((0.1, 0.0), (2.9, 0.0), (60.0, 60.0), (0.1, 0.0)):
+        turned.now += passed
+        found = pauses.latest()
+        assert found == pytest.approx(paused)
+        clock.skip(found)
+    assert clock.seconds == pytest.approx(3.1)
+
+
+# A cluster that is none
+
+
+class FakeFuture:
+    def __init__(self, key: str, allowed: Sequence[str] | None) -> None:
+        self.key, self.allowed, self.status, self.worker = key, allowed, "pending", ""
+
+    def add_done_callback(self, call: Any) -> None:
+        pass
+
+    def release(self) -> None:
+        self.status = "cancelled"
+
+
+class FakeScheduler:
+    identity, processing = "identity", "processing"
+
+
+class FakeCluster:
+    """Does as a client does, and gives each frame to the worker that has the fewest."""
+
+    scheduler = FakeScheduler()
+
+    def __init__(self, turned: Time, **threads: int) -> None:
+        self.turned, self.threads, self.stopped = turned, dict(threads), set[str]()
+        self.futures: dict[str, FakeFuture] = {}
+        self.tasks: dict[str, Task] = {}
+        self.answers = True
+        self.handlers: dict[str, Any] = {}
+
+    def subscribe_topic(self, topic: str, handler: Any) -> None:
+        self.handlers[topic] = handler
+
+    def sync(self, what: str, callback_timeout: float, **_: Any) -> Any:
+        if not self.answers:
+            raise TimeoutError
+        if what == "processing":
+            return {worker: [future.key for future in self.waiting(worker)] for worker in self.threads}
+        heard = self.turned.now
+        seen = {worker: 0.0 if worker in self.stopped else heard for worker in self.threads}
+        return {"workers": {name: {"nthreads": n, "last_seen": seen[name]} for name, n in self.threads.items()}}
+
+    def map(self, draw: Any, names: Any, tasks: list[Task], key: list[str], workers: Any, **_: Any) -> list[FakeFuture]:
+        found = []
+        for each, task in zip(key, tasks, strict=True):
+            future = self.futures[each] = FakeFuture(each, workers)
+            future.worker = min(workers or self.threads, key=lambda name: (len(self.waiting(name)), name))
+            self.tasks[each] = task
+            found.append(future)
+        return found
+
+    def waiting(self, worker: str) -> list[FakeFuture]:
+        return [each for each in self.futures.values() if each.worker == worker and each.status == "pending"]
+
+    def say(self, future: FakeFuture, sign: str, **more: Any) -> None:
+        said = {"run": "run", "key": future.key, "worker": future.worker, "sign": sign, **more}
+        self.handlers[dispatch.TOPIC]((0.0, said))
+
+    def begin(self, worker: str) -> FakeFuture:
+        future = self.waiting(worker)[0]
+        self.say(future, "begun")
+        self.say(future, "ready")
+        return future
+
+    def draw(self, future: FakeFuture) -> None:
+        task = self.tasks[future.key]
+        for kind in ("exr", "png"):
+            task.path.with_name(f"{task.path.name}.{kind}").touch()
+        future.status = "finished"
+        drawn = {"number": task.number, "render_ms": 1.0, "save_ms": 1.0, "size": 2, "warnings": []}
+        self.say(future, "drawn", drawn={**drawn, "worker": future.worker})
+
+
+class Run:
+    """A run on such a cluster, a second for each step."""
+
+    def __init__(self, turned: Time, cluster: FakeCluster, given: Iterator[Task], limit: float | None) -> None:
+        self.turned, self.cluster = turned, cluster
+        found = members.Members(cluster, "tcp://scheduler")
+        self.dispatcher = dispatch.Dispatcher(cluster, None, "run", given, found, 10.0, limit)
+        self.found: list[Drawn | Lost | Silent] = []
+        self.events = self.dispatcher._events
+        self.dispatcher._events = self  # in place of the queue: it is asked once a step
+        self.steps_left = 0
+
+    def get(self, timeout: float) -> Any:
+        if not self.events.empty():
+            return self.events.get()
+        self.turned.now += 1.0
+        self.steps_left -= 1
+        if self.steps_left < 0:
+            raise Paused
+        raise dispatch.queue.Empty
+
+    def put(self, event: Any) -> None:
+        self.events.put(event)
+
+    def empty(self) -> bool:
+        return self.events.empty()
+
+    def step(self, seconds: int = 1) -> list[Drawn | Lost | Silent]:
+        """What comes in so many seconds."""
+        self.steps_left = seconds
+        found: list[Drawn | Lost | Silent] = []
+        try:
+            for each in self.dispatcher.results():
+                found.append(each)
+        except Paused:
+            pass
+        self.found += found
+        return found
+
+
+class Paused(Exception):
+    pass
+
+
+def start(turned: Time, folder: Path, count: int, limit: float | None = 5.0, **threads: int) -> tuple[Run, FakeCluster]:
+    cluster = FakeCluster(turned, **threads)
+    run = Run(turned, cluster, iter(tasks(folder, count, (8, 8))), limit)
+    run.step()
+    return run, cluster
+
+
+def numbers(found: list[Any], kind: type) -> list[int]:
+    return sorted(number for each in found if isinstance(each, kind) for number in getattr(each, "numbers", ()))
+
+
+def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
+    taken: list[int] = []
+
+    def given() -> Iterator[Task]:
+        for task in tasks(tmp_path, 1000, (8, 8)):
+            taken.append(task.number)
+            yield task
+
+    cluster = FakeCluster(turned, a=1, b=2)
+    run = Run(turned, cluster, given(), None)
+    run.step()
+    assert len(taken) == 3 * dispatch.AHEAD
+    for done in range(1, 20):
+        cluster.draw(cluster.waiting("a")[0] if cluster.waiting("a") else cluster.waiting("b")[0])
+        run.step()
+        assert len(taken) == 3 * dispatch.AHEAD + done
+        assert len(run.dispatcher._by_key) == len(run.dispatcher._flights) == 3 * dispatch.AHEAD
+    cluster.threads["c"] = 4  # joins later, and gets work
+    run.step(2)
+    assert len(taken) == 7 * dispatch.AHEAD + 19
+    assert cluster.waiting("c")
+
+
+def test_a_frame_that_takes_too_long_goes_to_another_worker_and_the_first_to_draw_it_wins(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 2, a=1, b=1)
+    slow, other = cluster.begin("a"), cluster.begin("b")
+    cluster.draw(other)
+    assert [type(each) for each in run.step(4)] == [Drawn]
+    (lost,) = run.step(4)
+    assert isinstance(lost, Lost)
+    assert (lost.numbers, lost.reason.split(" ")[0]) == ((1,), "a")
+    assert "gave no sign for" in lost.reason
+    (again,) = cluster.waiting("b")
+    assert (again.allowed, cluster.tasks[again.key].number) == (["b"], 1)
+    cluster.draw(slow)  # it comes back before the other has drawn it
+    (drawn,) = run.step()
+    assert (drawn.number, drawn.worker, again.status) == (1, "a", "cancelled")
+    cluster.say(again, "drawn", drawn={})  # late: nobody cares
+    assert run.step() == []
+    assert not run.dispatcher._flights
+
+
+def test_compiling_has_time(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 1, a=1, b=1)
+    (future,) = cluster.waiting("a")
+    cluster.say(future, "begun")
+    assert numbers(run.step(int(waiting.PREPARING)), Lost) == []
+    cluster.say(future, "ready")
+    assert numbers(run.step(4), Lost) == []
+    assert numbers(run.step(4), Lost) == [1]
+
+
+def test_a_frame_that_no_worker_draws_is_given_up(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 1, a=2, b=2, c=2, d=2)
+    tried: list[str] = []
+
+    def pass_a_minute() -> None:
+        for _ in range(60):
+            for worker in set("abcd") - set(tried):
+                for future in cluster.waiting(worker):
+                    assert future.allowed is None or not set(future.allowed) & set(tried)
+                    tried.append(worker)
+                    cluster.begin(worker)
+            run.step()
+
+    with pytest.raises(WorkerError, match=r"^frame 1: 3 workers did not draw it in time; the last one, c gave no sign"):
+        pass_a_minute()
+    assert tried == ["a", "b", "c"]
+    assert numbers(run.found, Lost) == [1, 1]
+
+
+def test_a_worker_that_is_stopped_keeps_nothing_and_gets_nothing_new(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 100, a=1, b=1)
+    cluster.begin("a")
+    cluster.stopped.add("a")
+    stuck = {cluster.tasks[future.key].number for future in cluster.waiting("a")}
+    assert len(stuck) == dispatch.AHEAD
+    found = run.step(10)
+    assert set(numbers(found, Lost)) == stuck
+    drawn: set[int] = set()
+    while cluster.waiting("b"):
+        cluster.draw(cluster.waiting("b")[0])
+        drawn |= {each.number for each in run.step() if isinstance(each, Drawn)}
+        assert not cluster.waiting("a")
+    assert drawn == set(range(1, 101))
+
+
+def test_frames_follow_when_the_workers_that_they_were_given_to_are_gone(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 2, a=1, b=1)
+    cluster.begin("a")
+    cluster.draw(cluster.begin("b"))
+    run.step(8)
+    (moved,) = cluster.waiting("b")
+    del cluster.threads["b"]
+    cluster.threads["c"] = 1
+    run.step(2)
+    assert moved.status == "cancelled"
+    (again,) = cluster.waiting("c")
+    assert cluster.tasks[again.key].number == 1
+
+
+def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 2, limit=None, a=1, b=1)
+    first = cluster.begin("a")
+    cluster.stopped |= {"a", "b"}  # b has not begun with what it has
+    found = run.step(85)
+    assert all(isinstance(each, Silent) for each in found)
+    for worker, number in (("a", 1), ("b", 2)):
+        told = [each for each in found if each.worker == worker]
+        assert {each.numbers for each in told} == {(number,)}
+        seconds = [each.seconds for each in told]
+        assert len(seconds) == 4
+        assert seconds[0] == pytest.approx(10.5, abs=1.0)
+        assert all(later >= 2.0 * sooner for sooner, later in pairwise(seconds))
+    cluster.stopped.clear()
+    cluster.draw(first)
+    cluster.draw(cluster.begin("b"))
+    assert sorted(each.number for each in run.step()) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("ends", "text"),
+    [("hang", "no worker gives a sign any more"), ("go", "no worker is left"), ("scheduler", "gives no answer")],
+)
+def test_without_workers_the_run_ends(turned, tmp_path, ends, text):
+    run, cluster = start(turned, tmp_path, 20, a=1, b=1)
+    for worker in ("a", "b"):
+        cluster.begin(worker)
+    if ends == "hang":
+        cluster.stopped |= {"a", "b"}
+    elif ends == "go":
+        cluster.threads.clear()
+    else:
+        cluster.answers = False
+    with pytest.raises(WorkerError, match=text):
+        run.step(60)
+    assert turned.now < 1040.0
