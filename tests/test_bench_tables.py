@@ -104,7 +104,12 @@ def test_the_tables_hold_what_was_found():
     lines = bench_tables.lines(small_speed())
     # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 a second; 1e7 operations half of 1e10.
     expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % -"
-    assert expected in [" ".join(line.split()) for line in lines]
+    first, second = (
+        " ".join(line.split())
+        for line in lines
+        if line.startswith("w  ") and "llvmpipe" not in line and "numpy" not in line and "%" in line
+    )
+    assert f"{first} {second.removeprefix('w ')}" == expected
     for block in bench_tables.markdown(small_speed()).split("\n\n"):
         if block.startswith("|"):
             assert len({line.count("|") for line in block.splitlines()}) == 1, block

@@ -153,6 +153,16 @@ def found(device) -> study.Study:
     return small_study(device)
 
 
+def test_the_tables_fit_a_terminal(found):
+    """Also with names without end, and times of minutes."""
+    long = [replace(each, variant=replace(each.variant, name="many_letters" * 9)) for each in found.measured]
+    slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
+    lines = "\n".join(report_tables.lines(replace(found, measured=tuple(slow)))).splitlines()
+    assert max(map(len, lines)) <= 100
+    for word in ("many_letters", "half of them", "arithmetic", "upload ms", "slope", "write ms"):
+        assert any(word in line for line in lines)
+
+
 def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
     several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
     assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]

@@ -16,7 +16,7 @@ from ..errors import ClshadeError, InputError
 from ..renderer import render
 from ..scene import Scene
 from ..validation import Array
-from . import bench_tables, starting
+from . import bench_tables, starting, tables
 from .children import draw_apart
 from .defaults import BENCH_FRAMES
 from .drawing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
@@ -37,8 +37,8 @@ NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 def listing() -> str:
     """All workloads and peers, and what they are."""
     rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
-    peers = [f"  {name:<14} {about}" for name, (_, about) in PEERS.items()]
-    return "\n".join([*(f"{name:<16} {about}" for name, about in rows), "", "peers", *peers])
+    peers = [tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
+    return "\n".join([*(tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
 
 
 def run(
@@ -85,7 +85,7 @@ def measure_all(
 ) -> Speed:
     """Workloads and peers by name; a line to `say` as soon as each is measured."""
     found = Speed(device.title, machine(), peaks(device), ())
-    say("\n".join(bench_tables.facts(found)))
+    say("\n".join(tables.wrapped(fact, 9) for fact in bench_tables.facts(found)))
     results = []
     for workload in (each for each in WORKLOADS if each.name in names):
         results.append(measure(workload, device, others, frames))

@@ -162,7 +162,7 @@ def lines(speed: Speed) -> list[str]:
     found: list[str] = []
     for _, left, header, rows in _tables(speed):
         found += [*tables.as_lines(header, rows, left), ""]
-    return [*found, *_notes(speed)]
+    return [*found, *(tables.wrapped(note, 2) for note in _notes(speed))]
 
 
 def markdown(speed: Speed) -> str:

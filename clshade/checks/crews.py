@@ -113,7 +113,16 @@ def run(
         crews.append(Crew(name, spread(seconds), spread(draw_ms).median, found[0] if len(set(found)) == 1 else ""))
     measured = Crews(scene, frames, machine(), rounds, tuple(crews))
     print(
-        "\n".join([measured.machine, measured.title(), "", *tables.as_lines(COLUMNS, measured.rows()), "", NOTE]),
+        "\n".join(
+            [
+                measured.machine,
+                measured.title(),
+                "",
+                *tables.as_lines(COLUMNS, measured.rows()),
+                "",
+                tables.wrapped(NOTE, 2),
+            ]
+        ),
         file=stream,
     )
     if out is not None:

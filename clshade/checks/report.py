@@ -19,7 +19,7 @@ from .variants import VARIANTS, base_settings, named, variants_for
 
 def listing() -> str:
     """All variants, and what they are."""
-    return "\n".join(f"{each.name:<16} {each.about}" for each in VARIANTS)
+    return "\n".join(tables.wrapped(f"{each.name:<16} {each.about}", 17) for each in VARIANTS)
 
 
 def run(

@@ -110,12 +110,12 @@ def lines(study: Study) -> list[str]:
     """For the terminal."""
     header, rows = _tessellation(study)
     return [
-        *_facts(study),
+        *(tables.wrapped(fact, 11) for fact in _facts(study)),
         "",
         *tables.as_lines(VARIANTS, _variants(study)),
-        *_notes(study),
+        *(tables.wrapped(note, 2) for note in _notes(study)),
         "",
-        SPHERE.format(study.tessellation.finest),
+        tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
         *tables.as_lines(header, rows),
         "",
         *tables.as_lines(FORMATS, _formats(study)),

@@ -72,18 +72,16 @@ def line(result: Result) -> str:
     """One line of the table; a failing case has a second one."""
     cells = row(result)
     text = (
-        f"{cells['no']:>4} {cells['case']:<21} {cells['stressed']:<40} {cells['wrong']:>6}  {_error(cells):<28}"
+        f"{cells['no']:>4} {cells['case']:<21} {cells['wrong']:>6}  {_error(cells):<28}"
         f" {cells['amplification'] or '-':>8} {cells['seconds']:>7}  {cells['verdict']}"
     )
     if result.passed:
         return text
-    return f"{text}\n     expected: {result.case.expected}; {result.problem or result.outcome.detail}"
+    why = f"expected of {result.case.title}: {result.case.expected}; {result.problem or result.outcome.detail}"
+    return f"{text}\n{tables.wrapped(f'     {why}', 7)}"
 
 
-HEADER = (
-    f"{'no':>4} {'case':<21} {'what is stressed':<40} {'wrong':>6}  {'error':<28}"
-    f" {'amplif.':>8} {'seconds':>7}  verdict"
-)
+HEADER = f"{'no':>4} {'case':<21} {'wrong':>6}  {'error':<28} {'amplif.':>8} {'seconds':>7}  verdict"
 
 
 def as_markdown(results: Sequence[Result], notes: Sequence[str]) -> str:

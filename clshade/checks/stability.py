@@ -38,7 +38,8 @@ def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
 
 def listing() -> str:
     """All cases: number, name, what is stressed, what is expected."""
-    return "\n".join(f"{case.number:>4} {case.name:<21} {case.title}: {case.expected}" for case in all_cases())
+    lines = (f"{case.number:>4} {case.name:<21} {case.title}: {case.expected}" for case in all_cases())
+    return "\n".join(tables.wrapped(line, 27) for line in lines)
 
 
 def devices(name: str | None) -> list[Device]:

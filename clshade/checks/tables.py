@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ..errors import OutputError
 
 Row = Sequence[str]
+WIDTH = 100  # columns of a terminal that tables fit into
+_GAP = "  "
 
 
 def digits(value: float | None, count: int = 3) -> str:
@@ -18,13 +21,43 @@ def digits(value: float | None, count: int = 3) -> str:
 
 
 def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
-    """The rows with columns of equal width; the first `left` are aligned to the left, the others to the right."""
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    sides = [str.ljust if k < left else str.rjust for k in range(len(header))]
-    cells = (
-        (side(text, width) for side, text, width in zip(sides, row, widths, strict=True)) for row in (header, *rows)
-    )
-    return ["  ".join(row).rstrip() for row in cells]
+    """The rows with columns of equal width; the first `left` are aligned to the left, the others to the right.
+
+    No line is longer than WIDTH: the table goes on below with the columns that are left, the first ones repeated.
+    Texts that leave no room for others are cut in the middle.
+    """
+    columns = [list(column) for column in zip(header, *rows, strict=True)]
+    values = [_cut(column, WIDTH // 2 - len(_GAP)) for column in columns[left:]]
+    room = WIDTH - max((len(_GAP) + _widest(column) for column in values), default=0)
+    names = columns[:left]
+    if sum(map(_widest, names)) + len(_GAP) * (left - 1) > room:
+        names = [_cut(column, room // left - len(_GAP)) for column in names]
+    names = [[text.ljust(_widest(column)) for text in column] for column in names]
+    values = [[text.rjust(_widest(column)) for text in column] for column in values]
+    lines: list[str] = []
+    while values or not lines:
+        block = list(names)
+        while values and sum(map(_widest, block)) + _widest(values[0]) + len(_GAP) * len(block) <= WIDTH:
+            block.append(values.pop(0))
+        lines += [_GAP.join(row).rstrip() for row in zip(*block, strict=True)]
+    return lines
+
+
+def _widest(column: Sequence[str]) -> int:
+    return max(map(len, column))
+
+
+def _cut(column: Sequence[str], most: int) -> list[str]:
+    """Texts of at most `most` characters, with dots in the middle of longer ones."""
+    end = (most - 3) // 2
+    return [text if len(text) <= most else f"{text[: most - 3 - end]}...{text[-end:]}" for text in column]
+
+
+def wrapped(text: str, indent: int = 0) -> str:
+    """A paragraph in lines of at most WIDTH, the further ones indented; words, such as paths, stay whole."""
+    further = " " * indent
+    lines = textwrap.wrap(text, WIDTH, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(lines)
 
 
 def as_csv(header: Row, rows: Iterable[Row]) -> str:

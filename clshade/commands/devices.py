@@ -21,5 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         print(json.dumps([asdict(info) for info in infos], indent=2))
     else:
-        print(device.format_devices(infos))
+        from ..checks import tables
+
+        print("\n".join(tables.wrapped(line, 5) for line in device.format_devices(infos).splitlines()))
     return DONE if any(info.works for info in infos) else FAILED

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import telling
 from ..atomic import folder_made
+from ..checks import tables
 from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
 from . import DONE, FAILED, REFUSED
@@ -141,7 +142,8 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     if not arguments.json:
         print(summary(frame, output))
         for title, each in found.items():
-            print(f"{title:<8}" + "\n        ".join(each.lines()))
+            lines = (tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines()))
+            print("\n".join(lines))
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
 
@@ -191,14 +193,12 @@ def summary(frame: Frame, output: str) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
 
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
-    return "\n".join(
-        [
-            f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
-            *ignored,
-            f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
-            f"device  {stats['device']}",
-            f"once    {listed(fixed)} ms",
-            f"frame   {whole:.2f} ms, the first: {listed(times)}",
-            f"wrote   {shown}",
-        ]
-    )
+    lines = [
+        f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
+        *ignored,
+        f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
+        f"device  {stats['device']}",
+        f"once    {listed(fixed)} ms",
+        f"frame   {whole:.2f} ms, the first: {listed(times)}",
+    ]
+    return "\n".join([*(tables.wrapped(line, 8) for line in lines), f"wrote   {shown}"])

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks.image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
-from ..checks.tables import as_lines, digits
+from ..checks.tables import as_lines, digits, wrapped
 from ..plain import in_line, named_values, plain
 from ..reading import complaint, quoted
 from ..scene import LAYER_WORDS
@@ -119,8 +119,11 @@ class Comparison:
 
     def _worst_lines(self) -> list[str]:
         return [
-            f"{in_line(name)} at {each.worst.x},{each.worst.y} (column, row from the top): "
-            f"{named_values(each.worst.values)}; expected {named_values(each.worst.reference)}"
+            wrapped(
+                f"{in_line(name)} at {each.worst.x},{each.worst.y} (column, row from the top): "
+                f"{named_values(each.worst.values)}; expected {named_values(each.worst.reference)}",
+                2,
+            )
             for name, each in self.layers.items()
             if each.worst is not None
         ]
