@@ -200,11 +200,13 @@ class Pipeline:
             self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
             self.lists = Buffer.empty(self.device, 0, self.structs.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
-        counts = self.counts = Buffer.empty(self.device, (chunks, self.tiles), np.uint32)
+        # What is in memory before must not matter, and empty tiles are added to those counted before.
+        counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles), 7, np.uint32))
+        empty = int(self.made.counters.to_host()["empty_tiles"][0])
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
         table = counts.to_host().copy()
-        self.starts = Buffer.empty(self.device, self.tiles + 1, np.uint32)
-        sums = Buffer.empty(self.device, parts, np.uint64)
+        self.starts = Buffer(self.device, np.full(self.tiles + 1, 7, np.uint32))
+        sums = Buffer(self.device, np.full(parts, 7, np.uint64))
         if parts > 1:
             self.stages.bin_sums(self.image, counts, sums, chunks)
         self.stages.bin_scan(self.image, sums, counts, self.starts, self.made, chunks)
@@ -213,6 +215,7 @@ class Pipeline:
         assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
         assert self.made.counters.to_host()["entries"] == begin[-1]
+        assert self.made.counters.array["empty_tiles"] == empty + np.count_nonzero(table.sum(axis=0) == 0)
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)

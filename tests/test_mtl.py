@@ -27,6 +27,17 @@ def material_of(tmp_path, text: str):
     return scene.meshes[0], scene, [str(warning.message) for warning in caught]
 
 
+def test_a_library_named_between_faces_changes_no_material(tmp_path):
+    write(tmp_path / "a.mtl", "newmtl m\nKd 1 0 0\n")
+    write(tmp_path / "b.mtl", "newmtl n\nKd 0 1 0\n")
+    faces = "usemtl m\nf 1 2 3\nmtllib b.mtl\nf 1 2 3\nusemtl n\nf 1 2 3\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        meshes = load(write(tmp_path / "a.obj", "mtllib a.mtl\n" + TRIANGLE + faces)).meshes
+    assert [len(mesh.faces) for mesh in meshes] == [2, 1]
+    assert [mesh.material.kd.tolist() for mesh in meshes] == [[1, 0, 0], [0, 1, 0]]
+
+
 @pytest.mark.parametrize("name", ["image.png", "my image.png", "my\timage.png", "two  blanks.png", "-s.png", "1 2.png"])
 def test_names_of_images(tmp_path, name):
     Image.new("RGB", (3, 2)).save(tmp_path / name)
