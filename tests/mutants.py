@@ -164,14 +164,14 @@ def draw(count: int, seed: int, files: list[str]) -> dict[str, tuple[int, list[M
 class Copy:
     """A copy of the repository, in which one mutant at a time is tried."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, quick: bool) -> None:
         self.folder = folder / "copy"
         ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "*.egg-info", ".venv*", "*.exr")
         shutil.copytree(ROOT, self.folder, ignore=ignored)
         self.environment = {**os.environ, "PYTHONPATH": str(self.folder), "XDG_CACHE_HOME": str(folder / "cache")}
         self.environment |= {"PYTHONDONTWRITEBYTECODE": "1", "HYPOTHESIS_STORAGE_DIRECTORY": str(folder / "examples")}
         (folder / "cache").mkdir()
-        self.table = json.loads(EQUIVALENT.read_text())
+        self.quick, self.table = quick, json.loads(EQUIVALENT.read_text())
         self._passed: set[tuple[str, ...]] = set()
         self._process: subprocess.Popen[str] | None = None
         self._stopped = False
@@ -236,7 +236,7 @@ class Copy:
         start, outcome, by = time.monotonic(), "survived", ""
         groups = test_groups(mutant.file)
         known = reason({"file": mutant.file, "from": mutant.before, "to": mutant.after}, self.table)
-        for number, group in enumerate(groups[:1] if known else groups):
+        for number, group in enumerate(groups[:1] if known or self.quick else groups):
             limit = LIMITS[min(number, 1)]
             path.write_text(changed)
             try:
@@ -300,7 +300,7 @@ def reason(record: Record, table: list[dict[str, str]]) -> str | None:
     return None
 
 
-def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, say: Any) -> list[Record]:
+def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, quick: bool, say: Any) -> list[Record]:
     """Tries what is drawn; each outcome becomes a line of `out`, and what stands there already is not tried again."""
     lines = out.read_text().splitlines() if out.exists() else []
     done = {record["key"]: record for record in map(json.loads, lines)}
@@ -331,7 +331,7 @@ def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, say: An
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         for job in range(jobs):
             (Path(folder) / str(job)).mkdir()
-            copies.append(Copy(Path(folder) / str(job)))
+            copies.append(Copy(Path(folder) / str(job), quick))
         every = tuple(copies)
         with ThreadPoolExecutor(jobs) as pool:
             try:
@@ -369,13 +369,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="of the draw; by default any")
     parser.add_argument("--only", nargs="+", metavar="FILE", help="files to draw from")
     parser.add_argument("--list", metavar="FILE", help="print all mutants of a file and end")
+    parser.add_argument("--quick", action="store_true", help="no other tests than those of the mutant's file")
     parser.add_argument("--jobs", type=int, default=1, help="mutants tried at the same time (1)")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        help="JSON lines, also of the runs before (mutants-SEED.jsonl in the temporary folder)",
-    )
+    parser.add_argument("-o", "--out", type=Path, help="JSON lines, those of earlier runs too (mutants-SEED.jsonl)")
     given = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if given.list:
@@ -383,11 +379,10 @@ def main() -> int:
             print(f"{mutant.line} {mutant.site.kind}\n- {mutant.before}\n+ {mutant.after}")
         return 0
     seed = random.SystemRandom().randrange(1 << 31) if given.seed is None else given.seed
-    out = given.out or Path(tempfile.gettempdir()) / f"mutants-{seed}.jsonl"
+    out = given.out or Path(tempfile.gettempdir(), f"mutants-{seed}.jsonl")
     print(f"seed {seed}, {out}", flush=True)
-    records = run(
-        draw(given.count, seed, given.only or list(TESTS)), out, given.jobs, lambda text: print(text, flush=True)
-    )
+    plan = draw(given.count, seed, given.only or list(TESTS))
+    records = run(plan, out, given.jobs, given.quick, lambda text: print(text, flush=True))
     text, good = summary(records)
     print(f"seed {seed}: {text}")
     return 0 if good else 1
