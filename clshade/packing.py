@@ -101,8 +101,8 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
 
 
 def mirrors(matrix: Array | None) -> bool:
-    """Whether a placement turns left into right: its determinant is negative, exactly, for of placements that flatten float64
-    leaves no more than a random sign. Its faces then run the other way, so that front stays front."""
+    """Whether a placement turns left into right: its determinant is negative. Its faces then run the other way, so that
+    front stays front. The sign is exact: rounding would leave a random one of placements that flatten."""
     if matrix is None:
         return False
     (a, b, c), (d, e, f), (g, h, i) = np.ldexp(

@@ -221,9 +221,7 @@ def wide(data: bytes, *edges: int, name: bytes = b"dataWindow") -> bytes:
     """The file with another window in every header."""
     before, *parts = data.split(name + b"\0box2i\0" + struct.pack("<i", 16))
     assert parts
-    return before + b"".join(
-        name + b"\0box2i\0" + struct.pack("<5i", 16, *edges) + part[16:] for part in parts
-    )
+    return before + b"".join(name + b"\0box2i\0" + struct.pack("<5i", 16, *edges) + part[16:] for part in parts)
 
 
 HEADERS = {

@@ -171,9 +171,7 @@ WORST: dict[str, Callable[[int], bytes]] = {
     "one of the keys of 2^28 leaves": lambda size: fields(verts=b"}(" + text("a") + b"N" + pairs() + b"Nu"),
     "a shape of 2^28 leaves": lambda size: fields(verts=array(pairs(), F8, b"")),
     "a type of 2^28 leaves": lambda size: fields(verts=array(b"K\x01\x85", dtype(pairs()), bytes(8))),
-    "a byte order of 2^28 leaves": lambda size: fields(
-        verts=array(b"K\x01\x85", dtype(text("f8"), pairs()), bytes(8))
-    ),
+    "a byte order of 2^28 leaves": lambda size: fields(verts=array(b"K\x01\x85", dtype(text("f8"), pairs()), bytes(8))),
     "arguments of 2^28 leaves": lambda size: fields(verts=b"cnumpy\ndtype\n" + pairs() + b"R"),
     "the whole of 2^28 leaves": lambda size: pairs() + b".",
     "a list many times": lambda size: fields(
@@ -193,9 +191,7 @@ WORST: dict[str, Callable[[int], bytes]] = {
     "long arguments many times": lambda size: filled(
         size, b"cnumpy\ndtype\n" + get(0) + b"R", b"(" + b"N" * (size // 2) + b"t" + put(0)
     ),
-    "a long state many times": lambda size: filled(
-        size, get(0) + b"b", b"(" + b"N" * (size // 2) + b"t" + put(0) + F8
-    ),
+    "a long state many times": lambda size: filled(size, get(0) + b"b", b"(" + b"N" * (size // 2) + b"t" + put(0) + F8),
     "a state many times": lambda size: filled(size, get(0) + b"b", b"(K\x03" + b"N" * 7 + b"t" + put(0) + F8),
     # Hashed
     "colliding keys": lambda size: fields(verts=b"}(" + keys(size, b"%bN") + b"u"),
