@@ -101,8 +101,9 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
 
 
 def mirrors(matrix: Array | None) -> bool:
-    """Whether a placement turns left into right: its determinant is negative. Its faces then run the other way, so that
-    front stays front. The sign is exact: rounding would leave a random one of placements that flatten."""
+    """Whether a placement turns left into right. Its faces then run the other way, so that front stays front.
+
+    That is the exact sign of its determinant: of a placement that flattens float64 gives a determinant of either sign."""
     if matrix is None:
         return False
     (a, b, c), (d, e, f), (g, h, i) = np.ldexp(

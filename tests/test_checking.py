@@ -224,7 +224,7 @@ def test_a_highlights_gate_may_be_decided_either_way():
         jump[30 * 80 + 40] = highlight
         found = checking._Found(frame, replace(expected, jump=jump), rows, columns)
         assert found.gates.sum() == int(excepted)
-        assert (found.counted.max() <= 1.0) is excepted
+        assert bool(found.counted.max() <= 1.0) is excepted
 
 
 # The sample

@@ -5,7 +5,6 @@ Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; sn
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -35,9 +34,11 @@ def world_vertices(verts: Array, matrix: Array) -> Array:
 
 
 def mirrors(matrix: Array) -> bool:
-    """Whether a placement (4, 4) turns left into right: is its determinant negative? By rational numbers: of a placement
-    that flattens rounding would leave a random sign."""
-    (a, b, c), (d, e, f), (g, h, i) = (map(Fraction, row) for row in matrix[:3, :3].tolist())
+    """Whether a placement (4, 4) turns left into right: is its determinant negative? In whole numbers, times the largest
+    denominator: of a placement that flattens rounding would leave a random sign."""
+    ratios = [float(value).as_integer_ratio() for value in matrix[:3, :3].ravel()]
+    largest = max(denominator for _, denominator in ratios)  # all are powers of two
+    a, b, c, d, e, f, g, h, i = (numerator * (largest // denominator) for numerator, denominator in ratios)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0
 
 
