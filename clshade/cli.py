@@ -82,7 +82,7 @@ def _warnings_in_one_line(shown: bool) -> Iterator[None]:
     """Every warning that Python's filters let through is one line on stderr, without the place in the code; or none."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        print(f"clshade: warning: {' '.join(str(message).split())}", file=sys.stderr)
+        telling.warning(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("always" if shown else "ignore", UserWarning)
@@ -94,15 +94,12 @@ class _Unwritable(Exception):
     """Standard output cannot be written; its cause says why."""
 
 
-class _Stdout:
+class _Stdout(telling.Printable):
     """Standard output; an error of its own is told from the errors of files."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream = stream
 
     def write(self, text: str) -> int:
         try:
-            return self.stream.write(text)
+            return super().write(text)
         except OSError as error:
             raise _Unwritable from error
 
@@ -111,9 +108,6 @@ class _Stdout:
             self.stream.flush()
         except OSError as error:
             raise _Unwritable from error
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
 
 
 def _discard(stream: TextIO) -> None:
@@ -138,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(error.__cause__, BrokenPipeError):
             return UNREAD
         reason = getattr(error.__cause__, "strerror", None) or error.__cause__
-        print(f"clshade: standard output: cannot be written: {reason}", file=sys.stderr)
+        telling.error(f"standard output: cannot be written: {reason}")
         return REFUSED
     except KeyboardInterrupt:
         interrupts.tell()
@@ -157,10 +151,10 @@ def _run(arguments: Sequence[str]) -> int:
     except ClshadeError as error:
         if parsed.debug:
             raise
-        print(f"clshade: {' '.join(str(error).split())}", file=sys.stderr)
+        telling.error(str(error))
         return REFUSED
     except MemoryError as error:
         if parsed.debug:
             raise
-        print(f"clshade: out of memory: {' '.join(str(error).split())}".rstrip(": "), file=sys.stderr)
+        telling.error(f"out of memory: {error}".rstrip(": "))
         return REFUSED

@@ -21,7 +21,7 @@ from .atomic import Path, shown
 from .camera import Camera
 from .errors import InputError
 from .geometry import camera_axes
-from .reading import complaint, quoted, read_file
+from .reading import complaint, quoted, read_file, reason_of
 from .validation import Array, choice
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
@@ -414,6 +414,6 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     except (InputError, ImportError):
         raise
     except Exception as error:  # the decoder raises anything at all
-        raise complaint(owner, "file", "an OpenEXR image", " ".join(str(error).split()) or "damaged data") from None
+        raise complaint(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
     return {name: planes[name] for name in names}, parts[0][1]

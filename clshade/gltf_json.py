@@ -121,9 +121,10 @@ class Item:
 def parse(text: bytes, owner: str) -> Item:
     """The top object of a glTF file's JSON.
 
-    Raises InputError for what is no JSON object, holds NaN or infinity, is nested too deeply, or has too many values.
+    Raises InputError for what is no JSON object, holds NaN or infinity, has a key twice (which glTF forbids), is nested too
+    deeply, or has too many values.
     """
-    value = parse_text(text, owner, "a glTF document")
+    value = parse_text(text, owner, "a glTF document", unique=True)
     if not isinstance(value, dict):
         raise complaint(owner, "JSON", "an object", found_text(value))
     return Item(value, "", value, owner)

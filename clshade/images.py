@@ -13,7 +13,7 @@ import numpy as np
 from . import pnm, tiff
 from .atomic import Path, shown
 from .errors import InputError
-from .reading import complaint, read_file
+from .reading import complaint, read_file, reason_of
 from .scene import Texture
 from .validation import Array
 
@@ -73,8 +73,8 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason[:160]) from None
+        reason = reason_of(error) or type(error).__name__
+        raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
     levels = np.arange(most + 1) / most
     plain = levels.astype(np.float32)
     table = srgb_to_linear(levels).astype(np.float32) if srgb else plain
@@ -98,7 +98,7 @@ def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tup
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
-        raise complaint(owner, "file", "a PNG image", " ".join(str(error).split())[:160] or "damaged data") from None
+        raise complaint(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
     return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
 
 

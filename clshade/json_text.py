@@ -7,6 +7,7 @@ from typing import Any
 
 from .reading import complaint, quoted
 
+MAX_DIGITS = 400  # of a whole number: float64 has none of more than 309; reading digits takes time as their square
 MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
 
 
@@ -20,7 +21,9 @@ def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> A
         raise complaint(owner, "JSON", f"at most {MAX_VALUES} values", "more")
     hook = _unique if unique else None
     try:
-        return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant, object_pairs_hook=hook)
+        return json.loads(
+            text.decode("utf-8-sig"), parse_int=_whole, parse_constant=_refuse_constant, object_pairs_hook=hook
+        )
     except UnicodeDecodeError as error:
         raise complaint(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
     except json.JSONDecodeError as error:
@@ -36,6 +39,12 @@ def found_text(value: Any) -> str:
     if value is None:
         return "none"
     return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise ValueError(f"a whole number of {len(digits)} digits")
+    return int(digits)
 
 
 def _refuse_constant(name: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from . import atomic
 from .atomic import Path, shown
 from .errors import InputError
-from .reading import complaint, read_file
+from .reading import complaint, read_file, reason_of
 
 _LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
 _MAX_BYTES = 1 << 31  # of a file that is read
@@ -71,4 +71,4 @@ def read(path: Path) -> np.ndarray:
     except InputError:
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
-        raise complaint(owner, "file", "a PNG image", " ".join(str(error).split()) or "damaged data") from None
+        raise complaint(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None

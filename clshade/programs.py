@@ -213,7 +213,7 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
 def _stored_at(device: Device, source: str, options: list[str]) -> Path:
     where = os.environ.get("POCL_CACHE_DIR", "") if device.keeps_programs else ""
     parts = (source, *options, device.platform, device.name, device.version, device.driver, where)
-    name = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
     return runtimes.prepare().folder / "binaries" / name
 
 

@@ -28,6 +28,14 @@ def quoted(text: str | bytes, most: int = 48) -> str:
     return repr(text) if len(text) <= most else repr(text[:most]) + "..."
 
 
+def reason_of(error: BaseException) -> str:
+    """What a decoder says, in one line, at most 160 characters, without the objects that it names by their addresses."""
+    if type(error).__name__ == "UnidentifiedImageError":  # Pillow's, which names nothing but such an object
+        return "something else"
+    text = re.sub(r"\s*<[^<>]* object at 0x[0-9a-fA-F]+>", "", str(error))
+    return " ".join(text.split())[:160]
+
+
 @contextlib.contextmanager
 def within(owner: str) -> Iterator[None]:
     """Every InputError of the block names `owner`, the file that led to it, first."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Iterator
+from typing import Any, TextIO
 
 QUIET, NORMAL, VERBOSE = range(3)
 
@@ -54,5 +55,37 @@ def detail(text: str) -> None:
         _print(text)
 
 
+def error(text: str) -> None:
+    """The line about what ends a command, or a part of it."""
+    _print(text)
+
+
 def _print(text: str) -> None:
-    print(f"clshade: {text}", file=sys.stderr, flush=True)
+    print(f"clshade: {in_one_line(text)}", file=sys.stderr, flush=True)
+
+
+def in_one_line(text: str) -> str:
+    """A message whatever it names: runs of white space are a blank, and nothing in it moves or colors a terminal."""
+    return printable(" ".join(text.split()))
+
+
+def printable(text: str, encoding: str = "utf-8") -> str:
+    r"""Lines without control characters, and without what the encoding lacks: as `\x1b`, `\u2026`. A byte of a file's
+    name that is no UTF-8 is one of these, as Python has it: 0xe9 is `\udce9`."""
+    if not text.replace("\n", "").isprintable():
+        text = "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+    return text.encode(encoding, "backslashreplace").decode(encoding)
+
+
+class Printable:
+    """A text stream on which everything can be printed, see `printable`. The rest is the stream's own."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        self.stream.write(printable(text, getattr(self.stream, "encoding", None) or "utf-8"))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)

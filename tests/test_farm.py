@@ -173,7 +173,7 @@ REFUSED = [
     ([{"fov": 180}], ("camera 1", "fov", "to less than 180")),
     ([{"fov": 1e-320}], ("camera 1", "fov", "from 1e-6")),
     ([{"fov": 40, "focal": 1}], ("camera 1", "fov", "either fov or focal")),
-    ([{"orthographic": 1}], ("camera 1", "orthographic", "True or False")),
+    ([{"orthographic": 1}], ("camera 1", "orthographic", "true or false")),
     ([{"resolution": [40, 0]}], ("camera 1", "resolution")),
     ([{"resolution": [1e9, 20]}], ("camera 1", "resolution")),
     ([{"eye": [0, 0, 0]}], ("camera 1", "lookat", "other than eye")),

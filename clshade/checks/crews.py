@@ -127,7 +127,7 @@ def run(
     )
     if out is not None:
         for path in _write(measured, out):
-            print(f"wrote {path}", file=stream)
+            print(f"wrote {atomic.shown(path)}", file=stream)
     return measured.passed
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
+from ..atomic import shown
 from ..device import open_device
 from ..errors import InputError
 from ..scene import Scene
@@ -56,7 +57,7 @@ def run(
     written = report_tables.write(found, used, folder)
     written.append(folder / "report.png")
     report_figure.plot(found, written[-1])
-    print("\n".join(["", *(f"wrote {path}" for path in written)]), file=stream)
+    print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
     if unkept is not None:
         raise unkept
     if used is not None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
+from ..atomic import shown
 from ..device import Device, list_devices, open_device
 from ..errors import DeviceError, InputError
 from ..spelling import hint
@@ -112,5 +113,5 @@ def run(
     if not names:
         written.append(folder / "stability.png")
         curves.plot(curves.measure(Bench(opened[0], folder)), written[-1], opened[0].title)
-    print("\n".join([*notes, *(f"wrote {path}" for path in written)]), file=stream)
+    print("\n".join([*notes, *(f"wrote {shown(path)}" for path in written)]), file=stream)
     return failed == 0

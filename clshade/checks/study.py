@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..atomic import shown
 from ..device import Device
 from ..renderer import render
 from ..scene import Scene
@@ -62,7 +63,7 @@ class Study:
     @property
     def title(self) -> str:
         columns, rows = self.scene.camera.resolution
-        return f"{self.scene.name or 'unnamed'}, {self.scene.face_count:,} triangles, {columns}x{rows}"
+        return f"{shown(self.scene.name or 'unnamed')}, {self.scene.face_count:,} triangles, {columns}x{rows}"
 
     def stats(self) -> dict[str, Any]:
         """The figures, as JSON takes them."""

@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from ..atomic import shown
 from ..errors import OutputError
 
 Row = Sequence[str]
@@ -79,5 +80,7 @@ def made_folder(path: str | Path, option: str = "--out") -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: {option}: expected a folder that can be made, found: {error.strerror}") from None
+        raise OutputError(
+            f"{shown(folder)}: {option}: expected a folder that can be made, found: {error.strerror}"
+        ) from None
     return folder

@@ -6,6 +6,7 @@ import argparse
 import math
 import os
 import re
+import stat
 from collections.abc import Sequence
 from typing import Any
 
@@ -105,6 +106,21 @@ def device_option(parser: argparse.ArgumentParser) -> None:
         "--device",
         help="pocl, intel, nvidia, rusticl, part of a platform's name, or P:D (default: CLSHADE_DEVICE, PoCL)",
     )
+
+
+def output_name(text: str) -> str:
+    """What an option names as output: no empty name, of which a default or `.exr` would be made, and no device, pipe or
+    socket, beside which files would appear: `/dev/null` would give /dev/null.exr."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a file or folder, found ''")
+    try:
+        mode = os.stat(text).st_mode
+    except (OSError, ValueError):  # new, or refused where it is written
+        return text
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        found = f"{text!r}, a device, pipe or socket"
+        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {found}")
+    return text
 
 
 def check_picture(output: str, inputs: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ import argparse
 from ..checks.defaults import BENCH_FRAMES, CREW_FRAMES
 from ..errors import InputError
 from . import DONE, FAILED
-from .arguments import device_option, numbers
+from .arguments import device_option, numbers, output_name
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="a turntable by so many processes each, in turns with one process",
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:8786", help="and by the workers of this Dask scheduler")
-    parser.add_argument("-o", "--out", metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
+    parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
 

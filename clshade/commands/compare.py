@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from . import DONE, FAILED
-from .arguments import check_picture
+from .arguments import check_picture, output_name
 
 if TYPE_CHECKING:
     from ..inspection.comparing import Comparison
@@ -44,6 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
+        type=output_name,
         metavar="PNG",
         help="write a picture of both images and their difference, layer by layer; of the first 40 layers that differ",
     )

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from . import DONE
-from .arguments import device_option, seconds
+from .arguments import device_option, output_name, seconds
 from .scene_options import chosen_saving, chosen_settings, picture_options
 
 CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
@@ -23,6 +23,7 @@ def output_options(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "-o",
         "--output",
+        type=output_name,
         default="out.####.exr",
         metavar="OUT",
         help="#### stands for the number of the frame; a PNG beside each EXR; its folder is made where there is none "

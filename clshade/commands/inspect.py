@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from . import DONE
-from .arguments import check_picture, numbers
+from .arguments import check_picture, numbers, output_name
 
 if TYPE_CHECKING:
     from ..inspection.pictures import Picture
@@ -27,6 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
+        type=output_name,
         metavar="PNG",
         help="write a figure: exposures of -4 to +4 stops, luminance in stops as false color and histogram, all layers",
     )

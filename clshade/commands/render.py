@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from .. import telling
-from ..atomic import folder_made
+from ..atomic import folder_made, shown
 from ..checks import tables
 from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
 from . import DONE, FAILED, REFUSED
-from .arguments import device_option, limit_options
+from .arguments import device_option, limit_options, output_name
 from .scene_options import (
     camera_options,
     chosen_saving,
@@ -43,6 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "-o",
         "--output",
+        type=output_name,
         metavar="OUT",
         help="writes OUT.exr and OUT.png (default: out); of several scenes, or with a slash at its end, it is a folder, "
         "made where there is none, with files named after the scenes (default: the current one)",
@@ -104,8 +104,8 @@ def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thr
             if arguments.debug:
                 raise
             text = " ".join(str(error).split())
-            text = text if text.startswith(f"{name}: ") else f"{name}: {text}"
-            print(f"clshade: {text}", file=sys.stderr)
+            text = text if text.startswith(f"{shown(name)}: ") else f"{shown(name)}: {text}"
+            telling.error(text)
             code, stats = REFUSED, {"error": text}
         worst = max(worst, code)
         all_stats.append({"scene": name, "output": output, **stats})
@@ -187,18 +187,19 @@ def summary(frame: Frame, output: str) -> str:
     whole = times.pop("frame")
     fixed = {name: times.pop(name) for name in ("pack", "open", "upload")}
     fixed["build"] = stats["build_ms"]
-    shown = ", ".join(f"{path} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
+    files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
 
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
 
+    name = shown(frame.scene.name or "unnamed")
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
     lines = [
-        f"scene   {frame.scene.name or 'unnamed'}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
+        f"scene   {name}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
         *ignored,
         f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
         f"device  {stats['device']}",
         f"once    {listed(fixed)} ms",
         f"frame   {whole:.2f} ms, the first: {listed(times)}",
     ]
-    return "\n".join([*(tables.wrapped(line, 8) for line in lines), f"wrote   {shown}"])
+    return "\n".join([*(tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..checks.defaults import FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options
+from .arguments import device_option, limit_options, output_name
 from .scene_options import camera_options, load_scene, scene_options
 
 RESOLUTION = (320, 240)  # unless --resolution says otherwise: all of it takes less than a minute
@@ -17,7 +17,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser)
     camera_options(parser)
     study = parser.add_argument_group("study")
-    study.add_argument("--out", default="report", metavar="DIR", help="folder for tables and figure (default: report)")
+    study.add_argument(
+        "--out",
+        type=output_name,
+        default="report",
+        metavar="DIR",
+        help="folder for tables and figure (default: report)",
+    )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")

@@ -5,12 +5,17 @@ from __future__ import annotations
 import argparse
 
 from . import DONE, FAILED
+from .arguments import output_name
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", help="as for render, or `all`: every device that works")
     parser.add_argument(
-        "--out", default="stability", metavar="DIR", help="folder for table, figure and pictures (default: stability)"
+        "--out",
+        type=output_name,
+        default="stability",
+        metavar="DIR",
+        help="folder for table, figure and pictures (default: stability)",
     )
     parser.add_argument("--case", nargs="+", default=(), metavar="NAME", help="only these, by name or number")
     parser.add_argument("--triangles", type=int, default=50_000, help="random ones to draw (default: 50000)")

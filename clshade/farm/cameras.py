@@ -75,7 +75,9 @@ def _camera(given: Any, base: Camera, owner: str, who: str) -> Camera:
         if key not in FIELDS:
             near = hint(key, FIELDS)
             raise complaint(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
-        if key != "orthographic" and _holds(value, (bool, str, dict)):
+        if key == "orthographic" and not isinstance(value, bool):
+            raise complaint(owner, f"{who}: {key}", "true or false", found_text(value))
+        if key != "orthographic" and not _are_numbers(value):
             raise complaint(owner, f"{who}: {key}", "numbers", found_text(value))
     if "fov" in given and (clash := {"focal", "plane", "orthographic"} & set(given)):
         raise complaint(owner, f"{who}: fov", f"either fov or {min(clash)}", "both")
@@ -95,5 +97,6 @@ def _with_fov(camera: Camera, fov: Any) -> Camera:
     return replace(seen, principal=camera.principal)
 
 
-def _holds(value: Any, kinds: tuple[type, ...]) -> bool:
-    return isinstance(value, kinds) or (isinstance(value, list) and any(_holds(item, kinds) for item in value))
+def _are_numbers(value: Any) -> bool:
+    """A number or a list of numbers, and no list of lists: those of JSON may be nested nearly as deep as Python's stack."""
+    return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))

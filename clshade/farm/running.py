@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import png, telling
-from ..atomic import folder_made
+from ..atomic import folder_made, shown
 from ..camera import Camera
 from ..errors import InputError
 from ..frame import check_output
@@ -57,7 +57,7 @@ class Run:
         skipped = f", {self.skipped:,} there already (--overwrite draws them again)" if self.skipped else ""
         lost = f"; {self.lost} lost, the frames drawn again" if self.lost else ""
         workers = f"{self.workers} worker{'s' if self.workers != 1 else ''}{lost}"
-        files = self.first if self.first == self.last else f"{self.first} ... {self.last}"
+        files = shown(self.first) if self.first == self.last else f"{shown(self.first)} ... {shown(self.last)}"
         time = (
             f"time    {self.seconds:.1f} s, {rate_text(self.rate)}; a frame {self.draw_ms:.0f} ms (median); {workers}"
         )
