@@ -61,7 +61,7 @@ class Slot:
             self._users += 1
             if self._users == 1 and self.lock is not None:
                 with contextlib.suppress(OSError):  # a full disk: without the mark
-                    (self.folder / MARK).touch()
+                    os.close(os.open(self.folder / MARK, os.O_WRONLY | os.O_CREAT, 0o600))
         try:
             yield
         finally:
@@ -80,7 +80,7 @@ class Slot:
     def _unmark(self) -> None:
         if self.lock is not None and self._owner == os.getpid():
             with contextlib.suppress(OSError):
-                (self.folder / MARK).unlink()
+                os.unlink(self.folder / MARK)
 
     def seal(self) -> None:
         """Notes what the folder holds now, as whole. Without it (a full disk) it would be compiled again."""

@@ -254,7 +254,7 @@ def test_a_full_disk_takes_neither_mark_nor_seal(sealed, monkeypatch):
     def refuse(*arguments, **options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "touch", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     monkeypatch.setattr(Path, "write_bytes", refuse)
     with slot.using():
         os.truncate(slot.pocl / "AB" / "phong.so", 5)
