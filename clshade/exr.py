@@ -23,6 +23,7 @@ from .errors import InputError
 from .geometry import camera_axes
 from .reading import complaint, quoted, read_file, reason_of
 from .validation import Array, choice
+from .validation import path as checked_path
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
@@ -264,7 +265,7 @@ def write(
     path: the file; an earlier one is replaced at the end (`atomic.replacing`). The rest: see `encode`.
     Returns warnings. Raises InputError for what is refused, OutputError when the file cannot be written.
     """
-    with atomic.replacing(path) as file:
+    with atomic.replacing(checked_path("exr.write", "path", path)) as file:
         return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
 
 
@@ -401,7 +402,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
     larger than 2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold (see `exr_limits`).
     """
-    owner = shown(path)
+    owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
     if not data.startswith(b"\x76\x2f\x31\x01"):
         raise complaint(owner, "file", "an OpenEXR image", "something else")

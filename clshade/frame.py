@@ -14,7 +14,8 @@ import numpy as np
 from .layer_tables import material_numbers
 from .scene import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
 from .spelling import hint
-from .validation import Array, choice, refuse
+from .validation import Array, choice, flag, known, refuse
+from .validation import path as checked_path
 
 if TYPE_CHECKING:
     from .checks.checking import Check
@@ -40,6 +41,10 @@ OTHER_FORMATS = (
         ".webm",
     ),
 )  # extensions by which somebody asks for what is not written here
+
+
+ASKED = ("Frame.save", "path")  # who is refused, and what, unless a command or another function asks
+SAVING = ("tonemap", "exposure", "half", "compression", "crop", "deterministic")  # keywords of `Frame.save`
 
 
 class Frame:
@@ -191,6 +196,7 @@ class Frame:
         Warns, in a line each, of values that `half` or float32 cannot hold and of what a compression changes; returns
         those lines. Raises OutputError when a file can't be written.
         """
+        known("Frame.save", options, SAVING)
         lines = self.write(path, **options)
         for line in lines:
             warnings.warn(line, stacklevel=2)
@@ -210,6 +216,8 @@ class Frame:
         """The same, for callers that do the warning: its lines are returned."""
         from . import atomic, exr, png
 
+        for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
+            flag("Frame.save", name, value)
         check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
         paths = output_paths(path)
 
@@ -233,22 +241,27 @@ class Frame:
         return lines
 
 
-def output_paths(path: str | Path) -> tuple[Path, Path]:
+def output_paths(path: str | Path, asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file, standard
     output, or a file of another format."""
-    path = Path(path)
+    path = Path(checked_path(*asked, path))
     stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
     if stem.name in ("", ".."):
-        raise refuse("Frame.save", "path", "a file name", str(path))
+        raise refuse(*asked, "a file name", str(path))
     if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
-        raise refuse("Frame.save", "path", both, str(path))
+        raise refuse(*asked, both, str(path))
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 
 def check_output(
-    path: str | Path, *, tonemap: str | None = None, exposure: float = 0.0, compression: str = "zip"
+    path: str | Path,
+    *,
+    tonemap: str | None = None,
+    exposure: float = 0.0,
+    compression: str = "zip",
+    asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
     from . import atomic, exr
@@ -256,7 +269,7 @@ def check_output(
 
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)
-    for file in output_paths(path):
+    for file in output_paths(path, asked):
         atomic.check(file)
 
 

@@ -25,6 +25,7 @@ from .reading import complaint, quoted, size_of
 from .scene import Scene
 from .stl_files import read_stl
 from .validation import flag, integer, refuse
+from .validation import path as checked_path
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
@@ -70,8 +71,7 @@ def load(
     Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
     file that is missing, unknown, malformed or too large, and for an argument out of range.
     """
-    if not isinstance(path, (str, os.PathLike)) or isinstance(os.fspath(path), bytes):
-        raise refuse("load", "path", "a path (text)", path)
+    checked_path("load", "path", path)
     owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
     if extension not in EXTENSIONS:
         raise _no_scene(path, owner, extension)

@@ -31,6 +31,10 @@ from .validation import Array, known, refuse
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
 _KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
+_KEYWORD_REMARKS = dict.fromkeys(
+    ("camera", "lights", "background"),
+    "it is a part of the scene, see dataclasses.replace; Renderer(scene).render(camera) takes other cameras",
+)
 _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
@@ -60,7 +64,8 @@ def settle(
     given settings or those of the preset (default: the scene's own)."""
     if not isinstance(scene, Scene):
         raise refuse("render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene)
-    known("render", fields, (*Settings.__dataclass_fields__, *_KEYWORDS), _KEYWORD_WORDS)
+    allowed = (*Settings.__dataclass_fields__, *_KEYWORDS)
+    known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
     if "resolution" in fields:
         resolution = fields.pop("resolution")
         if resolution is not None:
@@ -108,6 +113,8 @@ class Renderer:
         def build_meanwhile(tried: Device) -> None:
             scene_stages(tried, self.features, lanes, packed.layers.features)
 
+        if not isinstance(device, (Device, str, type(None))):
+            raise refuse("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device

@@ -27,6 +27,7 @@ from .validation import (
     rows,
     sequence,
     set_fields,
+    text,
     vector,
 )
 
@@ -114,6 +115,7 @@ class Texture:
             raise refuse("Texture", "wrap", "one name or two, for u and v", self.wrap)
         set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
+        text("Texture", "name", self.name)
 
     def __repr__(self) -> str:
         rows, columns, channels = self.image.shape
@@ -154,6 +156,7 @@ class Material:
             self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
         )
         choice("Material", "sides", self.sides, SIDES)
+        text("Material", "name", self.name)
         set_fields(self, two_sided=flag("Material", "two_sided", self.two_sided))
         if self.alpha_cutoff is not None:
             set_fields(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
@@ -191,7 +194,7 @@ class Mesh:
     dropped: int = 0
 
     def __post_init__(self) -> None:
-        who = f"Mesh {self.name!r}" if self.name else "Mesh"
+        who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
         drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
         verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
@@ -292,6 +295,7 @@ class Scene:
             background=None if self.background is None else coefficient("Scene", "background", self.background),
         )
         choice("Scene", "preset", self.preset, PRESETS)
+        text("Scene", "name", self.name)
 
     @property
     def face_count(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-_ALIKE = 0.5  # how alike names have to be, 1 for equal ones (`difflib.get_close_matches`)
+_ALIKE = 0.54  # how alike names have to be, 1 for equal ones (`difflib.get_close_matches`)
 
 
 def nearest(given: str, allowed: Iterable[str], words: Mapping[str, str] | None = None) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -35,13 +36,29 @@ def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: 
     return value
 
 
-def known(owner: str, given: Iterable[str], allowed: Iterable[str], words: Mapping[str, str] | None = None) -> None:
-    """Raises InputError for the first of the given keywords that is not allowed, with the nearest that is."""
+def known(owner: str, given: Iterable[str], allowed: Iterable[str], **others: Any) -> None:
+    """Raises InputError for the first of the given keywords that is not allowed, with the nearest that is; others: what
+    `spelling.hint` knows besides."""
     allowed = tuple(allowed)
     for name in given:
         if name not in allowed:
             expected = "one of " + ", ".join(allowed)
-            raise InputError(f"{owner}: {name}: expected {expected}, found no such field{hint(name, allowed, words)}")
+            raise InputError(
+                f"{owner}: {name}: expected {expected}, found no such field{hint(name, allowed, **others)}"
+            )
+
+
+def text(owner: str, name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise refuse(owner, name, "a text", value)
+    return value
+
+
+def path(owner: str, name: str, value: Any) -> str:
+    """A file's name, text or a path object, as text. No bytes, and no open file."""
+    if not isinstance(value, (str, os.PathLike)) or isinstance(os.fspath(value), bytes):
+        raise refuse(owner, name, "a path (text)", value)
+    return os.fspath(value)
 
 
 def flag(owner: str, name: str, value: Any) -> bool:

@@ -174,7 +174,8 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuses before the rendering what could not be saved after it."""
     from ..frame import check_output
 
-    check_output(output, tonemap=arguments.tonemap, exposure=arguments.exposure, compression=arguments.compression)
+    saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
+    check_output(output, asked=("render", "--output"), **saving)
 
 
 def summary(frame: Frame, output: str) -> str:

@@ -68,7 +68,7 @@ class Pattern:
 
 def parse_pattern(text: str, count: int) -> Pattern:
     """The pattern of an output option for `count` frames; without any # it names the one frame. Raises InputError."""
-    image = output_paths(text)[0]  # refuses what names no file
+    image = output_paths(text, ("draw_frames", "--output"))[0]  # refuses what names no file
     name = os.path.split(text)[1]
     runs = re.findall("#+", name)
     if not name or len(runs) > 1 or (not runs and count > 1):

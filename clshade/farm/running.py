@@ -8,6 +8,7 @@ import stat
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ from .. import png, telling
 from ..atomic import folder_made, shown
 from ..camera import Camera
 from ..errors import InputError
-from ..frame import check_output
+from ..frame import SAVING, check_output
 from ..renderer import settle
 from ..scene import Scene
-from ..validation import integer, number
+from ..validation import integer, known, number, refuse
 from .frames import Pattern, parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
@@ -104,8 +105,10 @@ def draw_frames(
         if workers == 1 and scheduler is None:
             expected = "two --workers or more, or a --scheduler: they can be given the frames of one that hangs"
             raise InputError(f"--frame-timeout: expected {expected}, found one process")
-    if not cameras:
-        raise InputError("draw_frames: cameras: expected one or more, found none")
+    numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
+    if not numbered or not cameras:
+        raise refuse("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
+    known("draw_frames: saving", saving or (), SAVING)
     pattern = parse_pattern(output, len(cameras))
     saving = dict(saving or {})
     scene, settled = settle(scene, **settings)
