@@ -55,6 +55,10 @@ def test_options_of_maps(tmp_path):
     assert mesh.uvs.tolist() == [[0.5, 1.25], [2.5, 1.25], [0.5, -1.75]]
     mesh, _, _ = material_of(tmp_path, "map_Kd -s 2 my image.png\n")
     assert mesh.uvs.tolist() == [[0, 1], [2, 1], [0, 0]]
+    mesh, _, _ = material_of(tmp_path, "map_Kd -o 0.5 0.25 my image.png\n")
+    assert mesh.uvs.tolist() == [[0.5, 0.75], [1.5, 0.75], [0.5, -0.25]]
+    mesh, _, _ = material_of(tmp_path, "map_Kd -o 0.5 my image.png\n")
+    assert mesh.uvs.tolist() == [[0.5, 1], [1.5, 1], [0.5, 0]]
     assert material_of(tmp_path, "map_Kd -mm 0 1 my image.png\n")[1].ignored == ("option -mm of maps",)
 
 

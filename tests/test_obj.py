@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import fields
+from operator import eq
 
 import numpy as np
 import pytest
@@ -235,6 +237,24 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
         corners = np.array([corner for polygon in polygons for corner in polygon])
         cuts = triangulated(np.array(verts), corners[:, 0], np.array([len(polygon) for polygon in polygons]))
         assert found.indices.tolist() == cuts.triangles(corners).tolist()
+
+
+@pytest.mark.parametrize("chunk", [1, 30, 100, 400])
+def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
+    """Colors of some vertices, names, libraries on their lines, smoothing, comments and continued lines."""
+    block = "# a\nmtllib {k}.mtl\nv 0 0 {k} 1 0 0.5\nv 1 0 0\nv 0 1 0 0 {k} 0\no {k}\nusemtl m{k} \\\n x\ns {k}\n"
+    block += "f -3 -2 \\\n-1\ng g{k} # none\nvt 0 {k}\nf -1/1 -2/1 -3/-1 -1/-1\nl 1 2\ncurv {k}\n"
+    data = "".join(block.replace("{k}", str(k)) for k in range(12)).encode()
+    whole = parse_obj(data, "a.obj")
+    monkeypatch.setattr(obj_lines, "CHUNK", chunk)
+    parts = parse_obj(data, "a.obj")
+    for field in fields(whole):
+        expected, found = getattr(whole, field.name), getattr(parts, field.name)
+        same = np.array_equal if isinstance(expected, np.ndarray) else eq
+        assert same(expected, found), field.name
+    assert whole.colors.tolist() == [row for k in range(12) for row in ([1, 0, 0.5], [1, 1, 1], [0, k, 0])]
+    assert whole.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
+    assert len(whole.runs) == 24
 
 
 def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):
