@@ -100,25 +100,27 @@ def test_broken_values(tmp_path):
 
 
 def sparse(rows: list[int], count: int) -> Gltf:
-    """A triangle whose corners are 0 but for the rows that are named, `count` of which are taken."""
+    """A triangle of an accessor of four rows, which are 0 but for the rows that are named, `count` of which are taken."""
     document = Gltf()
     parts = {
         "count": count,
         "indices": {"bufferView": document.view(np.array(rows, np.uint8).tobytes()), "componentType": 5121},
         "values": {"bufferView": document.view(np.ones((len(rows), 3), np.float32).tobytes())},
     }
-    entry = {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": parts}
+    entry = {"componentType": 5126, "type": "VEC3", "count": 4, "sparse": parts}
     document.mesh({"POSITION": document.add("accessors", entry)}, INDICES)
     return document
 
 
 def test_sparse_rows_up_to_the_last(tmp_path):
-    meshes = load(sparse([0, 1, 2], 3).glb(tmp_path / "a.glb")).meshes
+    meshes = load(sparse([0, 1, 2, 3], 4).glb(tmp_path / "a.glb")).meshes
     assert (meshes[0].verts == 1.0).all()
-    for rows in ([3], [0, 3], [0, 255]):
+    for rows in ([4], [0, 4], [0, 255]):
         path = sparse(rows, len(rows)).glb(tmp_path / "a.glb")
-        refusal(path, "accessors[0].sparse.indices: expected indices below 3", str(rows[-1]))
-    refusal(sparse([0, 1, 2, 2], 4).glb(tmp_path / "a.glb"), "accessors[0].sparse.count: expected at most 3, found 4")
+        refusal(path, "accessors[0].sparse.indices: expected indices below 4", str(rows[-1]))
+    refusal(
+        sparse([0, 1, 2, 3, 3], 5).glb(tmp_path / "a.glb"), "accessors[0].sparse.count: expected at most 4, found 5"
+    )
     refusal(sparse([1], 2).glb(tmp_path / "a.glb"), "accessors[0].sparse.indices.count: ")
 
 

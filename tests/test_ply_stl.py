@@ -44,6 +44,19 @@ def test_polygons_become_fans(tmp_path, form):
         assert mesh.normals is None
 
 
+@pytest.mark.parametrize("corners", [3, 10, 13])
+@pytest.mark.parametrize("form", FORMS)
+def test_faces_may_stand_before_vertices(tmp_path, form, corners):
+    """The byte before the first length, the header's last, is 10 as well."""
+    verts = RNG.random((corners, 3)).astype(np.float32).tolist()
+    header = FACES.format(1) + f"element vertex {corners}\n{XYZ}"
+    rows = [(f"B{corners}i", [corners, *range(corners)]), *(("3f", row) for row in verts)]
+    (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
+    assert mesh.verts.tolist() == verts
+    assert len(mesh.faces) == corners - 2
+    assert sorted(set(mesh.faces.ravel().tolist())) == list(range(corners))
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_strips_are_decoded(tmp_path, form):
     strip = [0, 1, 2, 3, -1, 3, 2, -1, 2, 1, 0]
