@@ -270,6 +270,34 @@ def test_cameras(tmp_path):
     refusal(document.glb(tmp_path / "a.glb"), "cameras[0].perspective.yfov: ")
 
 
+def test_lenses_at_their_limits(tmp_path):
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    node = document.json["nodes"][document.add("nodes", {"camera": 0, "translation": [1, 2, 9]})]
+
+    def written(kind: str, **lens: float) -> str:
+        document.json["cameras"] = [{"type": kind, kind: lens}]
+        return document.glb(tmp_path / "a.glb")
+
+    for lens, place in (({"yfov": 0.0}, "yfov"), ({"yfov": math.pi}, "yfov"), ({"aspectRatio": 1.0}, "yfov")):
+        refusal(written("perspective", **lens), f"cameras[0].perspective.{place}: ")
+    refusal(written("orthographic", xmag=1, ymag=0), "cameras[0].orthographic.ymag: expected a number other than 0")
+    document.json["cameras"] = [{"type": "perspective"}]
+    refusal(document.glb(tmp_path / "a.glb"), "cameras[0].type: ")
+    mirrored = load(written("orthographic", xmag=-2, ymag=-1)).camera
+    assert (mirrored.plane, mirrored.resolution) == ((2.0, 4.0), (1200, 600))
+    for lens, resolution in (({}, (800, 600)), ({"aspectRatio": 1e-9}, (1, 600)), ({"aspectRatio": 1e9}, (16384, 600))):
+        camera = load(written("perspective", yfov=math.pi / 2, **lens)).camera
+        assert camera.resolution == resolution
+        columns, rows = resolution
+        assert camera.plane[1] / camera.plane[0] == pytest.approx(columns / rows)
+        assert camera.plane[0] == pytest.approx(2.0 * max(1.0, lens.get("aspectRatio", 0.0) * rows / columns))
+    node["translation"] = [1, 2, -9]  # with the triangle behind it
+    camera = load(written("perspective", yfov=1.0)).camera
+    assert (camera.lookat - camera.eye)[:2].tolist() == [0, 0]
+    assert -1.0 < (camera.lookat - camera.eye)[2] < -0.1
+
+
 def test_lights(tmp_path):
     document = triangle()
     document.add("nodes", {"mesh": 0})
