@@ -212,7 +212,8 @@ def _removable(node: ast.AST) -> bool:
 
 
 def _evaluated(node: ast.AST) -> Iterator[ast.AST]:
-    """The nodes below that are run: no annotations, no f-strings, nothing for type checkers alone."""
+    """The nodes below that are run: no annotations, no f-strings, nothing for type checkers alone, and
+    not which line a warning names."""
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "type_comment"):
             continue
@@ -220,6 +221,8 @@ def _evaluated(node: ast.AST) -> Iterator[ast.AST]:
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr):
                 continue
             if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
+                continue
+            if isinstance(child, ast.keyword) and child.arg == "stacklevel":
                 continue
             yield child
             yield from _evaluated(child)

@@ -151,18 +151,37 @@ def test_materials_and_textures(tmp_path):
     linear = srgb_to_linear(pixels[..., :3] / 255)
     np.testing.assert_allclose(material.texture.image, linear, atol=1e-6)
     kd, ks, n = phong(0.0, 0.5, float((linear * [0.5, 1, 0.25]).mean()))
-    assert (material.kd.tolist(), material.n) == ([kd] * 3, n)
+    assert (material.ka.tolist(), material.kd.tolist(), material.n) == ([1.0] * 3, [kd] * 3, n)
     np.testing.assert_allclose(material.ks, ks, rtol=1e-6)
 
 
 def test_phong_of_metallic_roughness():
     assert phong(0.0, math.sqrt(0.5), 1.0)[2] == pytest.approx((1 / 0.25 - 1) / 2)
     assert phong(0.0, 1.0, 1.0)[2] == 1.0
-    assert phong(0.0, 0.0, 1.0)[2] <= 5000.0
+    assert phong(0.0, 0.0, 1.0)[2] == pytest.approx(5000.0, rel=1e-3)
     assert phong(0.0, 1.0, 0.5)[:2] == pytest.approx((1.0, 0.04 * 1.5 / 0.5))
     assert phong(1.0, 0.1, 0.5)[:2] == pytest.approx((0.4, 1.0 / 0.5))  # the peak is held to 1 under the color
     exponents = [phong(0.0, roughness, 0.5)[2] for roughness in np.linspace(0, 1, 20)]
     assert exponents == sorted(exponents, reverse=True)
+
+
+def test_what_a_material_leaves_out(tmp_path):
+    """White, metallic, rough, seen from the front; factors beyond 1 are 1."""
+    document = Gltf()
+    for reflection in ({}, {"metallicFactor": 7.0, "roughnessFactor": 1.5}):
+        index = document.add("materials", {"pbrMetallicRoughness": reflection} if reflection else {})
+        document.mesh({"POSITION": CORNERS}, INDICES, material=index)
+    for mesh in load(document.glb(tmp_path / "a.glb")).meshes:
+        material = mesh.material
+        kd, ks, n = phong(1.0, 1.0, 1.0)
+        assert (material.color.tolist(), material.ka.tolist(), material.kd.tolist()) == ([1.0] * 3, [1.0] * 3, [kd] * 3)
+        assert (material.ks.tolist(), material.n) == ([ks] * 3, n)
+        assert (material.sides, material.two_sided, material.texture, material.alpha_cutoff) == (
+            "front",
+            False,
+            None,
+            None,
+        )
 
 
 def test_alpha_masks(tmp_path):
