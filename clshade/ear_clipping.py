@@ -16,12 +16,14 @@ from .validation import Array
 _ALWAYS = 64  # corners of a polygon that is cut whatever it costs
 _UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it crosses itself
 _MOST = 1 << 16  # corners of a polygon that is cut at all
-_PAIRS = 1 << 26  # of edges, looked at to find out whether a large polygon crosses itself
-# What it costs to cut a polygon, as a multiple of the square of its corners: where all goes well, where corners are
-# dropped, and where most are, because edges cross over and over. A pair of edges costs as much as the last.
-_CLEAN, _RAGGED, _TANGLED = 1, 16, 128
-_WORK = 1 << 34  # of that, for all polygons of more than _ALWAYS corners: tens of seconds
+_PAIRS = 1 << 25  # of edges, looked at to find out whether a large polygon crosses itself: a second or two
+# What a polygon costs as a multiple of the square of its corners, a third of a nanosecond each: where all goes well, and
+# where not, because edges cross over and over. What it costs to look at a pair of edges.
+_CLEAN, _TANGLED, _PAIR = 1, 512, 128
+_WORK = 1 << 34  # of that, for all polygons of more than _ALWAYS corners: several seconds
+_BLOCK = 1 << 16  # pairs of edges whose temporary arrays stay in the cache
 _FLAT = 2.0**-44  # of the square of the longest edge: a triangle with less area has none
+_SAME_AREA = 2.0**-40  # of the square of a polygon's size: triangles with less between them and the polygon fill it
 
 
 class Cutter:
@@ -35,26 +37,36 @@ class Cutter:
         self.left = 0
         self._work = 0
 
-    def cut(self, points: Array) -> Array:
-        """(n - 2, 3) triangles of corner numbers of a polygon with corners (n, 2), counter-clockwise, of size 1.
+    def cut(self, polygons: Array) -> Array:
+        """(P, n - 2, 3) triangles of corner numbers of polygons with corners (P, n, 2), counter-clockwise, of size 1.
 
         Fewer triangles are made up to n - 2 by some without area. Those of a polygon that crosses itself may overlap.
         A polygon that is left out is a fan.
         """
         from mapbox_earcut import triangulate_float64
 
-        count = len(points)
-        if not self._affordable(points):
-            self.left += 1
-            return _fan(range(count))
-        found = triangulate_float64(np.ascontiguousarray(points), np.array([count], np.uint32)).reshape(-1, 3)
-        if count > _ALWAYS:
-            ragged = _RAGGED if 2 * len(found) >= count else _TANGLED
-            self._work += count * count * (_CLEAN if len(found) == count - 2 else ragged)
-        triangles = found.astype(np.intp)
-        if len(triangles) == count - 2 and not _flat(points, triangles).any():
-            return triangles
-        return _whole(points, triangles)
+        polygons = np.ascontiguousarray(polygons)
+        count = polygons.shape[1]
+        rings = np.array([count], np.uint32)
+        cuts = np.tile(_fan(range(count)), (len(polygons), 1, 1))
+        whole = np.zeros(len(polygons), bool)
+        for number, points in enumerate(polygons):
+            if not self._affordable(points):
+                self.left += 1
+                whole[number] = True
+                continue
+            found = triangulate_float64(points, rings).reshape(-1, 3).astype(np.intp)
+            self._pay(points, found)
+            if len(found) == count - 2:
+                cuts[number] = found
+            else:
+                cuts[number] = _whole(points, found)
+                whole[number] = True
+        first = count * np.arange(len(polygons))[:, None, None]
+        flat = _flat(polygons.reshape(-1, 2), (cuts + first).reshape(-1, 3)).reshape(-1, count - 2)
+        for number in np.flatnonzero(flat.any(axis=1) & ~whole).tolist():
+            cuts[number] = _whole(polygons[number], cuts[number])
+        return cuts
 
     def _affordable(self, points: Array) -> bool:
         count = len(points)
@@ -65,8 +77,15 @@ class Cutter:
         if count <= _UNCHECKED:
             return True
         crosses, pairs = _crosses(points)
-        self._work += pairs * _TANGLED
+        self._work += pairs * _PAIR
         return not crosses
+
+    def _pay(self, points: Array, triangles: Array) -> None:
+        if len(points) > _ALWAYS:
+            filled = _doubled_areas(points, triangles).sum()
+            area = _doubled_areas(points, _fan(range(len(points)))).sum()
+            clean = bool(abs(filled - area) <= _SAME_AREA)
+            self._work += len(points) * len(points) * (_CLEAN if clean else _TANGLED)
 
 
 def _fan(corners: range | list[int]) -> Array:
@@ -198,19 +217,23 @@ def _crosses(points: Array) -> tuple[bool, int]:
     total = int(pairs.sum())
     if total > _PAIRS:
         return True, 0
-    start, end = points[order], ends[order]
-    cuts = np.searchsorted(np.cumsum(pairs), np.arange(0, total + 1, 1 << 20))
+    x, y, u, v = (np.ascontiguousarray(column) for column in (*points[order].T, *ends[order].T))
+    cuts = np.searchsorted(np.cumsum(pairs), np.arange(0, total + 1, _BLOCK))
     for first, last in zip(cuts, [*cuts[1:], len(points)], strict=True):
-        mine = np.repeat(np.arange(first, last), pairs[first:last])
-        steps = np.arange(len(mine)) - np.repeat(np.cumsum(pairs[first:last]) - pairs[first:last], pairs[first:last])
-        a, b, c, d = start[mine], end[mine], start[mine + 1 + steps], end[mine + 1 + steps]
-        if ((_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)).any():
+        steps = np.arange(int(pairs[first:last].sum())) - np.repeat(
+            np.cumsum(pairs[first:last]) - pairs[first:last], pairs[first:last]
+        )
+        one = np.repeat(np.arange(first, last), pairs[first:last])
+        two = one + 1 + steps
+        a, b, c, d = ((p[k], q[k]) for k in (one, two) for p, q in ((x, y), (u, v)))
+        apart = _side(a, b, c) * _side(a, b, d) < 0.0
+        if apart.any() and (apart & (_side(c, d, a) * _side(c, d, b) < 0.0)).any():
             return True, total
     return False, total
 
 
-def _side(a: Array, b: Array, c: Array) -> Array:
+def _side(a: tuple[Array, Array], b: tuple[Array, Array], c: tuple[Array, Array]) -> Array:
     """Positive where c is to the left of the line from a to b; 0 exactly where it is one of these."""
-    u, v = b - a, c - a
-    left = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    return np.where((c == b).all(axis=1), 0.0, left)
+    x, y = a
+    u, v, s, t = b[0] - x, b[1] - y, c[0] - x, c[1] - y
+    return u * t - v * s

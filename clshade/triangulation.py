@@ -174,7 +174,7 @@ def _recut(points: Array, cutter: Cutter) -> Array:
     if count == 4:
         better = np.broadcast_to([[1, 2, 3], [1, 3, 0]], (len(wrong), 2, 3))
     else:
-        better = np.array([cutter.cut(polygon) for polygon in flat], np.intp).reshape(-1, count - 2, 3)
+        better = cutter.cut(flat)
     less = _turned_area(flat, better) < _turned_area(flat, cuts[wrong])
     cuts[wrong[less]] = better[less]
     return cuts
