@@ -121,10 +121,8 @@ def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
             timer.cancel()
         taken = time.perf_counter() - start - use.ran
         _own.waited = waited() + taken
-    if taken > SLOW:
+    if taken > LOADED and slot.seal() and taken > SLOW:
         _say(device)  # what was thought to be stored
-    if taken > LOADED:
-        slot.seal()
 
 
 def _say(device: Device) -> None:

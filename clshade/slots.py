@@ -82,10 +82,11 @@ class Slot:
             with contextlib.suppress(OSError):
                 os.unlink(self.folder / MARK)
 
-    def seal(self) -> None:
-        """Notes what the folder holds now, as whole. Without it (a full disk) it would be compiled again."""
+    def seal(self) -> bool:
+        """Notes what the folder holds now, as whole: whether there is anything new. What cannot be noted, as on a full
+        disk, is compiled again by the next process."""
         if self.lock is None or self._owner != os.getpid():
-            return
+            return False
         with self._guard, contextlib.suppress(OSError):
             known, self._sealed = self._sealed, {}
             for name, status in _files(self.folder):
@@ -97,6 +98,8 @@ class Slot:
                 self._sealed[name] = before
             if self._sealed != known:
                 _write_seal(self.folder, {name: digest for name, (digest, *_) in self._sealed.items()})
+                return True
+        return False
 
     def _end(self) -> None:
         """At the end of the process, even a forced one, which may come while something is compiled."""

@@ -53,7 +53,10 @@ def test_what_was_sealed_is_kept(sealed):
 
 def test_what_is_compiled_later_is_sealed_too(sealed):
     slot = take(sealed)
+    assert not slot.seal()
     (slot.pocl / "AB" / "setup.so").write_bytes(b"new")
+    assert slot.seal()
+    assert not slot.seal()
     slot.release()
     slot = take(sealed)
     assert slot.emptied == ""
