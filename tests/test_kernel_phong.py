@@ -96,13 +96,17 @@ def test_zero_normals_give_the_ambient_light_alone(device, inputs):
     assert np.isfinite(rgba).all()
 
 
-def test_an_overflow_saturates_and_is_counted(device, inputs):
+@pytest.mark.parametrize("unit", [1.0, 2.0**20])
+def test_an_overflow_saturates_and_is_counted(device, inputs, unit):
+    """Where light is summed up, or where it is taken from its own unit."""
     bright = replace(inputs, lights=inputs.lights.copy(), colors=np.float32(1e3) * inputs.colors)
     bright.lights["intensity"] *= np.float32(1e36)
-    image = {"lights": len(inputs.lights)}
+    given = replace(bright, lights=bright.lights.copy())
+    given.lights["intensity"] /= np.float32(unit)
+    image = {"lights": len(inputs.lights), "light_unit": unit}
     pipeline = Pipeline(device, FILES, RESOLUTION, image=image, **options(PHONG=1, **STANDARD))
-    bright.set_up(pipeline)
-    rgba, owners = pipeline.draw(**bright.arrays())
+    given.set_up(pipeline)
+    rgba, owners = pipeline.draw(**given.arrays())
     full = rgba[..., :3] == compare.FLOAT32_MAX
     assert np.isfinite(rgba).all()
     expected = oracle_of(bright, owners, STANDARD).rgb
