@@ -44,7 +44,6 @@ SUFFIXES = {
 }  # of a layer's components; every other layer's are R G B A
 FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
 
-_OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
 _MAX_BYTES = 1 << 34  # of a file that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
 _PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
@@ -302,7 +301,7 @@ def encode(
     rows, columns = next(iter(planes.values())).shape
     header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
     if window == "covered" and "Z" in planes:
-        header[_OUTSIDE["Z"]] = math.inf
+        header[exr_limits.OUTSIDE["Z"]] = math.inf
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
     if compression in LOSSY:
@@ -370,7 +369,7 @@ def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, A
         for name in list(channels):
             plane = channels.pop(name)  # the pixels go as soon as they are copied
             unique = name if name not in merged else f"{header.get('name', '')}.{name}"
-            outside = header.get(_OUTSIDE.get(name, ""))
+            outside = header.get(exr_limits.OUTSIDE.get(name, ""))
             known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
             merged[unique if unique not in merged else f"{number}.{unique}"] = _displayed(
                 plane, header["dataWindow"], header["displayWindow"], known

@@ -10,6 +10,7 @@ from . import host_memory
 from .reading import complaint
 
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
+OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
 MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 
 # The most bytes of pixels to a byte of the file, by the codecs' own formats: RLE has runs of 128 in 2 bytes; deflate (zip)
@@ -74,7 +75,9 @@ def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], da
     headers: of the parts; windows as (x0, y0, x1, y1) inclusive. sizes: from `channel_bytes`.
     """
     least = pixels = shown = 0
-    padded = 0  # the largest channel that is copied into its display window
+    copied = filled = (
+        0  # the largest copy into a display window (which is 0 at first, and takes no memory); what is not 0
+    )
     for header, part in zip(headers, sizes, strict=True):
         _check_part(header, owner)
         data_window, display = _area(header["dataWindow"]), _area(header["displayWindow"])
@@ -82,16 +85,21 @@ def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], da
             least += _least(size * data_window, channel, header["compression"])
             pixels += size * data_window
             shown += size * display
-            if header["dataWindow"] != header["displayWindow"]:
-                padded = max(padded, size * display)
+            if header["dataWindow"] == header["displayWindow"]:
+                continue
+            if OUTSIDE.get(channel, "") in header:
+                filled += size * display
+            else:
+                copied = max(copied, size * min(data_window, display))
     if shown > MAX_SHOWN:  # a small file may have a large display window
         raise complaint(owner, "channels", f"at most {MAX_SHOWN} bytes in the display window", str(shown))
     if least > len(data):
         raise complaint(owner, "dataWindow", f"pixels that {len(data)} bytes can hold", f"{pixels} bytes of them")
     free = host_memory.available()
-    if pixels + padded > free:
+    needed = pixels + copied + filled
+    if needed > free:
         raise complaint(
-            owner, "file", f"an image that fits into memory, of which {free:.0f} bytes are free", f"{pixels + padded}"
+            owner, "file", f"an image that fits into memory, of which {free:.0f} bytes are free", str(needed)
         )
 
 

@@ -292,6 +292,20 @@ def test_images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded(
     assert opened == [True, False, True]
 
 
+def test_what_lies_outside_of_the_data_window_takes_memory_only_where_it_is_not_0(path, capfd, monkeypatch):
+    for name, needed in (("Y", 2 * 4), ("Z", 4 + 4 * 64 * 64)):
+        exr.write(path, {name: np.ones((2, 2), np.float32)}, window=(0, 0, 0, 0))
+        data = path.read_bytes()
+        if name == "Z":
+            exr.write(path, {name: np.array([[1, np.inf], [np.inf, np.inf]])}, window="covered")
+            data = path.read_bytes()
+        path.write_bytes(wide(data, 0, 0, 63, 63, name=b"displayWindow"))
+        monkeypatch.setattr(exr_limits.host_memory, "available", lambda needed=needed: float(needed))
+        assert exr.read(path)[0][name].shape == (64, 64)
+        monkeypatch.setattr(exr_limits.host_memory, "available", lambda needed=needed: needed - 1.0)
+        assert f"found {needed}" in bad(path, capfd)
+
+
 def test_what_an_image_takes_is_known_from_its_header(path):
     """Types and names of the channels of all parts."""
     import OpenEXR

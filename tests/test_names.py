@@ -18,7 +18,7 @@ from test_cli import assert_refused, listing, needs_device, run
 from clshade import cli, exr, telling
 from clshade.reading import reason_of
 
-NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31mred", b"new\nline", b"return\rtab\t", b"\xff\xfe \x07"]
+NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
 SIZE = ("--resolution", "16,12")
 
 
@@ -93,10 +93,9 @@ def test_frames_of_such_names(monkeypatch, capsys, name, form):
     assert_harmless(re.sub(r"\r.*", "", capsys.readouterr().err))  # but for the bar, which tells of another size
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
-def test_looking_into_such_names(monkeypatch, capsys, name, encoding):
+def test_looking_into_such_names(monkeypatch, capsys, name):
     """Files and layers that are called so."""
-    layer = name if "\udce9" not in name and "\udcff" not in name else "R"
+    layer = name if "\udce9" not in name else "R"
     pixels = np.arange(12.0).reshape(3, 4)
     exr.write(f"{name}.exr", {layer: pixels}, metadata={"comment": name})
     exr.write("b.exr", {layer: pixels + 1})
@@ -105,13 +104,13 @@ def test_looking_into_such_names(monkeypatch, capsys, name, encoding):
         ("inspect", f"{name}.exr", "-o", f"{name}.png"),
         ("compare", f"{name}.exr", "b.exr", "-o", f"{name} 2.png", "-v"),
     ):
-        code, out = on_terminal(monkeypatch, encoding, *arguments)
+        code, out = on_terminal(monkeypatch, "ascii", *arguments)
         assert code == 0, arguments
         assert_harmless(out)
         assert_harmless(capsys.readouterr().err)
-    code, out = on_terminal(monkeypatch, encoding, "inspect", f"{name}.exr", "--json")
+    code, out = on_terminal(monkeypatch, "utf-8", "inspect", f"{name}.exr", "--json")
     assert (code, json.loads(out)["file"]) == (0, f"{name}.exr")
-    code, out = on_terminal(monkeypatch, encoding, "compare", "b.exr", f"{name}.exr", "--json")
+    code, out = on_terminal(monkeypatch, "ascii", "compare", "b.exr", f"{name}.exr", "--json")
     assert (code, json.loads(out)["reference"]) == (0, f"{name}.exr")
     assert os.path.exists(f"{name}.png")
     assert os.path.exists(f"{name} 2.png")

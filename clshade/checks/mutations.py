@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..inspection.pictures import read_picture
 from ..loading import load
 from ..scene import Scene
 from .samples import Sample, pack_glb, png_chunk, samples
@@ -165,6 +166,66 @@ def _json(rng: Random, data: bytes) -> bytes:
     return data[: match.start()] + others[rng.integers(len(others))] + data[match.end() :]
 
 
+# Pickles that are made to take long; each gets a generator and gives the opcodes of one value.
+_FIRST = 10_000  # of the memo's indices that they use
+
+
+def _shared(rng: Random) -> bytes:
+    """A tuple of up to 2^30 leaves: each holds the one before twice."""
+    steps = (struct.pack("<cIccI", b"j", _FIRST + k, b"\x86", b"r", _FIRST + k + 1) for k in range(rng.integers(2, 31)))
+    return struct.pack("<2scI", b"K\x01", b"r", _FIRST) + b"".join(steps)
+
+
+def _many(rng: Random) -> bytes:
+    """Some opcode or value again and again, nested or in a list."""
+    count = int(rng.choice((3, 1000, 30_000)))
+    nested = (b"\x85", b"K\x01\x86", b"\x94", b"h\x01\x86")
+    listed = (b"K\x01", b"N", b"]", b"}", b")", b"\x8c\x01a", b"\x8a\xff" + b"\x7f" * 255, b"C\x01a", b"h\x05", b"(t")
+    if rng.random() < 0.4:
+        return b"K\x01" + nested[rng.integers(len(nested))] * count
+    return b"](" + listed[rng.integers(len(listed))] * count + b"e"
+
+
+def _repeated(rng: Random) -> bytes:
+    """A list of a list of a thousand numbers, or of an array of three, many times."""
+    array = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR(K\x01K\x03\x85"
+    array += (
+        b"cnumpy\ndtype\n(X\x02\x00\x00\x00i1K\x00K\x01tR(K\x03X\x01\x00\x00\x00|NNNK\x01K\x01K\x00tb\x89C\x03abctb"
+    )
+    part = array if rng.random() < 0.5 else b"](" + b"K\x01" * 1000 + b"e"
+    kept = struct.pack("<cI", b"r", _FIRST)
+    return b"](" + part + kept + struct.pack("<cI", b"j", _FIRST) * int(rng.choice((10, 1000, 50_000))) + b"e"
+
+
+def _keyed(rng: Random) -> bytes:
+    """A dict with keys that are no text: a shared tuple, or integers whose hashes in CPython all collide."""
+    if rng.random() < 0.5:
+        return b"}" + _shared(rng) + b"Ns"
+    numbers = (k * ((1 << 61) - 1) for k in range(int(rng.choice((3, 300, 30_000)))))
+    return b"}(" + b"".join(b"\x8a\x0a" + each.to_bytes(10, "little") + b"N" for each in numbers) + b"u"
+
+
+def _pickle(rng: Random, data: bytes) -> bytes:
+    """A further field of a course file, or another in place of one, which takes long to load for who is not careful."""
+    end = data.rfind(b"uat")  # of the dict, the list that holds it, the array's state
+    if end < 0:
+        return _flip(rng, data)
+    name = rng.choice((b"unused", b"verts", b"focal", b"light_positions", b"bg_color"))
+    made = (_shared, _many, _repeated, _keyed)[rng.integers(4)](rng)
+    return data[:end] + b"\x8c" + bytes([len(name)]) + name + made + data[end:]
+
+
+def _window(rng: Random, data: bytes) -> bytes:
+    """An edge of a data or display window of an EXR becomes another."""
+    head = (b"dataWindow", b"displayWindow")[rng.integers(2)] + b"\0box2i\0\x10\0\0\0"
+    place = data.find(head)
+    if place < 0:
+        return _flip(rng, data)
+    place += len(head) + 4 * int(rng.integers(4))
+    edge = int(rng.choice((-(1 << 31), -1, 0, 6, 100, 16383, 1 << 20, (1 << 28) // 9, 1 << 30, (1 << 31) - 1)))
+    return data[:place] + struct.pack("<i", edge) + data[place + 4 :]
+
+
 _ANY = (_flip, _flip, _truncate, _lengthen, _number, _number, _word, _part)
 _TEXTS = (*_ANY, _number, _text, _text, _lines, _lines)
 _BY_EXTENSION = {
@@ -174,6 +235,8 @@ _BY_EXTENSION = {
     ".stl": _TEXTS,
     ".gltf": (*_TEXTS, _json, _json, _json),
     ".glb": (*_ANY, _glb, _glb, _glb, _glb, _glb),
+    ".exr": (*_ANY, _word, _window, _window, _window),
+    ".npy": (*_ANY, _pickle, _pickle, _pickle),
     ".png": (*_ANY, _png, _png, _png, _png),
 }
 
@@ -245,7 +308,7 @@ def flaw(scene: Any) -> str:
 
 
 def load_problem(folder: Path, sample: Sample) -> str:
-    """What is wrong with how `load` takes the files of a sample, written to `folder`; "" if nothing."""
+    """What is wrong with how `load`, or `read_picture`, takes the files of a sample, written to `folder`; "" if nothing."""
     for name, data in sample.files.items():
         (folder / name).write_bytes(data)
     options: dict[str, Any] = dict(sample.options)
@@ -256,7 +319,11 @@ def load_problem(folder: Path, sample: Sample) -> str:
         warnings.simplefilter("error")
         warnings.simplefilter("always", UserWarning)
         try:
-            found = flaw(load(folder / next(iter(sample.files)), **options))
+            first = folder / next(iter(sample.files))
+            if first.suffix == ".exr":
+                read_picture(first)
+            else:
+                found = flaw(load(first, **options))
         except InputError as error:
             text = str(error)
             if not text.isprintable() or not any(name in text for name in sample.files):

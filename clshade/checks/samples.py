@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from .. import exr
 from ..validation import Array
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Files by name, of which `load` gets the first. texture: the name of the file that is its option `texture`."""
+    """Files by name, of which `load` gets the first, or `read_picture` an image (.exr). texture: the name of the file that
+    is its option `texture`."""
 
     files: dict[str, bytes]
     texture: str = ""
@@ -28,8 +30,8 @@ class Sample:
 
 @cache
 def samples() -> tuple[Sample, ...]:
-    """All samples. Each loads without error."""
-    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf()]
+    """All samples. Each loads, or is read, without error."""
+    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr()]
     return tuple(made)
 
 
@@ -258,6 +260,19 @@ def _stl() -> list[Sample]:
         corners = "".join(f"      vertex {x!r} {y!r} {z!r}\n" for x, y, z in facet.tolist())
         text += f"  facet normal 0 0 1\n    outer loop\n{corners}    endloop\n  endfacet\n"
     return [Sample({"a.stl": binary}), Sample({"a.stl": (text + "endsolid name\n").encode()})]
+
+
+# OpenEXR
+
+
+def _exr() -> list[Sample]:
+    rng, files = np.random.default_rng(5), []
+    for compression in ("none", "zip", "dwaa", "zstd"):
+        buffer = io.BytesIO()
+        layers = {"RGBA": rng.random((9, 7, 4)), "Z": rng.random((9, 7)), "id": rng.integers(0, 9, (9, 7))}
+        exr.encode(buffer, layers, compression=compression, window=(1, 0, 6, 7))
+        files.append(buffer.getvalue())
+    return [Sample({"a.exr": data}) for data in files]
 
 
 # glTF
