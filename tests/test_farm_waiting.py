@@ -148,12 +148,13 @@ class Run:
         self.found: list[Drawn | Lost | Silent] = []
         self.events = self.dispatcher._events
         self.dispatcher._events = self  # in place of the queue: it is asked once a step
-        self.steps_left = 0
+        self.steps_left, self.away = 0, 0.0
 
     def get(self, timeout: float) -> Any:
         if not self.events.empty():
             return self.events.get()
-        self.turned.now += 1.0
+        self.turned.now += 1.0 + self.away
+        self.away = 0.0
         self.steps_left -= 1
         if self.steps_left < 0:
             raise Paused
@@ -278,6 +279,48 @@ def test_a_worker_that_is_stopped_keeps_nothing_and_gets_nothing_new(turned, tmp
         drawn |= {each.number for each in run.step() if isinstance(each, Drawn)}
         assert not cluster.waiting("a")
     assert drawn == set(range(1, 101))
+
+
+def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 100, a=1, b=1)
+    hanging = cluster.begin("a")  # it is heard of all the time
+    run.step(8)
+    assert cluster.waiting("a") == []
+    for _ in range(4):
+        cluster.draw(cluster.waiting("b")[0])
+        assert numbers(run.step(), Lost) == []
+        assert cluster.waiting("a") == []
+        assert len(cluster.waiting("b")) == 2 * dispatch.AHEAD
+    cluster.draw(hanging)
+    cluster.draw(cluster.waiting("b")[0])
+    run.step()
+    assert cluster.waiting("a")
+
+
+def test_a_worker_that_is_stopped_before_it_begins_loses_what_it_was_given(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 4, a=1, b=1)
+    cluster.stopped.add("a")
+    (first, *_) = given = cluster.waiting("a")
+    assert numbers(run.step(4), Lost) == []
+    found = run.step(4)
+    assert numbers(found, Lost) == sorted(cluster.tasks[future.key].number for future in given)
+    assert cluster.waiting("a") == []
+    moved = run.dispatcher._flights[cluster.tasks[first.key].number]
+    run.step()
+    assert moved.worker == "b"
+    cluster.say(first, "begun")  # it is back, and has not heard yet
+    run.step()
+    assert (moved.worker, moved.begun) == ("b", False)
+
+
+def test_frames_lose_nothing_while_this_process_is_stopped(turned, tmp_path):
+    run, cluster = start(turned, tmp_path, 6, a=1, b=1)
+    for worker in "ab":
+        cluster.begin(worker)
+    run.step()
+    run.away = 60.0
+    assert run.step(3) == []
+    assert numbers(run.step(4), Lost) != []
 
 
 def test_frames_follow_when_the_workers_that_they_were_given_to_are_gone(turned, tmp_path):

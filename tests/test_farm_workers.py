@@ -180,6 +180,14 @@ def test_starting_does_not_count(tmp_path, monkeypatch):
     assert other.begin.call_args[0][0] is task
 
 
+@pytest.mark.parametrize("away", [0.0, 60.0])
+def test_time_in_which_this_process_was_stopped_does_not_count(tmp_path, monkeypatch, away):
+    monkeypatch.setattr(waiting, "SILENT", 0.05)  # less than a worker takes to start
+    monkeypatch.setattr(waiting.Pauses, "latest", lambda self: away)
+    found = list(draw_locally(job(), tasks(tmp_path, 1), 2))
+    assert any(isinstance(each, Silent) for each in found) == (away == 0.0)
+
+
 def test_kernels_are_compiled_before_a_frame_counts(tmp_path, monkeypatch):
     order: list[str] = []
     render = Renderer.render
