@@ -80,7 +80,7 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
         import tifffile
     except ImportError:
         expected = "tifffile, for 16 bits a channel in planes, with gray and alpha, or with associated alpha"
-        found_none = 'none: `pip install tifffile`, or `pip install "clshade[images]"`'
+        found_none = "none: `pip install tifffile`"
         raise complaint(owner, "image", expected, found_none) from None
     logger = logging.getLogger("tifffile")  # which complains of broken files on standard error
     before, logger.disabled = logger.disabled, True
