@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal, save_npy, transposed
 
-from clshade import course_pickle
+from clshade import course_pickle, inert_pickle
 from clshade.course_files import save_course
 from clshade.errors import InputError
 from clshade.loading import load
@@ -306,19 +306,22 @@ def test_lists_that_would_fill_the_memory(tmp_path, content):
 
 def test_integers_up_to_63_bits_and_a_sign(tmp_path):
     for number in ((1 << 63) - 1, 1 - (1 << 63)):
-        assert course_pickle.value("a.npy", "n", number) == number
-        assert course_pickle.value("a.npy", "n", [[number, 1]]).tolist() == [[number, 1]]
+        content = course_pickle.Content({"n": number, "list": [[number, 1]]}, "a.npy", 100)
+        assert content.value("n") == number
+        assert content.value("list").tolist() == [[number, 1]]
     for number in (1 << 63, -(1 << 63) - 1, 1 << 64):
         for content in (number, [number]):
             path = save_npy(tmp_path / "bad.npy", course_dict(verts=content))
             refusal(path, "bad.npy: verts: ", "an integer beyond 64 bits")
 
 
-def test_memo_indices_up_to_the_number_of_opcodes_before(tmp_path):
-    """Nothing that is written honestly has larger ones; a memo is as long as its largest index."""
-    for index, found in ((2, "something else"), (3, "the memo index 3"), (1 << 16, "the memo index 65536")):
-        pickled = b"\x80\x03K\x01r" + index.to_bytes(4, "little") + b"."
-        refusal(npy_of_pickle(tmp_path / "bad.npy", pickled), "bad.npy: pickle: ", f"found {found}")
+def test_memo_indices_of_any_size_take_no_memory(tmp_path):
+    """A memo of as many places as its largest index says would take 32 GiB here."""
+    value = b"X\x01\x00\x00\x00aK\x01s"
+    for index in (2, 1 << 16, (1 << 32) - 1):
+        place = index.to_bytes(4, "little")
+        assert inert_pickle.unpickle(b"\x80\x03}r" + place + b"j" + place + value + b".") == {"a": 1}
+        refusal(npy_of_pickle(tmp_path / "bad.npy", b"\x80\x03K\x01r" + place + b"."), "bad.npy: pickle: ")
 
 
 ARRAY = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"
