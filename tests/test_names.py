@@ -216,7 +216,7 @@ def test_cameras_nested_deeply(tmp_path, capsys, field, depth):
     ("text", "part"),
     [
         ('[{"focal": ' + "1" * 1_000_000 + "}]", "a whole number of 1000000 digits"),
-        ('[{"focal": -' + "1" * 401 + "}]", "a whole number of 402 digits"),
+        ('[{"focal": -' + "1" * 1001 + "}]", "a whole number of 1002 digits"),
         ('[{"focal": ' + "1" * 400 + "}]", "focal"),
         ('[{"focal": 1e400}]', "focal"),
         ('[{"focal": NaN}]', "a number that is NaN"),
