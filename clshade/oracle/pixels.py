@@ -88,8 +88,11 @@ class Batch:
     view: Array | None
 
     def eye(self, point: Array) -> Array:
-        """Where the eye is for points (..., 3): the origin, as everything here is relative to it."""
-        return np.zeros(3) if self.view is None else point + self.view
+        """Where the eye is for points (..., 3): the origin, as everything here is relative to it. An orthographic camera's
+        is as far from the point as the scene is large: 1 away from a point at 1e15 would leave no digit of the direction."""
+        if self.view is None:
+            return np.zeros(3)
+        return point + self.view * np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
 
 
 def shade_pixels(
