@@ -209,8 +209,8 @@ def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
     for done in range(1, 20):
         cluster.draw(cluster.waiting("a")[0] if cluster.waiting("a") else cluster.waiting("b")[0])
         run.step()
-        assert len(taken) == 3 * dispatch.AHEAD + done
-        assert len(run.dispatcher._by_key) == len(run.dispatcher._flights) == 3 * dispatch.AHEAD
+        assert 3 * (dispatch.AHEAD - 1) < len(taken) - done <= 3 * dispatch.AHEAD
+        assert len(run.dispatcher._by_key) == len(run.dispatcher._flights) == len(taken) - done
     cluster.threads["c"] = 4  # joins later, and gets work
     run.step(2)
     assert len(taken) == 7 * dispatch.AHEAD + 19
@@ -290,10 +290,11 @@ def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path)
         cluster.draw(cluster.waiting("b")[0])
         assert numbers(run.step(), Lost) == []
         assert cluster.waiting("a") == []
-        assert len(cluster.waiting("b")) == 2 * dispatch.AHEAD
+        assert 2 * (dispatch.AHEAD - 1) < len(cluster.waiting("b")) <= 2 * dispatch.AHEAD
     cluster.draw(hanging)
-    cluster.draw(cluster.waiting("b")[0])
-    run.step()
+    for _ in range(2):
+        cluster.draw(cluster.waiting("b")[0])
+        run.step()
     assert cluster.waiting("a")
 
 

@@ -114,6 +114,8 @@ class Dispatcher:
     def _refill(self) -> None:
         """Submits so many that no thread waits for the next, and no more: a run may have a million."""
         room = AHEAD * self._members.threads - len(self._flights)
+        if room < self._members.threads:  # a frame for each thread at a time: a scheduler takes long for each call
+            return
         flights = [_Flight(task) for task in itertools.islice(self._tasks, max(room, 0))]
         self._flights.update((flight.task.number, flight) for flight in flights)
         healthy = self._healthy()
