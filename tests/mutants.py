@@ -47,13 +47,13 @@ LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds for each group of test
 
 # The tests of each file, cheapest first: tests/test_*.py.
 TESTS = {
-    "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong frames",
+    "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong light_bounds frames",
     "kernels/bilerp.cl": "kernel_bilerp course_light",
     "kernels/bin.cl": "kernel_bin",
     "kernels/corners.clh": "kernel_setup kernel_fill",
     "kernels/edge.clh": "kernel_setup kernel_bin kernel_fill kernel_gouraud",
     "kernels/fill.clh": "kernel_fill materials sampling",
-    "kernels/gather.clh": "kernel_phong frames",
+    "kernels/gather.clh": "kernel_phong light_bounds frames",
     "kernels/gouraud.cl": "kernel_gouraud",
     "kernels/lanes.clh": "kernel_numerics kernel_light kernel_fill",
     "kernels/layers.cl": "kernel_layers",
@@ -85,11 +85,15 @@ TESTS = {
     "clshade/gltf_nodes.py": "gltf gltf_refusals limits",
     "clshade/gltf_materials.py": "gltf gltf_refusals",
     "clshade/course_files.py": "course_files limits",
-    "clshade/course_pickle.py": "course_files limits",
+    "clshade/course_pickle.py": "course_files inert_pickle limits",
+    "clshade/inert_pickle.py": "inert_pickle course_files",
     "clshade/course_values.py": "course_files course_refusals",
-    "clshade/triangulation.py": "obj gltf ply_stl",
+    "clshade/triangulation.py": "triangulation obj gltf ply_stl",
+    "clshade/ear_clipping.py": "triangulation",
     "clshade/loading.py": "loading course_files",
-    "clshade/images.py": "images limits",
+    "clshade/images.py": "images deep_images limits",
+    "clshade/pnm.py": "deep_images",
+    "clshade/tiff.py": "deep_images",
 }
 # Then these, of kernels and of loaders, a group at a time.
 KERNELS = (
@@ -98,7 +102,7 @@ KERNELS = (
     "materials sampling precision course_triangle nonfinite projection trilinear",
 )
 LOADERS = (
-    "limits loading obj mtl ply_stl gltf gltf_refusals course_files course_refusals images",
+    "limits loading obj mtl ply_stl gltf gltf_refusals course_files course_refusals images deep_images",
     "creases mesh_peer course_textures mesh_pictures bad_files cli_meshes cli_general fuzz",
 )
 # Other numbers of lanes are tested with -m long.
