@@ -247,6 +247,17 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "out.0009.exr").read_bytes() == whole["out.0009.exr"]
 
 
+@pytest.mark.parametrize("options", [{}, {"workers": 2}], ids=["one process", "workers"])
+@pytest.mark.parametrize("drawn_before", [False, True])
+def test_what_is_no_camera_is_refused_by_its_frame(tmp_path, options, drawn_before):
+    """Before it reaches a worker; and where the frame is there already, whose size is compared."""
+    if drawn_before:
+        for kind in ("exr", "png"):
+            (tmp_path / f"f.7.{kind}").write_bytes(b"some")
+    with pytest.raises(InputError, match=r"^draw_frames: cameras: frame 7: expected a Camera, found 'front'$"):
+        draw_frames(builtin("quads"), {7: "front", 8: None}, str(tmp_path / "f.#.exr"), progress=False, **options)
+
+
 @needs_device
 def test_the_folder_of_the_frames_is_made(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -98,16 +98,7 @@ def draw_frames(
     With several workers a script needs the usual `if __name__ == "__main__":`.
     Raises InputError, DeviceError, OutputError, and WorkerError for workers that fail; what is drawn stays.
     """
-    integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
-    number("draw_frames", "timeout", timeout, above=0.0)
-    if frame_timeout is not None:
-        number("draw_frames", "frame_timeout", frame_timeout, above=0.0)
-        if workers == 1 and scheduler is None:
-            expected = "two --workers or more, or a --scheduler: they can be given the frames of one that hangs"
-            raise InputError(f"--frame-timeout: expected {expected}, found one process")
-    numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
-    if not numbered or not cameras:
-        raise refuse("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
+    _check_arguments(cameras, workers, scheduler, timeout, frame_timeout)
     known("draw_frames: saving", saving or (), SAVING)
     pattern = parse_pattern(output, len(cameras))
     saving = dict(saving or {})
@@ -117,7 +108,7 @@ def draw_frames(
     if skipped:
         drawn_now = set(left)
         _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
-    tasks = (Task(number, cameras[number], Path(pattern.names(number)[0]).absolute()) for number in left)
+    tasks = (Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute()) for number in left)
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
@@ -134,6 +125,29 @@ def draw_frames(
         last=pattern.names(max(cameras))[0],
         **counts,
     )
+
+
+def _check_arguments(
+    cameras: Mapping[int, Camera], workers: int, scheduler: str | None, timeout: float, frame_timeout: float | None
+) -> None:
+    """Raises InputError for what `draw_frames` cannot take; each camera is looked at when its frame is drawn."""
+    integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
+    number("draw_frames", "timeout", timeout, above=0.0)
+    if frame_timeout is not None:
+        number("draw_frames", "frame_timeout", frame_timeout, above=0.0)
+        if workers == 1 and scheduler is None:
+            expected = "two --workers or more, or a --scheduler: they can be given the frames of one that hangs"
+            raise InputError(f"--frame-timeout: expected {expected}, found one process")
+    numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
+    if not numbered or not cameras:
+        raise refuse("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
+
+
+def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:
+    camera = cameras[number]
+    if not isinstance(camera, Camera):
+        raise refuse("draw_frames", f"cameras: frame {number}", "a Camera", camera)
+    return camera
 
 
 def _collect(results: Iterator[Drawn | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
@@ -192,7 +206,7 @@ def _is_there(name: str) -> bool:
 def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera]) -> None:
     """Warns of a frame that is there in another resolution, of an earlier run with other options."""
     name = pattern.names(number)[1]
-    found, expected = png.resolution(name), cameras[number].resolution
+    found, expected = png.resolution(name), _camera(cameras, number).resolution
     if found is not None and found != expected:
         there, here = ("{}x{}".format(*size) for size in (found, expected))
         telling.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")
