@@ -168,7 +168,8 @@ class Mesh:
 
     verts: (V, 3) positions, object space, float32 or float64 (kept as given).
     faces: (F, 3) indices into verts.
-    colors: (V, 3) linear RGB per vertex, or None for white.
+    colors: (V, 3) linear RGB per vertex, or None for white. Unsigned integers are divided by their type's maximum, as
+        a Texture's are; other numbers are used as they are.
     normals: (K, 3) directions of any length, or None to compute them from the faces (`geometry.vertex_normals`).
     normal_faces: (F, 3) indices into normals, or None for `faces`.
     uvs: (T, 2) texture coordinates, v = 0 at row 0 of the texture's image, or None. What is NaN or infinite counts as 0,
@@ -201,9 +202,7 @@ class Mesh:
         if drop:
             verts, faces, dropped = _without_nonfinite(verts, faces)
             set_fields(self, dropped=self.dropped + dropped)
-        colors = None if self.colors is None else rows(who, "colors", self.colors, 3)
-        if colors is not None and len(colors) != len(verts):
-            raise refuse(who, "colors", f"one row per vertex ({len(verts)})", colors)
+        colors = None if self.colors is None else _vertex_colors(who, self.colors, len(verts))
         normals = None if self.normals is None else rows(who, "normals", self.normals, 3)
         uvs = None if self.uvs is None else rows(who, "uvs", self.uvs, 2, finite=False)
         set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs)
@@ -234,6 +233,16 @@ class Mesh:
     def __repr__(self) -> str:
         counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")
         return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {_count(len(np.asarray(self.instances)), 'instance')}>"
+
+
+def _vertex_colors(who: str, given: Any, count: int) -> Array:
+    array = floats(who, "colors", given, "an array of shape (K, 3) of finite numbers")
+    if array.dtype.kind == "u":
+        array = array / np.iinfo(array.dtype).max
+    colors = rows(who, "colors", array, 3)
+    if len(colors) != count:
+        raise refuse(who, "colors", f"one row per vertex ({count})", colors)
+    return colors
 
 
 def _count(number: int, singular: str, plural: str = "") -> str:

@@ -108,3 +108,15 @@ def test_two_sided_light_is_the_same_from_both_sides(device):
 
     assert np.array_equal(seen(1.0, True), seen(-1.0, True)[:, ::-1])
     assert not seen(-1.0, False).any()
+
+
+def test_vertex_colors_of_whole_numbers():
+    """Unsigned ones are shares of their type's maximum, as a texture's are; ones and zeros of a list stay what they are."""
+    shares = np.array([[0, 51, 255], [255, 102, 0], [204, 255, 0]])
+    for kind, factor in ((np.uint8, 1), (np.uint16, 257), (np.uint32, 16843009)):
+        given = (shares * factor).astype(kind)
+        colors = Mesh(np.eye(3), [[0, 1, 2]], colors=given).colors
+        assert np.allclose(colors, shares / 255, rtol=1e-15)
+        assert np.array_equal(Texture(given[None]).image[0], np.float32(colors))
+    for plain in ([[0, 1, 0], [1, 0, 2], [-1, 0, 0]], np.eye(3, dtype=bool), np.eye(3, dtype=np.int8)):
+        assert np.array_equal(Mesh(np.eye(3), [[0, 1, 2]], colors=plain).colors, np.float64(plain))
