@@ -11,7 +11,7 @@ import pytest
 from clshade import cli
 from clshade.checks import fuzz, fuzz_run, mutations
 from clshade.checks.fuzz import Tally
-from clshade.errors import InputError
+from clshade.errors import InputError, OutputError
 
 
 def test_run_and_exit_codes(monkeypatch, capsys, opened):
@@ -110,6 +110,18 @@ def test_logs_of_others_are_refused(looked_at, tmp_path, opened):
         with pytest.raises(InputError, match=message) as refused:
             run(log, device=opened.index)
         assert "line 2" in str(refused.value)
+
+
+def test_a_log_that_cannot_be_kept_is_refused_before_anything_is_done(looked_at, tmp_path, opened):
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\0")
+    for name, error, message in (
+        ("", OutputError, "cannot be written: Is a directory"),
+        ("none/log", OutputError, "there is no folder"),
+        ("binary", InputError, "found another in .*binary, line 1"),
+    ):
+        with pytest.raises(error, match=message):
+            run(tmp_path / name, device=opened.index)
+    assert looked_at == []
 
 
 def test_a_tally_adds_up():

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from .. import telling
+from ..atomic import naming, shown
 from ..device import Device, open_device
 from ..errors import InputError
 from . import fuzz
@@ -40,14 +41,20 @@ class Done:
 
 
 class Log:
-    """The ranges that are done, a line of JSON each in a file; without a file kept for this run alone."""
+    """The ranges that are done, a line of JSON each in a file; without a file kept for this run alone.
+
+    Raises OutputError for a file that cannot be written, InputError for one that no run with this device wrote.
+    """
 
     def __init__(self, path: str | None, device: str) -> None:
         self.path, self._device = None if path is None else Path(path), device
         self.done: dict[Range, Done] = {}
-        if self.path is not None and self.path.exists():
-            for number, line in enumerate(self.path.read_text(encoding="utf-8").splitlines(), 1):
-                self._read(line, f"{path}, line {number}")
+        if self.path is not None:
+            with naming(self.path), self.path.open("a+b") as file:  # made, or found unwritable, before hours of work
+                file.seek(0)
+                text = file.read().decode("utf-8", "replace")
+            for number, line in enumerate(text.splitlines(), 1):
+                self._read(line, f"{shown(self.path)}, line {number}")
 
     def _read(self, line: str, where: str) -> None:
         try:
@@ -68,7 +75,7 @@ class Log:
         if self.path is not None:
             fields: dict[str, Any] = asdict(done)
             line = {**fields.pop("range"), **fields, "device": self._device}
-            with self.path.open("a", encoding="utf-8") as file:
+            with naming(self.path), self.path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
 
 
@@ -92,11 +99,12 @@ def run(
     """Draws scenes and loads files `first`, `first` + 1, ... of each seed; prints each failure as it is found, then the
     counts of each seed and of all. True if there is no failure.
 
-    log: a file; what an earlier run with it has done is not done again, but counts. Raises InputError and DeviceError.
+    log: a file; what an earlier run with it has done is not done again, but counts. Raises InputError, OutputError and
+    DeviceError.
     """
     stream = stream or sys.stdout
     seeds = [seed] if isinstance(seed, int) else list(seed)
-    for name, value in (("scenes", scenes), ("files", files), ("seed", min(seeds)), ("first", first)):
+    for name, value in (("scenes", scenes), ("files", files), ("seed", min(seeds, default=0)), ("first", first)):
         if value < 0:
             raise InputError(f"fuzz: --{name}: expected a whole number from 0, found {value}")
     opened = open_device(device) if scenes else None

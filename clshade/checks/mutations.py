@@ -6,6 +6,7 @@ import contextlib
 import re
 import signal
 import struct
+import sys
 import tempfile
 import threading
 import time
@@ -288,7 +289,8 @@ def _peak() -> int:
         import resource
     except ImportError:
         return 0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def flaw(scene: Any) -> str:

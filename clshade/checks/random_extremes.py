@@ -1,7 +1,7 @@
 """Stiff values on top of random scenes: coordinates, placements, normals, cameras and lights at the ends of their ranges.
 
 Each is drawn from a generator of its own, after all else, so that the numbers of scenes keep their meaning. None changes
-what decides on the kernel program.
+the kernel program, except that colors beyond 1 select the one that interpolates them.
 """
 
 from __future__ import annotations
