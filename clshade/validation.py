@@ -103,7 +103,7 @@ def coefficient(owner: str, name: str, value: Any) -> Array:
     """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
     expected = "a number or three finite numbers"
     array = floats(owner, name, value, expected)
-    if array.ndim and array.shape not in _VECTOR_SHAPES:
+    if array.dtype.kind == "b" or (array.ndim and array.shape not in _VECTOR_SHAPES):
         raise refuse(owner, name, expected, value)
     return vector(owner, name, array if array.ndim else np.full(3, array.item()))
 
@@ -111,13 +111,13 @@ def coefficient(owner: str, name: str, value: Any) -> Array:
 def number(
     owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
 ) -> float:
-    """A finite real number above `above` and not below `least`, as a Python float; no array of one."""
+    """A finite real number above `above` and not below `least`, as a Python float; no array of one, and no bool."""
     if not expected:
         expected = "a finite number"
         expected += f" above {above:g}" if above > -math.inf else ""
         expected += f" of at least {least:g}" if least > -math.inf else ""
     array = floats(owner, name, value, expected)
-    if array.ndim:
+    if array.ndim or array.dtype.kind == "b":
         raise refuse(owner, name, expected, value)
     result = float(array.item())
     if not math.isfinite(result) or result <= above or result < least:

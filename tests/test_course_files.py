@@ -149,6 +149,8 @@ def test_no_lights(tmp_path, none):
         ("bg_color", [1, 1], "three finite numbers"),
         ("focal", 0, "above 0"),
         ("focal", None, "this key"),
+        ("focal", True, "a finite number above 0, found True"),
+        ("ka", True, "a number or three finite numbers, found "),
         ("focal", 1 << 70, "beyond 64 bits"),
     ],
 )

@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -294,3 +295,18 @@ def test_verbose_names_what_was_read(tmp_path, capsys):
     assert cli.main(["inspect", str(tmp_path / "a.exr"), "--verbose"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"clshade: read {tmp_path / 'a.exr'}: 3 channels, ")
+
+
+@pytest.mark.parametrize("names", ["Y", "RGB"])
+def test_the_memory_that_statistics_take(names):
+    rng = np.random.default_rng(9)
+    image = {name: rng.random((1024, 1024), np.float32) for name in names}
+    statistics.image_statistics(image)
+    tracemalloc.start()
+    statistics.image_statistics(image)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    plane = image[names[0]].nbytes
+    blocks = 6 * 8 * statistics._BLOCK  # a few float64 arrays of a block
+    # The stops of all pixels, twice as large, and where there are three channels these side by side.
+    assert peak < (2.2 + (3 if len(names) > 1 else 0)) * plane + blocks

@@ -41,15 +41,20 @@ class Picture:
         return rows, columns
 
     def color(self) -> tuple[str, Array] | None:
-        """The layer that is the image, and its (M, N, 3) linear floats; None where there is none."""
+        """The layer that is the image, and its (M, N, 3) linear floats, read-only where gray; None where there is none."""
         found = color_group(self.channels)
         if found is None:
             return None
         name, planes = found
-        stacked = np.stack(planes, axis=-1)
+        if planes[0] is planes[1] is planes[2]:  # gray
+            gray = self._linear(planes[0])[..., None]
+            return name, np.broadcast_to(gray, (*self.shape, 3))
+        return name, self._linear(np.stack(planes, axis=-1))
+
+    def _linear(self, values: Array) -> Array:
         if self.bits:
-            return name, images.srgb_to_linear(stacked)
-        return name, stacked if stacked.dtype.kind == "f" else stacked.astype(np.float64)
+            return images.srgb_to_linear(values)
+        return values if values.dtype.kind == "f" else values.astype(np.float64)
 
 
 def read_picture(path: Path) -> Picture:

@@ -18,6 +18,7 @@ from .pictures import Picture, named_pixel, picture_of
 PERCENTILES = (1, 5, 50, 95, 99)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ
 
+_BLOCK = 1 << 18  # pixels whose temporary arrays, of float64, are small beside an image
 _TYPES = {"float16": "half", "float32": "float", "uint32": "uint"}  # as EXR calls them
 
 
@@ -67,8 +68,10 @@ class Statistics:
         return plain({"width": columns, "height": rows, "channels": channels, "dynamic_range_stops": ranges})
 
 
-def _nearest(values: Array, percents: tuple[float, ...]) -> list[float]:
-    return [float(v) for v in np.percentile(values, percents, method="nearest")]
+def _nearest(values: Array, percents: tuple[float, ...], *, overwrite: bool = False) -> list[float]:
+    """Percentiles by nearest rank. overwrite: whether the values may be reordered, which saves a copy."""
+    found = np.percentile(values, percents, method="nearest", overwrite_input=overwrite)
+    return [float(value) for value in found]
 
 
 def _of_channel(plane: Array, kind: str) -> ChannelStatistics:
@@ -97,14 +100,23 @@ def _of_channel(plane: Array, kind: str) -> ChannelStatistics:
 def luminance(color: Array) -> Array:
     """(M, N) float64 of linear Rec.709 (M, N, 3)."""
     with np.errstate(invalid="ignore", over="ignore"):
-        red, green, blue = (weight * color[..., k].astype(np.float64) for k, weight in enumerate(LUMINANCE))
-        return red + green + blue
+        total = np.multiply(color[..., 0], LUMINANCE[0], dtype=np.float64)
+        for k in (1, 2):
+            total += np.multiply(color[..., k], LUMINANCE[k], dtype=np.float64)
+        return total
 
 
 def stops_of(color: Array) -> Array:
     """log2 of the luminance of linear Rec.709 (M, N, 3) where it is finite and above 0, in one row."""
-    values = luminance(color)
-    return np.log2(values[np.isfinite(values) & (values > 0.0)])
+    rows, columns = color.shape[:2]
+    step, count = max(1, _BLOCK // columns), 0
+    stops = np.empty(rows * columns)
+    for start in range(0, rows, step):
+        values = luminance(color[start : start + step])
+        lit = np.log2(values[np.isfinite(values) & (values > 0.0)])
+        stops[count : count + lit.size] = lit
+        count += lit.size
+    return stops[:count]
 
 
 def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statistics:
@@ -119,8 +131,10 @@ def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> St
     ranges: tuple[float | None, float | None] = (None, None)
     stops = np.zeros(0) if color is None else stops_of(color[1])
     if stops.size:
-        low, high = _nearest(stops, (0.1, 99.9))
-        ranges = float(stops.max() - stops.min()), high - low
+        whole = float(stops.max() - stops.min())
+        low, high = _nearest(stops, (0.1, 99.9), overwrite=True)
+        ranges = whole, high - low
+    del stops
     channels = {
         name: _of_channel(
             plane, f"{picture.bits}-bit" if picture.bits else _TYPES.get(plane.dtype.name, plane.dtype.name)
