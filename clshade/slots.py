@@ -285,7 +285,9 @@ def private_folder(parent: Path, prefix: str) -> Path:
         lock = lock_file(folder / LOCK)  # held to the end
     except OSError:  # a file system without locks: left, it is removed when it is old
         return folder
-    return folder if lock is not None else private_folder(parent, prefix)  # another process took it for one left
+    if lock is not None and (folder / LOCK).is_file():
+        return folder
+    return private_folder(parent, prefix)  # before it was locked another process took it for one left
 
 
 def _remove_if_left(folder: Path) -> None:

@@ -166,15 +166,16 @@ def test_what_cannot_be_read(sealed, monkeypatch):
 
 def test_it_is_said_in_a_line(sealed, capsys, monkeypatch):
     flip(sealed / "pocl/AB/phong.so")
-    monkeypatch.setenv("POCL_CACHE_DIR", "")
+    for name in ("POCL_CACHE_DIR", "CLSHADE_SET_POCL_CACHE_DIR"):  # which `_adopt` sets
+        monkeypatch.setenv(name, "")
     monkeypatch.setattr(runtimes, "_slot", None)
     runtimes._adopt(take(sealed))
     said = f"clshade: warning: the kernel cache {sealed} is thrown away and compiled anew: phong.so is damaged\n"
     assert capsys.readouterr().err == said
-    flip_again = take_again(sealed)
+    again = take_again(sealed)
     monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
     monkeypatch.setenv("CLSHADE_SET_POCL_CACHE_DIR", "")
-    runtimes._adopt(flip_again)
+    runtimes._adopt(again)
     assert "compiled anew, but for POCL_CACHE_DIR, /users/own: a run that began" in capsys.readouterr().err
 
 
@@ -337,6 +338,26 @@ def test_private_folders_go_with_their_process_or_with_the_next(tmp_path):
     other = run("os.fork() or os._exit(0); os.wait()")
     assert used.is_dir(), "its process lives"
     assert not other.exists()
+
+
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_private_folder_that_another_process_removes_is_made_anew(tmp_path, monkeypatch, locked):
+    """Between the making of the file to be locked and the locking; locked: or while it has the lock."""
+    lock_file, robbed = slots.lock_file, []
+
+    def lock_too_late(path: Path) -> int | None:
+        if robbed:
+            return lock_file(path)
+        robbed.append(path.parent)
+        path.touch()
+        with path.open("rb") as file:
+            shutil.rmtree(path.parent)
+            return None if locked else os.dup(file.fileno())
+
+    monkeypatch.setattr(slots, "lock_file", lock_too_late)
+    folder = slots.private_folder(tmp_path, "once-")
+    assert folder.is_dir()
+    assert robbed != [folder]
 
 
 def test_private_folders_without_locks_go_when_they_are_old(tmp_path):
