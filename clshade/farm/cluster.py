@@ -30,10 +30,10 @@ from distributed.versions import VersionMismatchWarning
 from .. import telling
 from ..errors import InputError, WorkerError
 from ..programs import kernel_folder
-from .dispatch import ASK, POLL, TOPIC, Dispatcher, in_a_line
+from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
 from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
 from .members import Members
-from .waiting import SILENT
+from .waiting import POLL, SILENT
 
 T = TypeVar("T")
 CLOSING = 2.0  # seconds for saying goodbye to the scheduler

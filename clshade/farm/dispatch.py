@@ -19,11 +19,10 @@ from ..errors import ClshadeError, WorkerError
 from ..frame import output_paths
 from .job import Drawn, Lost, Silent, Task
 from .members import Members
-from .waiting import ATTEMPTS, PREPARING, Clock, Pauses
+from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
 TOPIC = "clshade"  # of the signs that workers give: one for all runs, as a scheduler keeps the latest of each for ever
 AHEAD = 3  # frames for each thread: one that is drawn, others for it to go on with
-POLL = 0.1  # seconds after which Python looks whether there was an interrupt
 ASK = 1.0  # seconds after which the scheduler is asked for the workers, and until that counts as no answer
 VISIBLE = 10.0  # seconds until a file that a worker wrote is here: network file systems take some
 RESUME = "run it again to go on"

@@ -24,10 +24,9 @@ from types import FrameType
 from .. import interrupts
 from ..errors import WorkerError
 from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
-from .waiting import ATTEMPTS, PREPARING, Clock, Pauses
+from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
 MOST_WORKERS = 256
-POLL = 0.1  # seconds after which Python looks whether there was an interrupt
 PATIENCE = 0.6  # seconds that workers have to end when told to; an interrupted process has GRACE and CLEARING itself
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+POLL = 0.1  # seconds after which Python looks whether there was an interrupt
 SILENT = 10.0  # seconds without a sign until that is told
 PREPARING = 120.0  # seconds that a worker may take beyond --frame-timeout to start and to compile the kernels
 AWAY = 3.0  # seconds between two looks at the workers that only a process that was stopped itself lets pass
