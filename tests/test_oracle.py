@@ -65,6 +65,31 @@ def test_vertex_normals():
     assert close(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
 
 
+def test_errors_of_vertex_normals_of_slivers():
+    """Beside extended precision: never more than they say, of slivers some thousand times what a square loses."""
+    rng = np.random.default_rng(3)
+    shares = []
+    for width in (1.0, 1e-2, 1e-4, 1e-6):
+        for _ in range(40):
+            angle = rng.uniform(0, 6.28) + width * np.cumsum(rng.uniform(0.5, 1.0, 9))
+            rim = np.stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(angle)], axis=1)
+            verts = np.concatenate([rng.normal(size=(1, 3)), rim])
+            faces = np.array([[0, k, k + 1] for k in range(1, 9)])
+            corners = verts.astype(np.longdouble)[faces]
+            exact = np.zeros((len(verts), 3), np.longdouble)
+            np.add.at(exact, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
+            exact /= np.sqrt((exact * exact).sum(axis=1, keepdims=True))
+            off = np.sqrt(((normals.vertex_normals(verts, faces) - exact) ** 2).sum(axis=1)).astype(np.float64)
+            allowed = normals.vertex_normal_errors(verts, faces)
+            assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and what normalizing rounds
+            shares.append((off / allowed).max())
+        assert 1e-16 / width < allowed.max() < 1e-13 / width
+    assert max(shares) > 0.02  # it is no bound that holds for nothing
+    lone = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]])
+    assert normals.vertex_normal_errors(lone, [[0, 1, 2], [0, 2, 1]]).tolist() == [0.0] * 4
+    assert not normals.vertex_normal_errors(lone, np.zeros((0, 3), int)).any()
+
+
 def test_placed_normals_stay_perpendicular():
     rng = np.random.default_rng(1)
     for _ in range(20):

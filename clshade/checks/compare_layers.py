@@ -36,7 +36,7 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
     unit, precision = half_ulp(settings), settings.precision
     eye = float(np.abs(scene.camera.eye).max())
     with np.errstate(divide="ignore", over="ignore"):
-        normal = NORMAL_UNITS[precision] * unit / oracle.normal_length
+        normal = (NORMAL_UNITS[precision] * unit + oracle.normal_error) / oracle.normal_length
         # World positions are float64: eye and point round in them, as do the corners that the point is a mean of.
         position = MEAN_UNITS * unit * oracle.reach + 8.0 * 2.0**-53 * (oracle.reach + eye)
     return {

@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..scene import Mesh, Scene, Settings, Texture
-from .normals import placed_normals, vertex_normals
+from .normals import placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices
 from .vectors import Array
@@ -20,27 +20,31 @@ MOST_UV = 2.0**40  # whole numbers beyond 2^24 have no texel of their own left i
 class Corners:
     """What the corners of each face carry. F faces.
 
-    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. colors: (F, 3, 3) vertex colors, white where
+    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) by how much rounding in
+    float64 may change the worst of them, 0 for normals that the mesh has. colors: (F, 3, 3) vertex colors, white where
     the mesh has none. uvs: (F, 3, 2), `held`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
     world: Array
     normals: Array
+    normal_error: Array
     colors: Array
     uvs: Array
     mesh: Array
 
 
-def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Array]:
+def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Array, Array]:
+    """Positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
     verts = world_vertices(mesh.verts, matrix)
     if mesh.normals is None or compute_normals:
         normals = vertex_normals(verts, mesh.faces)[mesh.faces]
+        errors = vertex_normal_errors(verts, mesh.faces)[mesh.faces].max(axis=1)
         if mirrors(matrix):
             normals = -normals
     else:
         used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
-        normals = placed_normals(mesh.normals, matrix)[used]
-    return verts[mesh.faces], normals
+        normals, errors = placed_normals(mesh.normals, matrix)[used], np.zeros(len(used))
+    return verts[mesh.faces], normals, errors
 
 
 def held(uvs: Array) -> Array:
@@ -50,7 +54,7 @@ def held(uvs: Array) -> Array:
 
 def gather(scene: Scene) -> Corners:
     """All faces of a scene, instances placed. Scenes of the preset `course` have their normals computed always."""
-    world, normals, colors, uvs, owner = [], [], [], [], []
+    world, normals, errors, colors, uvs, owner = [], [], [], [], [], []
     for index, mesh in enumerate(scene.meshes):
         count = len(mesh.faces)
         mesh_colors = np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64)
@@ -59,11 +63,12 @@ def gather(scene: Scene) -> Corners:
         else:
             mesh_uvs = held(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
         for matrix in np.asarray(mesh.instances):
-            placed, placed_normal = _placed(mesh, matrix, scene.preset == "course")
+            placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors turns the corners' order round: what was the front stays the front.
             turned = [0, 2, 1] if mirrors(matrix) else slice(None)
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
+            errors.append(normal_error)
             colors.append(mesh_colors[:, turned])
             uvs.append(mesh_uvs[:, turned])
             owner.append(np.full(count, index))
@@ -71,6 +76,7 @@ def gather(scene: Scene) -> Corners:
     return Corners(
         np.concatenate([empty, *world]),
         np.concatenate([empty, *normals]),
+        np.concatenate([np.zeros(0), *errors]),
         np.concatenate([empty, *colors]),
         np.concatenate([np.zeros((0, 3, 2)), *uvs]),
         np.concatenate([np.zeros(0, np.int64), *owner]),

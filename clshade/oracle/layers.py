@@ -27,9 +27,9 @@ class OracleLayers:
         number, counted from 1 in the order of the meshes.
     barycentrics: (M, N, 3) weights of the corners that the mesh's face names, in its order.
 
-    What errors are measured by: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0; reach
-    (M, N) the largest coordinate of the face's corners relative to the eye; most_uv (M, N) of its corners'; budget
-    (M, N, 3) of albedo, see frame.OracleFrame.
+    What errors are measured by: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
+    normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
+    corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame.
     """
 
     N: Array
@@ -40,6 +40,7 @@ class OracleLayers:
     material_id: Array
     barycentrics: Array
     normal_length: Array
+    normal_error: Array
     reach: Array
     most_uv: Array
     budget: Array
@@ -106,6 +107,7 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         material_id=np.zeros(shape, np.uint32),
         barycentrics=zeros(3),
         normal_length=np.ones(shape),
+        normal_error=zeros(),
         reach=zeros(),
         most_uv=zeros(),
         budget=zeros(3),
@@ -144,6 +146,7 @@ def _batch(scene: Scene, settings: Settings, view: Prepared, piece: Array, colum
         material_id=material_numbers(scene)[mesh],
         barycentrics=in_order,
         normal_length=np.where(any_normal, length(normal), 1.0),
+        normal_error=corners.normal_error[face],
         reach=np.abs(relative).max(axis=(1, 2)),
         most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
         budget=unlit.budget,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .transform import mirrors
-from .vectors import Array, cross, power_of_two, unit
+from .vectors import Array, cross, length, power_of_two, unit
 
 CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
 
@@ -20,15 +20,42 @@ def vertex_normals(verts: Array, faces: Array) -> Array:
     total = np.zeros((len(verts), 3))
     if len(faces) == 0:
         return total
-    corners = np.asarray(verts, dtype=np.float64)[faces]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    scale = power_of_two(np.maximum(np.abs(first), np.abs(second)).max(axis=0))
-    products = cross(first / scale, second / scale)
+    first, second = _edges(verts, faces)
+    products = cross(first, second)
     np.add.at(total, faces, products[:, None, :])
     sizes = np.zeros(len(verts))
     np.add.at(sizes, faces, np.abs(products).sum(axis=1)[:, None])
     total[np.abs(total).max(axis=1) <= CANCELED * sizes] = 0.0
     return unit(total)
+
+
+def vertex_normal_errors(verts: Array, faces: Array) -> Array:
+    """How far two computations of `vertex_normals` in float64 may differ: (V,), absolute; 0 where there is no normal.
+
+    A component of a x b is a difference of two products whose factors are rounded differences of coordinates: each
+    product is right to 3 units of 2^-53, the difference to one more, so the vector to sqrt(2)*3 + 1 < 6 units of
+    |a| |b|. That is much more than of |a x b| where a face is a sliver. A sum of m of them rounds m - 1 times. All this
+    relative to the length of the sum, and for both sides.
+    """
+    if len(faces) == 0:
+        return np.zeros(len(verts))
+    first, second = _edges(verts, faces)
+    products, sizes = cross(first, second), length(first) * length(second)
+    total, most, count = np.zeros((len(verts), 3)), np.zeros(len(verts)), np.zeros(len(verts))
+    np.add.at(total, faces, products[:, None, :])
+    np.add.at(most, faces, sizes[:, None])
+    np.add.at(count, faces, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = 2.0 * 2.0**-53 * (6.0 + count) * most / length(total)
+    return np.where(vertex_normals(verts, faces).any(axis=1), errors, 0.0)
+
+
+def _edges(verts: Array, faces: Array) -> tuple[Array, Array]:
+    """The edges (F, 3) from each face's first corner to the others, in units in which no product overflows."""
+    corners = np.asarray(verts, dtype=np.float64)[faces]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    scale = power_of_two(np.maximum(np.abs(first), np.abs(second)).max(axis=0))
+    return first / scale, second / scale
 
 
 def placed_normals(normals: Array, matrix: Array) -> Array:
