@@ -47,12 +47,10 @@ MIXED = [[-1e6, 0.5, 1e4], [0.5, 1e6, -3.0], [0.7, -1e6, 0.1]]
     "options",
     [
         {},
-        {"lanes": 1},
-        {"interpolation": "affine"},
-        {"samples": 4, "sample_shading": True},
-        {"preset": "course"},
-        {"near": 3.8},
-        {"precision": "float64"},
+        {"lanes": 1, "interpolation": "affine"},
+        {"near": 3.8, "samples": 4, "sample_shading": True},
+        pytest.param({"preset": "course"}, marks=pytest.mark.long),
+        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
     ],
     ids=str,
 )
@@ -93,6 +91,7 @@ def test_glaring_texels_at_the_corners(device):
     assert found.passed, found.lines()
 
 
+@pytest.mark.long
 def test_a_constant_beyond_one_stays_exact(device):
     """Only ambient light, 0.5 * 0.2 * 5, the same at every pixel."""
     mesh = replace(triangle(np.full((3, 3), 5.0)), material=Material(ka=0.25, kd=0.0, ks=0.0))
@@ -135,14 +134,16 @@ def grazed(n: float = 0.0, height: float = 1e-7, *, orthographic: bool = False) 
     return Scene((mesh,), camera, (PointLight(at + height * normal, (1, 1, 1)),), np.full(3, 0.5))
 
 
-@pytest.mark.parametrize("orthographic", [False, True])
-@pytest.mark.parametrize(("shader", "n"), [("phong", 0.0), ("phong", 0.3), ("phong", 20.0), ("gouraud", 0.0)])
+@pytest.mark.parametrize(
+    ("shader", "n", "orthographic"),
+    [("phong", 0.0, False), ("phong", 0.3, True), ("phong", 20.0, False), ("gouraud", 0.0, False)],
+)
 def test_a_light_that_grazes_opens_and_closes_highlights_within_rounding(device, shader, n, orthographic):
     frame = draw(device, grazed(n, orthographic=orthographic), shader=shader)
     assert frame.alpha.all()
     found = clshade.check(frame, "all")
     assert found.passed, found.lines()
-    if shader == "phong" and n == 0.0:
+    if shader == "phong" and n < 1.0:
         assert 0 < found.gates < 0.2 * found.of
 
 
