@@ -30,8 +30,8 @@ DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
 # How many of `color_bound` a color may be off, by precision. fast: its lengths of directions are off by 4.7e-6 each, its
 # power by 7.4e-6 and 6.3e-6; a highlight amplifies the directions' by 2.4*sqrt(n) at most: 2.5e-5*sqrt(n), 420 * 2^-24.
 ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
-# float32 has texture coordinates as pairs: some eight of their roundings, 2^-48 of the largest coordinate, times texels, are
-# a bound where coordinates reach over so many texels. One is among the 32.
+# In float32 texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times texels
+# across the image, make one bound when coordinates span so many texels. The 32 include one such bound.
 TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
 # fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
 FAST_PER_TEXEL = 16.0

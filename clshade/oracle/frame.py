@@ -247,7 +247,7 @@ def _resolved(
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     if settings.resolve == "weighted" and scene.background is None:
         weights[0] = np.zeros_like(weights[0])  # nothing has no color to be weighed: the mean of what is covered
-    whole, rgb, budget, jump = np.zeros(len(total.Z)), *(np.zeros_like(total.rgb) for _ in range(3))
+    whole, rgb = np.zeros(len(total.Z)), np.zeros_like(total.rgb)
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
         rgb[lit] += weight[:, None] * part.rgb
@@ -255,21 +255,32 @@ def _resolved(
     if settings.resolve == "weighted" and scene.background is None:
         whole = np.where(alpha > 0.0, whole / np.maximum(alpha, 1e-9), 1.0)  # premultiplied
     rgb /= whole[:, None]
-    for (lit, _, part), weight in zip(parts, weights, strict=True):
-        most = part.budget
-        if settings.resolve == "weighted":  # an error of a color's is one of its weight too
-            apart = (np.abs(part.rgb) + np.abs(rgb[lit])) * sampling.weight(part.rgb, settings.resolve)[:, None]
-            most = most + apart * most.max(axis=-1, keepdims=True)
-        budget[lit] += (weight / whole[lit])[:, None] * most
-        jump[lit] += (weight / whole[lit])[:, None] * part.jump
-    if settings.resolve == "weighted":  # a jump is one of the weights too, and not a small one
-        jump = np.where((jump > 0.0).any(axis=-1, keepdims=True), budget, 0.0)
+    shared = [(lit, weight / whole[lit], part) for (lit, _, part), weight in zip(parts, weights, strict=True)]
+    budget, jump = _mean_budgets(shared, rgb, settings.resolve)
     measures = {name: getattr(total, name).copy() for name in ("kappa", "exponent")}
     for lit, _, part in parts:
         for name, worst in measures.items():
             worst[lit] = np.maximum(worst[lit], getattr(part, name))
     nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
     return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, jump=jump, **measures)
+
+
+def _mean_budgets(parts: list[tuple[Array, Array, OracleFrame]], rgb: Array, resolve: str) -> tuple[Array, Array]:
+    """budget and jump, (K, 3) each, of pixels with colors rgb (K, 3).
+
+    parts: which pixels some samples belong to, the weight of these samples in each pixel, and what they see.
+    """
+    budget, jump = np.zeros_like(rgb), np.zeros_like(rgb)
+    for lit, share, part in parts:
+        most = part.budget
+        if resolve == "weighted":  # an error of a color's is one of its weight too
+            apart = (np.abs(part.rgb) + np.abs(rgb[lit])) * sampling.weight(part.rgb, resolve)[:, None]
+            most = most + apart * most.max(axis=-1, keepdims=True)
+        budget[lit] += share[:, None] * most
+        jump[lit] += share[:, None] * part.jump
+    if resolve == "weighted":  # a jump is one of the weights too, and not a small one
+        jump = np.where((jump > 0.0).any(axis=-1, keepdims=True), budget, 0.0)
+    return budget, jump
 
 
 def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
