@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 import warnings
 from typing import Any
@@ -141,7 +142,8 @@ def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tup
             (width, height), found = image.size, ""
         except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
             width = height = MAX_SIDE + 1
-            found = str(error)
+            size = re.search(r"\d+ pixels", str(error))
+            found = size.group() if size else str(error)
     _check_size(width, height, owner, most_pixels, found)
     return image
 

@@ -17,6 +17,7 @@ _NUMBER = rb"(\d{1,9})"
 # A comment may touch the last number; one white space then begins the pixels.
 _HEADER = re.compile(rb"P([2356])" + (_GAP + _NUMBER) * 3 + rb"(?:#[^\r\n]*)?\s")
 _COMMENT = re.compile(rb"#[^\r\n]*")
+_SPACE, _LINE_END = re.compile(rb"\s"), re.compile(rb"[\r\n]")
 
 
 @dataclass(frozen=True)
@@ -75,18 +76,22 @@ def _text_values(data: bytes, found: Header, count: int, kind: np.dtype, owner: 
     while place < count:
         if start >= len(data):
             raise complaint(owner, "image", f"{count} values", str(place))
-        end = start + _CHUNK
-        while end < len(data) and not data[end - 1 : end].isspace():  # whole numbers, whole comments
-            end += 1
-        hash_at = max(data.rfind(b"\n", start, end), data.rfind(b"\r", start, end)) + 1
-        if data.find(b"#", max(hash_at, start), end) >= 0:
-            end = min((at + 1 for at in (data.find(b"\n", end), data.find(b"\r", end)) if at >= 0), default=len(data))
+        end = _end(_SPACE, data, start + _CHUNK)  # no number is cut in two
+        line = max(data.rfind(b"\n", start, end), data.rfind(b"\r", start, end)) + 1
+        if data.find(b"#", max(line, start), end) >= 0:  # nor is a comment
+            end = _end(_LINE_END, data, end + 1)
         part = _numbers(_COMMENT.sub(b"", data[start:end]), count - place, owner)
         if len(part) and part.max() > found.most:
             raise complaint(owner, "image", f"values up to {found.most}", str(part.max()))
         values[place : place + len(part)] = part
         place, start = place + len(part), end
     return values
+
+
+def _end(pattern: re.Pattern[bytes], data: bytes, least: int) -> int:
+    """Where the first match that ends at `least` bytes or later ends, each being a byte; else the end of the data."""
+    found = pattern.search(data, least - 1)
+    return found.end() if found else len(data)
 
 
 def _numbers(text: bytes, most: int, owner: str) -> Array:

@@ -18,6 +18,7 @@ _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
 _PLANAR, _EXTRA, _FORMAT = 284, 338, 339
 _NONE, _DEFLATE = (1,), (8, 32946)  # compressions
+_MAX_PART = 1 << 28  # values in a strip or tile: of the largest image that is read, all in one
 _ASSOCIATED = 1  # alpha that the colors are multiplied by
 
 
@@ -82,25 +83,35 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
         expected = "tifffile, for 16 bits a channel in planes, with gray and alpha, or with associated alpha"
         found_none = "none: `pip install tifffile`"
         raise complaint(owner, "image", expected, found_none) from None
+    wanted = (found.samples, found.height, found.width) if found.planar else (found.height, found.width, found.samples)
     logger = logging.getLogger("tifffile")  # which complains of broken files on standard error
     before, logger.disabled = logger.disabled, True
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             page: Any = file.pages[0]
+            _check_parts(page, wanted, owner)
             _check_compression(page, data, owner)
-            pixels = np.asarray(page.asarray(maxworkers=1))
+            pixels = np.asarray(page.asarray(maxworkers=1)).reshape(wanted)
     finally:
         logger.disabled = before
-    wanted = (found.samples, found.height, found.width) if found.planar else (found.height, found.width, found.samples)
-    if pixels.size != math.prod(wanted) or pixels.dtype != np.uint16:
-        raise complaint(owner, "image", f"16-bit pixels of shape {wanted}", f"{pixels.dtype} of shape {pixels.shape}")
-    pixels = pixels.reshape(wanted)
     pixels = np.moveaxis(pixels, 0, -1) if found.planar else pixels
     if found.photometric == 0:
         pixels = np.concatenate([65535 - pixels[:, :, :1], pixels[:, :, 1:]], axis=2)
     if _ASSOCIATED in found.extra:
         pixels = _divided(pixels)
     return _upright(pixels, found.orientation)
+
+
+def _check_parts(page: Any, wanted: tuple[int, int, int], owner: str) -> None:
+    """Raises InputError where a file of a few bytes claims more pixels, in depth, or more or larger strips or tiles than
+    those of an image of the wanted shape: tifffile would make them all."""
+    if page.size != math.prod(wanted) or page.dtype != np.uint16:
+        raise complaint(owner, "image", f"16-bit pixels of shape {wanted}", f"{page.dtype} of shape {page.shape}")
+    parts, listed = math.prod(page.chunked), len(page.dataoffsets)
+    if parts != listed:
+        raise complaint(owner, "image", f"{parts} strips or tiles", str(listed))
+    if math.prod(page.chunks) > _MAX_PART:
+        raise complaint(owner, "image", f"strips or tiles of at most {_MAX_PART} values", str(math.prod(page.chunks)))
 
 
 def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:

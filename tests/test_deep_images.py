@@ -6,6 +6,7 @@ import contextlib
 import io
 import struct
 import sys
+import time
 import warnings
 import zlib
 
@@ -238,6 +239,34 @@ def test_a_strip_that_swells_is_refused():
         width = {3: 2, 4: 4}[int(tag.dtype)]
         data[tag.valueoffset : tag.valueoffset + width] = value.to_bytes(width, "little")
     refused(bytes(data), "at most 198 bytes in a strip or tile", "more")
+
+
+def with_tag(data: bytes, name: str, value: int) -> bytes:
+    """A TIFF file, one value of whose first image is another."""
+    tag = tifffile.TiffFile(io.BytesIO(data)).pages[0].tags[name]
+    width = {3: 2, 4: 4}[int(tag.dtype)]
+    return data[: tag.valueoffset] + value.to_bytes(width, "little") + data[tag.valueoffset + width :]
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_claims_of_more_than_the_image_are_refused(compression):
+    codes, unused = codes_of(3), 65001
+    data = tiff_of(
+        codes, planarconfig="separate", compression=compression, extratags=[(unused, "I", 1, 20_000_000, True)]
+    )
+    depth = data.replace(unused.to_bytes(2, "little"), (32997).to_bytes(2, "little"), 1)
+    refused(depth, f"16-bit pixels of shape {(3, *codes.shape[:2])}", f"{(3, 20_000_000, *codes.shape[:2])}")
+    refused(with_tag(data, "ImageLength", 16_000), "strips or tiles, found 3")
+    tiled = tiff_of(codes, planarconfig="separate", compression=compression, tile=(16, 16))
+    wide = with_tag(with_tag(tiled, "TileWidth", 32768), "TileLength", 32768)
+    refused(wide, "strips or tiles of at most")
+
+
+@pytest.mark.parametrize("body", [b"1" * (1 << 23), b"#" + b"a" * (1 << 23)], ids=["number", "comment"])
+def test_long_words_take_no_long_time(body):
+    start = time.process_time()
+    refused(b"P2 100 100 255\n" + body)
+    assert time.process_time() - start < 2.0  # byte by byte it would be twice as much at least
 
 
 @pytest.mark.parametrize("most", [1, 100, 255, 256, 1023, 65535])
