@@ -259,7 +259,7 @@ def _choices(
         "CULL": culls,
         "ORTHOGRAPHIC": scene.camera.orthographic,
         "CORNER_COLORS": at_corners,
-        # Of the others the errors are measured by the brightest corner, of this one by the color at the pixel.
+        # Errors of phong are relative to the color at the pixel, of the other shaders to the brightest corner.
         "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
     }
 
