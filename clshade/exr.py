@@ -18,9 +18,7 @@ import numpy as np
 
 from . import atomic, exr_limits
 from .atomic import Path, shown
-from .camera import Camera
 from .errors import InputError
-from .geometry import camera_axes
 from .reading import complaint, quoted, read_file, reason_of
 from .validation import Array, choice
 from .validation import path as checked_path
@@ -82,40 +80,6 @@ def flatten(layers: Mapping[str, Array] | Array) -> dict[str, Array]:
         found = ", ".join(f"{name} {plane.shape}" for name, plane in flat.items()) or "none"
         raise InputError(f"exr: channels: expected at least one, all of the same shape, found {found}")
     return flat
-
-
-def camera_matrices(camera: Camera) -> tuple[Array, Array]:
-    """(worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
-
-    As OpenEXR's ImfStandardAttributes.h defines them: camera space is left-handed, the eye at the origin, +x right,
-    +y up, +z the viewing direction, in scene units: the camera frame of this renderer. NDC, after division by w, has
-    (0, 0) at the upper left and (1, 1) at the lower right corner of the display window, y DOWN: the pixel in column c
-    and row r from the top has its center at ((c+0.5)/N, (r+0.5)/M). OpenEXR leaves z open; here it is 1 - focal/depth:
-    0 on the image plane, 1 at infinity; the depth itself in a parallel projection, whose w is 1.
-    """
-    to_camera = np.eye(4)
-    to_camera[:3, :3] = camera_axes(camera).T
-    to_camera[3, :3] = -np.asarray(camera.eye) @ to_camera[:3, :3]
-    (height, width), (right, up) = camera.plane, camera.principal
-    to_ndc = np.zeros((4, 4))
-    if camera.orthographic:
-        to_ndc[0, 0], to_ndc[1, 1], to_ndc[2, 2] = 1.0 / width, -1.0 / height, 1.0
-        to_ndc[3] = right, 1.0 - up, 0.0, 1.0
-    else:
-        to_ndc[0, 0], to_ndc[1, 1] = camera.focal / width, -camera.focal / height
-        to_ndc[2] = right, 1.0 - up, 1.0, 1.0
-        to_ndc[3, 2] = -camera.focal
-    return to_camera, to_camera @ to_ndc
-
-
-def camera_metadata(camera: Camera) -> dict[str, Any]:
-    """Header attributes of a camera: worldToCamera, worldToNDC (float32) and pixelAspectRatio (width / height)."""
-    to_camera, to_ndc = camera_matrices(camera)
-    (height, width), (columns, rows) = camera.plane, camera.resolution
-    aspect = (width / columns) / (height / rows)
-    with np.errstate(over="ignore"):
-        matrices = {"worldToCamera": to_camera.astype(np.float32), "worldToNDC": to_ndc.astype(np.float32)}
-    return {**matrices, "pixelAspectRatio": min(max(aspect, 1e-6), 1e6)}  # OpenEXR refuses anything beyond
 
 
 def drawn_window(channels: Mapping[str, Array]) -> Window:
@@ -286,7 +250,7 @@ def encode(
         float32 to 24 bits; b44 and b44a round half and leave float32 as it is; dwaa and dwab round colors.
     half: store floats as half, except the layers Z and P.
     metadata: further header attributes: text, numbers and (4, 4) matrices; None leaves one out. Unless given, software
-        is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_metadata`.
+        is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_matrices.camera_metadata`.
     window: the data window (x0, y0, x1, y1), inclusive: only these pixels are stored, readers take the rest as 0.
         "drawn": the smallest that loses nothing. "covered": the same, but that +infinity in Z is nothing too: the
         header's Zbackground tells `read` what Z is outside; others take it as 0. None: everything. The display window

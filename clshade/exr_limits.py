@@ -75,9 +75,8 @@ def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], da
     headers: of the parts; windows as (x0, y0, x1, y1) inclusive. sizes: from `channel_bytes`.
     """
     least = pixels = shown = 0
-    copied = filled = (
-        0  # the largest copy into a display window (which is 0 at first, and takes no memory); what is not 0
-    )
+    # The largest plane that is copied into a display window, of zeros, which take no memory; windows filled otherwise.
+    copied = filled = 0
     for header, part in zip(headers, sizes, strict=True):
         _check_part(header, owner)
         data_window, display = _area(header["dataWindow"]), _area(header["displayWindow"])

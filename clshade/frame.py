@@ -133,9 +133,9 @@ class Frame:
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """The EXR's header besides its channels; `deterministic` leaves times out."""
-        from . import exr
+        from .camera_matrices import camera_metadata
 
-        metadata = exr.camera_metadata(self.scene.camera)
+        metadata = camera_metadata(self.scene.camera)
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
         metadata |= self._names()

@@ -51,13 +51,14 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
 
     The microfacet model of glTF 2.0 (appendix B) has alpha = roughness^2, and 2/alpha^2 - 2 is the exponent of the
     half vector whose lobe is as wide (Blinn's form of Beckmann's distribution). The mirrored direction moves twice as
-    fast as the half vector, so Phong's own is a quarter of that: n = (1/alpha^2 - 1) / 2, here from 1 to 5000. A
-    normalized lobe beside a diffuse term of 1/pi has the peak F0 * (n+2)/2 with F0 = 0.04 + metallic * (base - 0.04);
-    it is held to 1, the brightness of a white diffuse surface. Diffuse is 1 - metallic of the base color; metals keep
-    0.4 of it for the surroundings that they would mirror, and that a scene of point lights does not have.
+    fast as the half vector, so Phong's own is a quarter of that: n = (1/alpha^2 - 1) / 2, at least 1 and, as a
+    roughness below 0.1 counts as 0.1, at most 4999.5. A normalized lobe beside a diffuse term of 1/pi has the peak
+    F0 * (n+2)/2 with F0 = 0.04 + metallic * (base - 0.04); it is held to 1, the brightness of a white diffuse surface.
+    Diffuse is 1 - metallic of the base color; metals keep 0.4 of it for the surroundings that they would mirror, and
+    that a scene of point lights does not have.
     """
     alpha = max(roughness * roughness, 1e-2)
-    exponent = min(max((1.0 / (alpha * alpha) - 1.0) / 2.0, 1.0), 5000.0)
+    exponent = max((1.0 / (alpha * alpha) - 1.0) / 2.0, 1.0)
     reflectance = 0.04 + metallic * (base - 0.04)
     peak = min(reflectance * (exponent + 2.0) / 2.0, 1.0)
     return 1.0 - 0.6 * metallic, peak / max(base, 0.04), exponent

@@ -172,8 +172,9 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
     from clshade import exr, png
+    from clshade.camera_matrices import camera_metadata
 
-    metadata = exr.camera_metadata(scene.camera)
+    metadata = camera_metadata(scene.camera)
     metadata.update(
         title=figure.title, scene=scene.name, settings="preset=course", renderTimeSeconds=figure.milliseconds / 1e3
     )

@@ -15,6 +15,7 @@ import pytest
 
 from clshade import clipping, exr
 from clshade.camera import Camera
+from clshade.camera_matrices import camera_matrices, camera_metadata
 from clshade.errors import InputError
 from clshade.geometry import camera_axes
 
@@ -177,11 +178,11 @@ def test_half_and_its_warnings(path):
 
 
 def test_header_values(path):
-    matrices = exr.camera_metadata(CAMERA)
+    matrices = camera_metadata(CAMERA)
     texts = {"software": "clshade 1.2", "settings": "shader=phong\nn=20", "scene": "théière"}
     exr.write(path, noise((3, 4, 3)), metadata={**matrices, **texts, "renderTimeSeconds": 1.25, "count": np.int64(-7)})
     _, header = exr.read(path)
-    for name, matrix in zip(("worldToCamera", "worldToNDC"), exr.camera_matrices(CAMERA), strict=True):
+    for name, matrix in zip(("worldToCamera", "worldToNDC"), camera_matrices(CAMERA), strict=True):
         same(header[name], matrix.astype(np.float32))
     assert {name: header[name] for name in texts} == texts
     assert header["renderTimeSeconds"] == 1.25
@@ -205,7 +206,7 @@ def test_matrices_are_stored_row_after_row(path):
 
 def test_camera_matrices_project_as_the_renderer_does():
     """Against the design's formulas: camera axes, u = (focal*x/(z*W) + 1/2)*N, v = (focal*y/(z*H) + 1/2)*M, v up."""
-    to_camera, to_ndc = exr.camera_matrices(CAMERA)
+    to_camera, to_ndc = camera_matrices(CAMERA)
     eye, forward = CAMERA.eye, (CAMERA.lookat - CAMERA.eye) / np.linalg.norm(CAMERA.lookat - CAMERA.eye)
     up = CAMERA.up - (CAMERA.up @ forward) * forward
     up = up / np.linalg.norm(up)
@@ -235,7 +236,7 @@ VIEWS = {
 
 @pytest.mark.parametrize("camera", VIEWS.values(), ids=list(VIEWS))
 def test_camera_matrices_put_points_where_the_renderer_does(camera):
-    to_camera, to_ndc = exr.camera_matrices(camera)
+    to_camera, to_ndc = camera_matrices(camera)
     rng = np.random.default_rng(6)
     inside = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 9, 50)])  # camera space
     rows = np.column_stack([inside @ camera_axes(camera) + camera.eye, np.ones(50)])  # world space
@@ -251,7 +252,7 @@ def test_two_writes_are_the_same_bytes(tmp_path):
     given = {"RGB": noise((300, 200, 3)), "Z": noise((300, 200))}
     for compression in exr.COMPRESSIONS:
         for name in ("a", "b"):
-            exr.write(tmp_path / name, given, compression=compression, metadata=exr.camera_metadata(CAMERA))
+            exr.write(tmp_path / name, given, compression=compression, metadata=camera_metadata(CAMERA))
         assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 

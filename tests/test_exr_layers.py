@@ -16,6 +16,7 @@ from layer_scenes import CAMERA, dome, mixed, wedge
 
 import clshade
 from clshade import exr
+from clshade.camera_matrices import camera_matrices
 from clshade.device import Device
 from clshade.frame import Frame
 from clshade.scene import LAYERS, Scene
@@ -70,7 +71,7 @@ def test_openexr_reads_the_layers(frame, window, tmp_path):
             assert channel.pixels.tobytes() == np.ascontiguousarray(cut).tobytes(), name
         assert header["software"] == "clshade"
         assert header["colorInteropID"] == "lin_rec709_scene"
-        for name, matrix in zip(("worldToCamera", "worldToNDC"), exr.camera_matrices(CAMERA), strict=True):
+        for name, matrix in zip(("worldToCamera", "worldToNDC"), camera_matrices(CAMERA), strict=True):
             assert np.array_equal(header[name], matrix.astype(np.float32))
         assert header["Zbackground"] == np.inf
 
@@ -92,7 +93,7 @@ def test_openimageio_reads_the_layers(frame, window, tmp_path, half, crop):
     assert spec.getattribute("compression") == "piz"
     assert spec.getattribute("Software") == "clshade"
     matrix = np.reshape(spec.getattribute("worldtocamera"), (4, 4))
-    assert np.array_equal(matrix, exr.camera_matrices(CAMERA)[0].astype(np.float32))
+    assert np.array_equal(matrix, camera_matrices(CAMERA)[0].astype(np.float32))
     for k, name in enumerate(spec.channelnames):
         kind = np.uint32 if CHANNELS[name] == "u32" else np.float32
         pixels = file.read_image(0, 0, k, k + 1, "uint" if kind is np.uint32 else "float")[..., 0]

@@ -13,6 +13,7 @@ from ..errors import OutputError
 
 Row = Sequence[str]
 WIDTH = 100  # columns of a terminal that tables fit into
+TIED = "\xa0"  # a blank at which `wrapped` ends no line
 _GAP = "  "
 
 
@@ -58,7 +59,7 @@ def wrapped(text: str, indent: int = 0) -> str:
     """A paragraph in lines of at most WIDTH, the further ones indented; words, such as paths, stay whole."""
     further = " " * indent
     lines = textwrap.wrap(text, WIDTH, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(lines)
+    return "\n".join(lines).replace(TIED, " ")
 
 
 def as_csv(header: Row, rows: Iterable[Row]) -> str:

@@ -76,7 +76,7 @@ class Parser(argparse.ArgumentParser):
             (text for text in before if text.startswith("-") and text not in self._option_string_actions), None
         )
         if early is not None:
-            return f": {early} belongs behind the command, as in `clshade render {early} ...`"
+            return f": {early} belongs after the command, as in `clshade render {early} ...`"
         ending = os.path.splitext(name)[1].lower()
         if name in BUILTINS or ending in (*_SCENES, *_IMAGES):
             return f": did you mean `clshade {'inspect' if ending in _IMAGES else 'render'} {name}`?"

@@ -191,7 +191,7 @@ def summary(frame: Frame, output: str) -> str:
     files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
 
     def listed(values: dict[str, float]) -> str:
-        return ", ".join(f"{name} {value:.2f}" for name, value in values.items())
+        return ", ".join(f"{name}{tables.TIED}{value:.2f}" for name, value in values.items())
 
     name = shown(frame.scene.name or "unnamed")
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
