@@ -20,10 +20,10 @@ from .random_shapes import Random
 SHARE = 0.3  # of the scenes get each of them
 
 
-def stiffened(rng: Random, scene: Scene, double: bool) -> Scene:
-    """The scene with none to all of the extremes below. double: may positions need float64?"""
+def stiffened(rng: Random, scene: Scene, double: bool, dim: bool) -> Scene:
+    """The scene with none to all of the extremes below. double: may positions need float64? dim: are no colors beyond 1?"""
     for change in EXTREMES:
-        if rng.random() < SHARE:
+        if rng.random() < SHARE and not (dim and change is _colors):
             scene = change(rng, scene, double)
     return scene
 

@@ -31,7 +31,8 @@ class Kind:
     specialize: whether the program leaves out what is not needed; then the flags after it hold too. Without, all that is
     optional is compiled in and scenes have it or not.
     lanes: pixels handled together on a CPU; None: what suits the device. other_lanes: another number, for scenes that are
-    drawn again to compare the bits. sampled: whether pixels have several samples.
+    drawn again to compare the bits. sampled: whether pixels have several samples. bright: are there colors beyond 1?
+    Without, of shader phong, there are none.
     """
 
     settings: Settings
@@ -55,6 +56,12 @@ class Kind:
     lanes: int | None
     sampled: bool
     other_lanes: int = 1
+    bright: bool = False
+
+    @property
+    def dim(self) -> bool:
+        """Must no color be beyond 1?"""
+        return self.settings.shader == "phong" and not self.bright
 
 
 @dataclass(frozen=True)
@@ -123,7 +130,8 @@ def kind_of(seed: int, block: int) -> Kind:
     if often(0.3) and finer["precision"] == "float32" and not textured:
         finer["precision"] = "fast"
     other = int(rng.choice([lanes for lanes in LANES if lanes != (kind.lanes or LANES[-1])]))
-    return replace(kind, settings=replace(settings, **finer), other_lanes=other)
+    bright = kind.colored and often(0.5)
+    return replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright)
 
 
 def scene_of(number: int, seed: int = 0) -> Drawn:
@@ -168,7 +176,7 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
     if kind.sampled and rng.random() < 0.05:
         samples = int(rng.integers(17, model.MAX_SAMPLES + 1))
     if number % 2 == 0:
-        scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double)
+        scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
     return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0)
 
 
@@ -266,7 +274,7 @@ def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
     image: Array = rng.uniform(0, 1, (height, width, channels)).astype(np.float32)
     if rng.random() < 0.3:
         image = (image * 255).astype(np.uint8)
-    elif rng.random() < 0.2:
+    elif rng.random() < 0.2 and not kind.dim:
         image[..., :3] *= 20.0
     wraps = (str(rng.choice(model.WRAPS)), str(rng.choice(model.WRAPS)))
     lookup = "course" if not all_of_it and rng.random() < 0.3 else "standard"
@@ -283,7 +291,7 @@ def _material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
         ks=_coefficient(rng, kind.specular, all_of_it),
         n=_exponent(rng, kind, all_of_it),
         texture=_texture(rng, kind, all_of_it) if textured else None,
-        color=rng.uniform(0.1, 1.5, 3) if tinted else 1.0,
+        color=np.minimum(rng.uniform(0.1, 1.5, 3), 1.0 if kind.dim else np.inf) if tinted else 1.0,
         sides="front" if (kind.front and all_of_it) or (kind.front and rng.random() < 0.3) else "both",
         two_sided=kind.two_sided and (all_of_it or rng.random() < 0.5),
         alpha_cutoff=rng.uniform(0.1, 0.9) if kind.alpha and (all_of_it or rng.random() < 0.6) else None,
@@ -335,7 +343,10 @@ def _mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_of_it: 
     verts, faces = shape
     fields: dict[str, Any] = {}
     if kind.colored and rng.random() < 0.7:
-        fields["colors"] = rng.choice((1.0, 1.0, 1.0, 10.0)) * rng.uniform(0, 1, (len(verts), 3))
+        most = rng.choice((1.0, 1.0, 1.0, 10.0))
+        fields["colors"] = (1.0 if kind.dim else most) * rng.uniform(0, 1, (len(verts), 3))
+    if kind.bright and all_of_it:
+        fields["colors"] = 3.0 * rng.uniform(0.5, 1, (len(verts), 3))
     indexed = kind.normal_faces and (all_of_it or rng.random() < 0.5)
     if indexed or rng.random() < 0.4:
         fields["normals"] = _directions(rng, len(verts) + 3)
