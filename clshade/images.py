@@ -36,7 +36,7 @@ _LOW_BYTES = {
         for order, other in (("L", "B"), ("B", "L"), ("N", _NATIVE_SWAPPED))
     },
 }
-_GREY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
+_GRAY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
 _TO_RGB = ("P", "PA", "RGBX", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
 
 
@@ -51,7 +51,7 @@ def read_image(path: Path, *, srgb: bool) -> Array:
 
     srgb: whether the values are decoded from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
     for PPM and PGM images value/most, most being the file's largest value.
-    Grey images get three equal channels, palettes are resolved, of animations the first picture is taken. Alpha is
+    Gray images get three equal channels, palettes are resolved, of animations the first picture is taken. Alpha is
     dropped, with a warning when it is not opaque everywhere. Formats: see FORMATS.
 
     Raises InputError naming the file when it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
@@ -89,7 +89,7 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
 
 
 def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tuple[Array, dict[str, Any]]:
-    """The bytes of a PNG as (h, w, C) uint8 or uint16 codes, grey, grey and alpha, RGB or RGBA; and its header.
+    """The bytes of a PNG as (h, w, C) uint8 or uint16 codes, gray, gray and alpha, RGB or RGBA; and its header.
 
     Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or `most_pixels`.
     """
@@ -104,7 +104,7 @@ def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tup
 
 
 def _decoded(data: bytes | memoryview, owner: str) -> tuple[Array, int]:
-    """(h, w, C) uint8 or uint16 pixels, grey, grey and alpha, RGB or RGBA, and the code of white."""
+    """(h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
     if bytes(data[:1]) == b"P":
         data = bytes(data)
         head = pnm.header(data, owner)
@@ -149,13 +149,13 @@ def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tup
 
 
 def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int]:
-    """(h, w, C) uint8 or uint16 pixels, grey, grey and alpha, RGB or RGBA, and the code of full intensity."""
+    """(h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of full intensity."""
     raw = image.tile[0][3] if image.format in ("PNG", "TIFF") and image.tile else ""
     raw = raw if isinstance(raw, str) else raw[0]
     image.load()
     if (image.format, raw) in _LOW_BYTES:
         return _keyed(_sixteen_bits(image, data, raw), image), 65535
-    if image.mode in _GREY_16 or (image.mode == "I" and raw.startswith("I;16") and not raw.endswith("S")):
+    if image.mode in _GRAY_16 or (image.mode == "I" and raw.startswith("I;16") and not raw.endswith("S")):
         codes = np.asarray(image).astype(np.uint16)[:, :, None]
         return _keyed(codes, image), 4095 if raw == "I;12" else 65535
     if image.format == "TIFF" and max(image.tag_v2.get(258, (1,))) > 8:
