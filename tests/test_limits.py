@@ -135,10 +135,14 @@ def test_headers_of_course_files(tmp_path):
 
 
 def test_depth_and_parts_of_a_course_files_lists():
+    def value(found, size=1 << 24):
+        return course_pickle.Content({"n": found}, "a.npy", size).value("n")
+
     good = [[[1.0, 2.0]]]
-    assert course_pickle.value("a.npy", "n", good).shape == (1, 1, 2)
+    assert value(good).shape == (1, 1, 2)
     with pytest.raises(InputError, match="nested too deep"):
-        course_pickle.value("a.npy", "n", [good])
-    small = np.zeros(1 << 20).tolist()
+        value([good])
+    most = np.zeros((1 << 20) - 1).tolist()  # the list itself counts as one
+    assert value(most).shape == ((1 << 20) - 1,)
     with pytest.raises(InputError, match="too long"):
-        course_pickle.value("a.npy", "n", [*small, 1.0])
+        value([*most, 1.0])

@@ -70,7 +70,7 @@ def _tiff16() -> bytes:
 
 def _pnm(magic: str) -> bytes:
     """RGB with values up to 1023, as text or binary."""
-    values = np.arange(4 * 5 * 3, dtype=">u2") * np.uint16(17)
+    values = (np.arange(4 * 5 * 3) * 17).astype(">u2")
     body = " ".join(map(str, values.tolist())).encode() if magic == "P3" else values.tobytes()
     return f"{magic} # a comment\n5 4\n1023\n".encode() + body
 
