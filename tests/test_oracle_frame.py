@@ -371,6 +371,19 @@ def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
         compare.assert_colors_within(frame.rgb, marked)
 
 
+def test_pixels_covered_beside_their_center_are_covered(case):
+    """Found by the fuzzer: of an image in which no sample nearest a center is covered, three pixels were too many."""
+    expected, frame = case[0], rounded(case[0])
+    at = tuple(np.argwhere(expected.id > 0)[:3].T)
+    frame.rgb[at] += 0.5 * expected.budget[at].astype(np.float32)
+    jump = np.zeros_like(expected.jump)
+    jump[at] = 0.5 * expected.budget[at]
+    beside = replace(expected, jump=jump, id=np.zeros_like(expected.id))
+    compare.assert_colors_within(frame.rgb, beside, gate_fraction=1.0)
+    with pytest.raises(AssertionError, match="too many"):
+        compare.assert_colors_within(frame.rgb, replace(beside, alpha=np.zeros_like(beside.alpha)), gate_fraction=1.0)
+
+
 def test_measured_error_is_in_bounds():
     """An error of exactly eight bounds measures as eight, and kappa and the exponent widen the bound."""
     expected = draw(quad(material=Material(n=100.0)))

@@ -232,7 +232,7 @@ def _colors_agree(
     looked_at = ~skip
     ratio = color_errors(rgb, oracle, precision)[1]
     jumps = looked_at & excepted_at_gates(rgb, oracle, factor, precision)
-    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.id))):
+    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.alpha))):
         raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
     bad = looked_at & ~jumps & (ratio > factor)
     if bad.any():
