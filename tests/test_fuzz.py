@@ -277,6 +277,20 @@ def test_alpha_at_its_cutoff_decides_either_way():
         assert np.array_equal(found, covered & either)
 
 
+def test_alpha_of_far_coordinates_decides_either_way():
+    """Found by the fuzzer: at 2e11 a coordinate is right to a texel or less."""
+    image = np.ones((1, 16, 4), np.float32)
+    image[0, :, 3] = np.linspace(0.0, 1.0, 16)
+    corners = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]])
+    camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7))
+    material = Material(texture=Texture(image, "mirror"), alpha_cutoff=0.5)
+    for far, share in ((1.0, 0.0), (1e4, 0.0), (2e11, 0.8)):
+        mesh = Mesh(corners, [[0, 1, 2]], uvs=far * np.array([[0.1, 0], [0.9, 0], [0.3, 0]]), material=material)
+        found = fuzz.decided_by_alpha(Scene((mesh,), camera), Settings())
+        assert found.mean() >= share
+        assert found.mean() <= (share and 1.0)
+
+
 # Files
 
 

@@ -15,6 +15,7 @@ from ..device import Device
 from ..features import OPTIONAL
 from ..frame import Frame
 from ..oracle import OracleFrame
+from ..oracle.corners import held
 from ..renderer import Renderer
 from ..scene import Scene, Settings
 from ..validation import Array
@@ -23,6 +24,7 @@ from .compare_layers import assert_layers
 from .random_scenes import Drawn, scene_of
 
 ALPHA_MARGIN = 1e-5  # alpha this near to the cutoff: float32 may decide either way (see `decided_by_alpha`)
+TEXEL_ERROR = 2.0**-42  # of a position in texels, relative to the largest coordinate times the texture's size
 SHRINKING = 20.0  # seconds spent on making a failing scene smaller
 
 
@@ -83,21 +85,25 @@ def draw(device: Device, drawn: Drawn, lanes: int | None = None) -> Frame:
 
 
 def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
-    """(M, N) bool: pixels of which some sample's owner depends on alphas within ALPHA_MARGIN of their cutoff.
+    """(M, N) bool: pixels of which some sample's owner depends on alphas that float32 may take for others.
 
     Alpha is a mean of at most four texels with weights that float32 pairs give to 2^-22, and is rounded in float32:
-    some 2^-21 of the largest alpha, 1, in all. The margin is ten times that.
+    some 2^-21 of the largest alpha, 1, in all. The margin is ten times that. Large texture coordinates add what a
+    position in texels loses along both axes (kernels/texture.clh), times the alpha from texel to texel, at most 1.
     """
 
-    def moved(margin: float) -> OracleFrame:
+    def moved(sign: float) -> OracleFrame:
         meshes = []
         for mesh in scene.meshes:
-            cutoff = mesh.material.alpha_cutoff
-            changed = mesh.material if cutoff is None else replace(mesh.material, alpha_cutoff=cutoff + margin)
-            meshes.append(replace(mesh, material=changed))
+            cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
+            if cutoff is not None and texture is not None and mesh.uvs is not None:
+                reach = float(np.abs(held(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
+                margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
+                material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
+            meshes.append(replace(mesh, material=material))
         return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
-    less, more = moved(-ALPHA_MARGIN), moved(ALPHA_MARGIN)
+    less, more = moved(-1.0), moved(1.0)
     return (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
 
 
