@@ -14,6 +14,7 @@ from . import course_values as values
 from .atomic import Path, shown, write_bytes
 from .camera import Camera
 from .images import as_texture
+from .inert_pickle import paused_collection
 from .reading import complaint, read_file
 from .scene import Material, Mesh, PointLight, Scene, Texture
 from .validation import Array, coefficient, number, refuse
@@ -47,6 +48,7 @@ class _Fields:
         return coefficient(self.owner, key, self.get(key))
 
 
+@paused_collection()
 def read_course(
     path: Path, *, texture: Any = None, focal: Any = None, resolution: tuple[int, int] | None = None
 ) -> Scene:

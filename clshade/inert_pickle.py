@@ -10,9 +10,11 @@ count. It is Python, not the C of `pickle.Unpickler`: Ctrl-C works.
 
 from __future__ import annotations
 
+import gc
 import pickle
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from .reading import quoted
@@ -31,6 +33,19 @@ _NAMES = {
 
 class Refused(Exception):
     """What was found in the file and is not taken."""
+
+
+@contextmanager
+def paused_collection() -> Iterator[None]:
+    """Pause Python's cyclic garbage collector: a million small records would make it walk all objects of the process
+    again and again, and none of them is garbage."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class PickledArray:
@@ -266,6 +281,8 @@ def _updated(machine: _Machine, items: list[Any], at: int) -> int:
     changed = machine.stack[-1]
     if not isinstance(changed, dict) or len(items) % 2:
         raise Refused("items for what is no dict")
+    if not items:
+        return at
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str) or len(key) > MAX_KEY:
             raise Refused(f"a key other than text of at most {MAX_KEY} characters")

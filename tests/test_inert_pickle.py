@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
 import signal
 import struct
@@ -232,6 +233,21 @@ def seconds(path: str) -> float:
 def test_bad_cases_take_no_time(tmp_path, name):
     """A hundred kilobytes; a tenth of the time would do, were there nothing that does not depend on the size."""
     assert seconds(npy_of_pickle(tmp_path / "a.npy", WORST[name](SIZE // EVERY_DAY))) < SECONDS / 2
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_garbage_collector_is_as_before(tmp_path, enabled):
+    paths = [npy_of_pickle(tmp_path / f"{k}.npy", pickled) for k, pickled in enumerate([KNOWN, hanging()])]
+    before = gc.isenabled()
+    try:
+        (gc.enable if enabled else gc.disable)()
+        load(paths[0])
+        assert gc.isenabled() == enabled
+        with pytest.raises(InputError):
+            load(paths[1])
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if before else gc.disable)()
 
 
 @pytest.mark.long
