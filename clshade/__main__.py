@@ -6,7 +6,7 @@ import os
 import sys
 
 try:
-    from . import interrupts
+    from .base import interrupts
 except KeyboardInterrupt:
     print("clshade: interrupted", file=sys.stderr)
     sys.exit(130)

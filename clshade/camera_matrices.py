@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from .base.validation import Array
 from .camera import Camera
 from .geometry import camera_axes
-from .validation import Array
 
 
 def camera_matrices(camera: Camera) -> tuple[Array, Array]:

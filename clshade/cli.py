@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, TextIO
 
-from . import interrupts, telling
+from .base import console, interrupts
+from .base.interrupts import INTERRUPTED
 from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
 from .commands.parser import Parser
 from .errors import ClshadeError
-from .interrupts import INTERRUPTED
 
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
@@ -69,7 +69,7 @@ def _general_options(parser: argparse.ArgumentParser) -> None:
 def _told(parsed: argparse.Namespace) -> Iterator[None]:
     """As much on standard output and error as was asked for."""
     with contextlib.ExitStack() as stack:
-        stack.enter_context(telling.at_level(parsed.verbose - parsed.quiet + telling.NORMAL))
+        stack.enter_context(console.at_level(parsed.verbose - parsed.quiet + console.NORMAL))
         if not parsed.debug:
             stack.enter_context(_warnings_in_one_line(shown=not parsed.quiet))
         if parsed.quiet and not getattr(parsed, "json", False):
@@ -82,7 +82,7 @@ def _warnings_in_one_line(shown: bool) -> Iterator[None]:
     """Every warning that Python's filters let through is one line on stderr, without the place in the code; or none."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        telling.warning(str(message))
+        console.warning(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("always" if shown else "ignore", UserWarning)
@@ -94,7 +94,7 @@ class _Unwritable(Exception):
     """Standard output cannot be written; its cause says why."""
 
 
-class _Stdout(telling.Printable):
+class _Stdout(console.Printable):
     """Standard output; an error of its own is told from the errors of files."""
 
     def write(self, text: str) -> int:
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(error.__cause__, BrokenPipeError):
             return UNREAD
         reason = getattr(error.__cause__, "strerror", None) or error.__cause__
-        telling.error(f"standard output: cannot be written: {reason}")
+        console.error(f"standard output: cannot be written: {reason}")
         return REFUSED
     except KeyboardInterrupt:
         interrupts.tell()
@@ -151,10 +151,10 @@ def _run(arguments: Sequence[str]) -> int:
     except ClshadeError as error:
         if parsed.debug:
             raise
-        telling.error(str(error))
+        console.error(str(error))
         return REFUSED
     except MemoryError as error:
         if parsed.debug:
             raise
-        telling.error(f"out of memory: {error}".rstrip(": "))
+        console.error(f"out of memory: {error}".rstrip(": "))
         return REFUSED

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .base.validation import Array
 from .camera import Camera
 from .layout import GUARD_PIXELS, SUBPIXEL_BITS
-from .validation import Array
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ import numpy as np
 
 from . import course_arguments as checked
 from . import course_values
+from .base.validation import Array, choice, coefficient, refuse, vector
 from .camera import Camera
 from .course_files import only_mesh
 from .course_files import save_course as save
@@ -42,7 +43,6 @@ from .recent import Recent
 from .renderer import Renderer
 from .scene import SHADERS, Material, Mesh, PointLight, Scene
 from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
-from .validation import Array, choice, coefficient, refuse, vector
 
 __all__ = [
     "arguments",

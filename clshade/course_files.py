@@ -11,13 +11,13 @@ import numpy as np
 
 from . import course_pickle
 from . import course_values as values
-from .atomic import Path, shown, write_bytes
+from .base.atomic_files import Path, shown, write_bytes
+from .base.input_files import complaint, read_file
+from .base.validation import Array, coefficient, number, refuse
 from .camera import Camera
 from .images import as_texture
 from .inert_pickle import paused_collection
-from .reading import complaint, read_file
 from .scene import Material, Mesh, PointLight, Scene, Texture
-from .validation import Array, coefficient, number, refuse
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # each takes longer to make than the few bytes that it may take in a file to read

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from .base.input_files import complaint, quoted
+from .base.validation import Array
 from .inert_pickle import PickledArray, PickledDtype, Refused, unpickle
-from .reading import complaint, quoted
-from .validation import Array
 
 MAX_HEADER = 4096  # bytes; a course file's header has 118
 MAX_LISTED = 1 << 20  # numbers in all lists

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .base.validation import Array, number, refuse
 from .geometry import _blocks, _exponent, _normalized
-from .validation import Array, number, refuse
 
 
 def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array]:

@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from . import runtimes, telling
+from . import runtimes
+from .base import console
 from .errors import DeviceError
 from .probing import (
     GET_INTEL,
@@ -223,7 +224,7 @@ def shared_device(
     if key not in _shared:
         start = time.perf_counter()
         _shared[key] = device = open_device(asked, profiling=profiling, meanwhile=meanwhile)
-        telling.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
+        console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
     return _shared[key]
 
 

@@ -16,12 +16,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from . import atomic, exr_limits
-from .atomic import Path, shown
+from . import exr_limits
+from .base import atomic_files
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, quoted, read_file, reason_of
+from .base.validation import Array, choice
+from .base.validation import path as checked_path
 from .errors import InputError
-from .reading import complaint, quoted, read_file, reason_of
-from .validation import Array, choice
-from .validation import path as checked_path
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
@@ -228,7 +229,7 @@ def write(
     path: the file; an earlier one is replaced at the end (`atomic.replacing`). The rest: see `encode`.
     Returns warnings. Raises InputError for what is refused, OutputError when the file cannot be written.
     """
-    with atomic.replacing(checked_path("exr.write", "path", path)) as file:
+    with atomic_files.replacing(checked_path("exr.write", "path", path)) as file:
         return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import atomic
+from .base import atomic_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,5 +33,5 @@ def save(figure: Figure, path: str | Path, colors: int | None = None) -> None:
     picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])  # type: ignore[attr-defined]
     if colors is not None:
         picture = picture.quantize(colors, dither=Image.Dither.NONE)
-    with atomic.replacing(path) as file:
+    with atomic_files.replacing(path) as file:
         picture.save(file, "PNG", optimize=True)

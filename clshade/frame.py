@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from .base.spelling import hint
+from .base.validation import Array, choice, flag, known, refuse
+from .base.validation import path as checked_path
 from .layer_tables import material_numbers
 from .scene import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
-from .spelling import hint
-from .validation import Array, choice, flag, known, refuse
-from .validation import path as checked_path
 
 if TYPE_CHECKING:
     from .checks.checking import Check
@@ -214,7 +214,8 @@ class Frame:
         deterministic: bool = False,
     ) -> list[str]:
         """The same, for callers that do the warning: its lines are returned."""
-        from . import atomic, exr, png
+        from . import exr, png
+        from .base import atomic_files
 
         for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
             flag("Frame.save", name, value)
@@ -222,13 +223,13 @@ class Frame:
         paths = output_paths(path)
 
         def encode_png(file: BinaryIO) -> None:
-            with atomic.naming(paths[1]):
+            with atomic_files.naming(paths[1]):
                 png.encode(file, self.to_png8(tonemap, exposure))
 
         # Both compress outside Python's lock, so they do it side by side.
-        with atomic.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
+        with atomic_files.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
             encoded = beside.submit(encode_png, png_file)
-            with atomic.naming(paths[0]):
+            with atomic_files.naming(paths[0]):
                 lines = exr.encode(
                     exr_file,
                     self.channels(),
@@ -264,13 +265,14 @@ def check_output(
     asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
-    from . import atomic, exr
+    from . import exr
+    from .base import atomic_files
     from .tonemap import checked
 
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)
     for file in output_paths(path, asked):
-        atomic.check(file)
+        atomic_files.check(file)
 
 
 def default_tonemap(scene: Scene) -> str:

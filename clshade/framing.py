@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from . import geometry
+from .base.validation import Array
 from .camera import Camera
 from .scene import Mesh, PointLight, Scene
-from .validation import Array
 
 FOV = 35.0  # degrees, vertical
 MARGIN = 1.05  # of the bounding sphere

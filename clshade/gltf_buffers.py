@@ -11,10 +11,10 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import beside, complaint, quoted, read_file
+from .base.validation import Array
 from .gltf_json import Item, parse
-from .reading import beside, complaint, quoted, read_file
-from .validation import Array
 
 MAX_BYTES = 1 << 31  # of a file
 MAX_ROWS = 1 << 26  # of an accessor

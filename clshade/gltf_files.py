@@ -13,17 +13,17 @@ from dataclasses import replace
 import numpy as np
 
 from . import framing
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, quoted
+from .base.validation import Array
 from .creases import crease_normals
 from .gltf_buffers import Buffers, open_gltf
 from .gltf_json import Item
 from .gltf_materials import Materials, Surface
 from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
 from .mesh_options import Options, told
-from .reading import complaint, quoted
 from .scene import MAX_FACES, Mesh, Scene
 from .triangulation import single_fan, strips
-from .validation import Array
 
 # Extensions that are rendered, and those that only hold what a renderer may leave out.
 RENDERED = (

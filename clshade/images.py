@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from . import pnm, tiff
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, read_file, reason_of
+from .base.validation import Array
 from .errors import InputError
-from .reading import complaint, read_file, reason_of
 from .scene import Texture
-from .validation import Array
 
 MAX_BYTES = 1 << 29  # of an image file
 MAX_SIDE = 32768  # pixels; scene.Texture takes no more

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .base.validation import Array
 from .camera import Camera
 from .layer_tables import MACROS, LayerTables
 from .memory import Pool
 from .stages import Buffer, Stages
-from .validation import Array
 
 if TYPE_CHECKING:
     from .renderer import Attributes

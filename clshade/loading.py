@@ -11,8 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from . import telling
-from .atomic import Path, shown
+from .base import console
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, quoted, size_of
+from .base.validation import flag, integer, refuse
+from .base.validation import path as checked_path
 from .camera import MAX_RESOLUTION
 from .course_files import read_course, save_course
 from .errors import InputError
@@ -21,11 +24,8 @@ from .images import as_texture
 from .mesh_files import DEFAULT_MATERIAL, read_obj
 from .mesh_options import Options
 from .ply_files import read_ply
-from .reading import complaint, quoted, size_of
 from .scene import Scene
 from .stl_files import read_stl
-from .validation import flag, integer, refuse
-from .validation import path as checked_path
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
@@ -134,7 +134,7 @@ def _lit(scene: Scene, two_sided: bool) -> Scene:
 @contextlib.contextmanager
 def _told_when_slow(owner: str) -> Iterator[None]:
     """A line on stderr when the block takes longer than a second."""
-    timer = threading.Timer(SLOW, telling.progress, (f"loading {owner} ...",))
+    timer = threading.Timer(SLOW, console.progress, (f"loading {owner} ...",))
     timer.daemon = True
     timer.start()
     try:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from . import framing, geometry
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, quoted, read_file
+from .base.validation import Array
 from .creases import against_normals, crease_normals
 from .mesh_options import Options, told
 from .mtl_files import Library
 from .obj_text import ObjText, Run, parse_obj
-from .reading import complaint, quoted, read_file
 from .scene import Material, Mesh, Scene, Texture
-from .validation import Array
 
 MAX_BYTES = 1 << 31  # of a mesh file
 

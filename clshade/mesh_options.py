@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from .base.validation import choice
 from .creases import crease_angle
 from .framing import UPS
 from .scene import Material, Scene, Texture
-from .validation import choice
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from .atomic import shown
+from .base.atomic_files import shown
+from .base.input_files import beside, complaint, quoted, read_file, within
+from .base.validation import Array
 from .framing import AMBIENT
 from .images import MAX_BYTES as MAX_IMAGE_BYTES
 from .images import decode_image
 from .obj_lines import numbers
-from .reading import beside, complaint, quoted, read_file, within
 from .scene import Material, Texture
-from .validation import Array
 
 MAX_BYTES = 1 << 24  # of a library
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB

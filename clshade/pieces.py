@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from . import clipping
+from .base.validation import Array
 from .camera import Camera
 from .layout import MOST_DEPTH, Structs
-from .validation import Array
 
 
 def piece_table(

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from . import framing, geometry
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import beside, complaint, quoted, read_file
+from .base.validation import Array
 from .creases import against_normals, crease_normals
 from .images import as_texture, srgb_to_linear
 from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
-from .reading import beside, complaint, quoted, read_file
 from .scene import MAX_FACES, Material, Mesh, Scene, Texture
 from .triangulation import CUT_AS_FANS, Cuts, strips, triangulated
-from .validation import Array
 
 MAX_BYTES = 1 << 31
 _INDICES = ("vertex_indices", "vertex_index")

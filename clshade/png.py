@@ -7,10 +7,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from . import atomic
-from .atomic import Path, shown
+from .base import atomic_files
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, read_file, reason_of
 from .errors import InputError
-from .reading import complaint, read_file, reason_of
 
 _LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
 _MAX_BYTES = 1 << 31  # of a file that is read
@@ -26,7 +26,7 @@ def write(path: Path, rgb8: np.ndarray) -> None:
     rgb8 = np.asarray(rgb8)
     if rgb8.ndim != 3 or rgb8.shape[2] != 3 or 0 in rgb8.shape or rgb8.dtype != np.uint8:
         raise InputError(f"png: rgb8: expected uint8 of shape (M, N, 3), found {rgb8.dtype} of shape {rgb8.shape}")
-    with atomic.replacing(path) as file:
+    with atomic_files.replacing(path) as file:
         encode(file, rgb8)
 
 

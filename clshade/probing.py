@@ -18,7 +18,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import atomic, interrupts, runtimes
+from . import runtimes
+from .base import atomic_files, interrupts
 from .errors import DeviceError, OutputError
 
 PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
@@ -249,7 +250,7 @@ def remember(info: DeviceInfo, problem: str) -> None:
             file.parent.mkdir()
         if file.is_dir():
             shutil.rmtree(file)
-        atomic.write_bytes(file, json.dumps({"device": str(info), "problem": problem}).encode())
+        atomic_files.write_bytes(file, json.dumps({"device": str(info), "problem": problem}).encode())
 
 
 def recall(info: DeviceInfo) -> bool | None:

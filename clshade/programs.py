@@ -15,8 +15,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from . import runtimes, telling
-from .atomic import write_bytes
+from . import runtimes
+from .base import console
+from .base.atomic_files import write_bytes
 from .device import Device
 from .errors import ClshadeError, DeviceError
 from .features import Features
@@ -129,7 +130,7 @@ def _say(device: Device) -> None:
     global _said
     if not _said:
         _said = True
-        telling.progress(f"compiling kernels for {device.title} ...")
+        console.progress(f"compiling kernels for {device.title} ...")
 
 
 _built: dict[tuple, Program] = {}
@@ -189,7 +190,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
             _store(b"" if device.keeps_programs else program.binaries[0], path)
         taken = time.perf_counter() - start
         _built[key] = Program(features, lanes, taken, kernels, stored)
-        telling.detail(
+        console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
     return _built[key]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from . import layout
-from .validation import Array
+from .base.validation import Array
 
 _HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number
 

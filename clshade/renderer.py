@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import layout, packing, programs, sampling
+from .base.validation import Array, known, refuse
 from .binning import TileLists
 from .camera import Camera
 from .device import Device, shared_device
@@ -26,7 +27,6 @@ from .pieces import piece_table
 from .scene import Scene, Settings
 from .sorting import front_to_back
 from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
-from .validation import Array, known, refuse
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings

@@ -18,7 +18,8 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import slots, telling
+from . import slots
+from .base import console
 from .errors import DeviceError
 from .slots import Slot, unusable
 
@@ -92,7 +93,7 @@ def _temporary_cache_home(instead: str) -> Path:
         if not fault:
             if not kept:
                 remedy = "set XDG_CACHE_HOME to a folder that can be written"
-                telling.warning(f"compiled kernels are not kept ({found}): {remedy}")
+                console.warning(f"compiled kernels are not kept ({found}): {remedy}")
             return folder
         fault = f"{folder}: {fault}"
     except OSError as error:
@@ -144,7 +145,7 @@ def _adopt(slot: Slot) -> Slot:
         _set("POCL_CACHE_DIR", str(slot.pocl))
     if slot.emptied:
         users = f", but for POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}" if is_users("POCL_CACHE_DIR") else ""
-        telling.warning(f"the kernel cache {slot.folder} is thrown away and compiled anew{users}: {slot.emptied}")
+        console.warning(f"the kernel cache {slot.folder} is thrown away and compiled anew{users}: {slot.emptied}")
     return slot
 
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .camera import Camera
-from .validation import (
+from .base.validation import (
     Array,
     choice,
     coefficient,
@@ -30,6 +29,7 @@ from .validation import (
     text,
     vector,
 )
+from .camera import Camera
 
 MAX_SAMPLES = 64  # a pixel
 MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key

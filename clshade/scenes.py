@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from . import teapot as newell
+from .base.validation import Array, choice, integer, known, refuse
 from .camera import Camera
 from .scene import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
-from .validation import Array, choice, integer, known, refuse
 
 Resolution = tuple[int, int]
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import png
+from .base.validation import Array
 from .errors import OutputError
 from .scene import Scene
-from .validation import Array
 
 if TYPE_CHECKING:
     from .frame import Frame

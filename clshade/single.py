@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from . import layout, packing
+from .base.validation import Array
 from .binning import TileLists
 from .device import Device
 from .features import Features, derive_alone
@@ -16,7 +17,6 @@ from .programs import build
 from .scene import Material, Texture
 from .sorting import front_to_back
 from .stages import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
-from .validation import Array
 
 _SUBPIXELS = 1 << layout.SUBPIXEL_BITS
 _ONES = np.ones(3)

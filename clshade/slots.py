@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import interrupts
+from .base import interrupts
 from .errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a throw-away one

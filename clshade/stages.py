@@ -12,11 +12,11 @@ import numpy as np
 import pyopencl as cl
 
 from . import layout, projection
+from .base.validation import Array
 from .device import Device
 from .errors import DeviceError
 from .features import Features
 from .programs import Program, build, first_use
-from .validation import Array
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")

@@ -8,13 +8,13 @@ import re
 import numpy as np
 
 from . import framing
-from .atomic import Path, shown
+from .base.atomic_files import Path, shown
+from .base.input_files import complaint, quoted, read_file, runs
+from .base.validation import Array
 from .creases import crease_normals, welded
 from .mesh_options import Options, told
 from .obj_lines import numbers
-from .reading import complaint, quoted, read_file, runs
 from .scene import MAX_FACES, Material, Mesh, Scene
-from .validation import Array
 
 MAX_BYTES = 1 << 31
 _HEAD, _RECORD = 84, 50  # bytes of a binary file's head, and of a facet: normal, corners, attribute

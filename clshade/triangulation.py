@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .base.validation import Array
 from .ear_clipping import Cutter
-from .validation import Array
 
 CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Cuts.left is, in words
 _BLOCK = 1 << 14  # corners whose temporary arrays stay in the cache

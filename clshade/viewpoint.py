@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from .base.validation import Array, number, refuse, vector
 from .camera import Camera, height_seen
 from .geometry import camera_axes
-from .validation import Array, number, refuse, vector
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Array:

@@ -21,7 +21,7 @@ import numpy as np  # noqa: E402
 import sheet  # noqa: E402
 
 import clshade  # noqa: E402
-from clshade.checks.tables import made_folder  # noqa: E402
+from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.images import as_texture  # noqa: E402
 from clshade.scene import Scene  # noqa: E402

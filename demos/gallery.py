@@ -17,7 +17,7 @@ import sheet  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade import exr, png  # noqa: E402
-from clshade.checks.tables import made_folder  # noqa: E402
+from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
 from clshade.inspection.thumbnails import thumbnails  # noqa: E402
 

@@ -8,7 +8,7 @@ import stat
 
 import pytest
 
-from clshade import atomic
+from clshade.base import atomic_files
 from clshade.errors import OutputError
 
 
@@ -32,8 +32,8 @@ def refusal(call, *arguments) -> str:
 
 def test_writes_and_replaces(tmp_path):
     path = tmp_path / "a.bin"
-    atomic.write_bytes(path, b"one")
-    atomic.write_bytes(str(path), b"two")
+    atomic_files.write_bytes(path, b"one")
+    atomic_files.write_bytes(str(path), b"two")
     assert path.read_bytes() == b"two"
     assert os.listdir(tmp_path) == ["a.bin"]
 
@@ -41,7 +41,7 @@ def test_writes_and_replaces(tmp_path):
 def test_the_earlier_file_stays_until_the_end(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"one")
-    with atomic.replacing(path) as file:
+    with atomic_files.replacing(path) as file:
         file.write(b"two")
         file.flush()
         assert path.read_bytes() == b"one"
@@ -52,7 +52,7 @@ def test_the_earlier_file_stays_until_the_end(tmp_path):
 def test_a_new_file_has_the_permissions_the_umask_leaves(tmp_path, umask, mode):
     before = os.umask(umask)
     try:
-        atomic.write_bytes(tmp_path / "a.bin", b"")
+        atomic_files.write_bytes(tmp_path / "a.bin", b"")
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.bin").stat().st_mode) == mode
@@ -62,41 +62,41 @@ def test_a_replaced_file_keeps_its_permissions(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"")
     path.chmod(0o640)
-    atomic.write_bytes(path, b"new")
+    atomic_files.write_bytes(path, b"new")
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
 
 
 def test_a_link_is_followed(tmp_path):
     (tmp_path / "real.bin").write_bytes(b"old")
     (tmp_path / "link.bin").symlink_to("real.bin")
-    atomic.write_bytes(tmp_path / "link.bin", b"new")
+    atomic_files.write_bytes(tmp_path / "link.bin", b"new")
     assert (tmp_path / "link.bin").is_symlink()
     assert (tmp_path / "real.bin").read_bytes() == b"new"
 
 
 def test_a_name_as_long_as_the_file_system_takes(tmp_path):
-    atomic.write_bytes(tmp_path / ("n" * 255), b"x")
-    text = refusal(atomic.write_bytes, tmp_path / ("n" * 256), b"x")
+    atomic_files.write_bytes(tmp_path / ("n" * 255), b"x")
+    text = refusal(atomic_files.write_bytes, tmp_path / ("n" * 256), b"x")
     assert os.strerror(errno.ENAMETOOLONG) in text
     assert os.listdir(tmp_path) == ["n" * 255]
 
 
 def test_refused_targets(kept):
     folder = kept.parent
-    assert "there is no folder" in refusal(atomic.write_bytes, folder / "none" / "a.bin", b"")
-    assert "is not a folder" in refusal(atomic.write_bytes, kept / "a.bin", b"")
-    assert "it is a folder" in refusal(atomic.write_bytes, folder, b"")
-    assert "it is a folder" in refusal(atomic.write_bytes, f"{folder}/new/", b"")
-    assert "not a regular file" in refusal(atomic.write_bytes, os.devnull, b"")
+    assert "there is no folder" in refusal(atomic_files.write_bytes, folder / "none" / "a.bin", b"")
+    assert "is not a folder" in refusal(atomic_files.write_bytes, kept / "a.bin", b"")
+    assert "it is a folder" in refusal(atomic_files.write_bytes, folder, b"")
+    assert "it is a folder" in refusal(atomic_files.write_bytes, f"{folder}/new/", b"")
+    assert "not a regular file" in refusal(atomic_files.write_bytes, os.devnull, b"")
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
-    assert "null" in refusal(atomic.write_bytes, f"{folder}/a\0b", b"")
-    assert refusal(atomic.write_bytes, folder / "two\nlines" / "a.bin", b"").startswith("'")
+    assert "null" in refusal(atomic_files.write_bytes, f"{folder}/a\0b", b"")
+    assert refusal(atomic_files.write_bytes, folder / "two\nlines" / "a.bin", b"").startswith("'")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_an_unwritable_folder(tmp_path):
     tmp_path.chmod(0o500)
-    assert os.strerror(errno.EACCES) in refusal(atomic.write_bytes, tmp_path / "a.bin", b"")
+    assert os.strerror(errno.EACCES) in refusal(atomic_files.write_bytes, tmp_path / "a.bin", b"")
 
 
 @pytest.mark.parametrize("operation", ["open", "fsync", "replace", "fchmod"])
@@ -106,7 +106,7 @@ def test_a_failing_step(kept, monkeypatch, operation, number):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(os, operation, fail)
-    text = refusal(atomic.write_bytes, kept, b"new")
+    text = refusal(atomic_files.write_bytes, kept, b"new")
     monkeypatch.undo()
     assert text == f"{kept}: cannot be written: {os.strerror(number)}"
 
@@ -116,14 +116,14 @@ def test_a_file_system_that_cannot_sync(tmp_path, monkeypatch):
         raise OSError(errno.EINVAL, "Invalid argument")
 
     monkeypatch.setattr(os, "fsync", fail)
-    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    atomic_files.write_bytes(tmp_path / "a.bin", b"x")
     assert (tmp_path / "a.bin").read_bytes() == b"x"
 
 
 @pytest.mark.parametrize("error", [OSError("odd"), MemoryError(), OSError(errno.ENOSPC, "No space left on device")])
 def test_an_error_in_the_block(kept, error):
     def use():
-        with atomic.replacing(kept) as file:
+        with atomic_files.replacing(kept) as file:
             file.write(b"half")
             raise error
 
@@ -133,7 +133,7 @@ def test_an_error_in_the_block(kept, error):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, ValueError, ZeroDivisionError])
 def test_other_errors_pass_and_leave_nothing(kept, error):
     def use():
-        with atomic.replacing(kept) as file:
+        with atomic_files.replacing(kept) as file:
             file.write(b"half")
             raise error
 
@@ -146,8 +146,8 @@ def test_a_full_disk(kept):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
     try:
-        text = refusal(atomic.write_bytes, kept, bytes(100_001))
-        small = refusal(atomic.write_bytes, kept, bytes(2_000_000))
+        text = refusal(atomic_files.write_bytes, kept, bytes(100_001))
+        small = refusal(atomic_files.write_bytes, kept, bytes(2_000_000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert text == small == f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"
@@ -164,11 +164,11 @@ def test_leftovers_of_killed_processes_are_swept_up(tmp_path, monkeypatch):
     other.symlink_to(old)
     for file in (old, *names):
         os.utime(file, (1, 1))
-    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    atomic_files.write_bytes(tmp_path / "a.bin", b"x")
     left = {".clshade-notes.tmp", "x.tmp", new.name, other.name, "a.bin"}
     assert set(os.listdir(tmp_path)) == left
     monkeypatch.setattr(os, "scandir", lambda _: pytest.fail("a folder is looked through once in a process"))
-    atomic.write_bytes(tmp_path / "a.bin", b"y")
+    atomic_files.write_bytes(tmp_path / "a.bin", b"y")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
@@ -177,7 +177,7 @@ def test_leftovers_of_others_stay(tmp_path):
     left.touch()
     os.chown(left, 12345, -1)
     os.utime(left, (1, 1))
-    atomic.write_bytes(tmp_path / "a.bin", b"x")
+    atomic_files.write_bytes(tmp_path / "a.bin", b"x")
     assert left.exists()
 
 
@@ -189,7 +189,7 @@ def test_all_or_none(tmp_path):
     paths[0].write_bytes(b"earlier")
 
     def fail():
-        with atomic.replacing_all(*paths) as files:
+        with atomic_files.replacing_all(*paths) as files:
             for file in files:
                 file.write(b"half")
             raise ZeroDivisionError
@@ -197,7 +197,7 @@ def test_all_or_none(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fail()
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    with atomic.replacing_all(*paths) as files:
+    with atomic_files.replacing_all(*paths) as files:
         for file in files:
             file.write(b"new")
         assert paths[0].read_bytes() == b"earlier"
@@ -207,6 +207,6 @@ def test_all_or_none(tmp_path):
 
 def test_check_refuses_what_replacing_refuses(kept):
     for path in (kept.parent / "none" / "a", kept / "a", kept.parent, f"{kept.parent}/new/", os.devnull, "a\0b"):
-        assert refusal(atomic.check, path) == refusal(atomic.write_bytes, path, b"")
-    atomic.check(kept)
-    atomic.check(kept.parent / "new")
+        assert refusal(atomic_files.check, path) == refusal(atomic_files.write_bytes, path, b"")
+    atomic_files.check(kept)
+    atomic_files.check(kept.parent / "new")

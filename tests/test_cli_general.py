@@ -107,12 +107,12 @@ def test_quiet_prints_errors_alone(tmp_path, capsys):
 
 
 def test_quiet_says_nothing_of_slow_files_and_half_floats(tmp_path, capsys, monkeypatch):
-    from clshade import telling
+    from clshade.base import console
 
     def slow(arguments):
-        telling.progress("loading")
-        telling.detail("loaded")
-        telling.warning("half")
+        console.progress("loading")
+        console.detail("loaded")
+        console.warning("half")
         return DONE
 
     monkeypatch.setattr(render, "run", slow)

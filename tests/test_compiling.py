@@ -13,7 +13,8 @@ import pyopencl as cl
 import pytest
 
 import clshade
-from clshade import Renderer, programs, runtimes, telling
+from clshade import Renderer, programs, runtimes
+from clshade.base import console
 from clshade.device import Device
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.slots import MARK
@@ -84,7 +85,7 @@ def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], op
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize(("stored", "compiled"), [(False, True), (True, True), (True, False)])
-@pytest.mark.parametrize("level", [telling.NORMAL, telling.QUIET])
+@pytest.mark.parametrize("level", [console.NORMAL, console.QUIET])
 def test_what_takes_long_is_said_once(
     parts: int, stored: bool, compiled: bool, level: int, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
@@ -96,8 +97,8 @@ def test_what_takes_long_is_said_once(
     monkeypatch.setattr(runtimes, "prepare", lambda: slot)
     slot: Any = SimpleNamespace(using=contextlib.nullcontext, seal=lambda: compiled)
     device: Any = SimpleNamespace(title="PoCL: CPU")
-    line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == telling.NORMAL else ""
-    with telling.at_level(level):
+    line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == console.NORMAL else ""
+    with console.at_level(level):
         for _ in range(parts):
             with programs.first_use(device, stored=stored):
                 time.sleep(0.36 / parts)
@@ -110,10 +111,10 @@ def test_what_takes_long_is_said_once(
 
 
 def test_workers_leave_it_to_the_process_that_started_them(monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
-    telling.progress("one")
+    console.progress("one")
     monkeypatch.setattr("multiprocessing.process._parent_process", object())
-    telling.progress("two")
-    telling.warning("three")
+    console.progress("two")
+    console.warning("three")
     assert capfd.readouterr().err == "clshade: one\n"
 
 

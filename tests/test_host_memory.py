@@ -11,7 +11,7 @@ import pytest
 from processes import ROOT
 from scene_files import write
 
-from clshade import host_memory
+from clshade.base import host_memory
 
 MIB = 1 << 20
 MACHINE = "MemTotal:       24576000 kB\nMemFree:         1000000 kB\nMemAvailable:    2048000 kB\n"

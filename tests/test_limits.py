@@ -13,7 +13,8 @@ import pytest
 from mesh_writers import pack_glb, ply, triangle
 from scene_files import npy_of_pickle, refusal
 
-from clshade import course_pickle, load, reading
+from clshade import course_pickle, load
+from clshade.base import input_files
 from clshade.errors import InputError
 from clshade.gltf_buffers import Buffers
 from clshade.gltf_json import Item
@@ -32,7 +33,7 @@ def test_sizes_of_files(tmp_path, monkeypatch, name):
             return open(path, mode)
         raise OSError(5, "opened")
 
-    monkeypatch.setattr(reading, "open", opened, raising=False)
+    monkeypatch.setattr(input_files, "open", opened, raising=False)
     path = tmp_path / name
     readers = {"a.png": partial(read_image, path, srgb=True), "a.mtl": partial(load, own)}
     read = readers.get(name, partial(load, path))

@@ -15,8 +15,9 @@ import pytest
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 from test_cli import assert_refused, listing, needs_device, run
 
-from clshade import cli, exr, telling
-from clshade.reading import reason_of
+from clshade import cli, exr
+from clshade.base import console
+from clshade.base.input_files import reason_of
 
 NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
 SIZE = ("--resolution", "16,12")
@@ -159,9 +160,9 @@ def test_refusals_of_such_names(capsys, name, arguments):
     ],
 )
 def test_what_is_printed(text, encoding, expected):
-    assert telling.printable(text, encoding) == expected
+    assert console.printable(text, encoding) == expected
     terminal = Terminal(encoding)
-    stream = telling.Printable(terminal)
+    stream = console.Printable(terminal)
     assert stream.write(text) == len(text)
     stream.flush()
     assert terminal.shown() == expected

@@ -16,7 +16,8 @@ from studies import SMALL, small_study, sphere
 from test_cli import assert_refused, run
 
 from clshade import png
-from clshade.checks import labels, report, report_figure, report_tables, study, tables, timing, variants
+from clshade.base import text_tables
+from clshade.checks import labels, report, report_figure, report_tables, study, timing, variants
 from clshade.checks.formats import formats
 from clshade.checks.image_errors import rmse
 from clshade.checks.labels import Box, placed
@@ -105,10 +106,10 @@ def test_formats(device):
 
 def test_tables():
     header, rows = ("name", "n"), [("a", "10"), ("long|er", "5")]
-    assert tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
-    assert tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
-    assert list(csv.reader(io.StringIO(tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
-    assert (tables.digits(0.00123456), tables.digits(None)) == ("0.00123", "-")
+    assert text_tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
+    assert text_tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
+    assert list(csv.reader(io.StringIO(text_tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
+    assert (text_tables.digits(0.00123456), text_tables.digits(None)) == ("0.00123", "-")
 
 
 def test_labels_lie_apart():

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import atomic, exr, frame, png
+from clshade import exr, frame, png
+from clshade.base import atomic_files
 from clshade.camera import Camera
 from clshade.errors import InputError, OutputError
 from clshade.frame import Frame
@@ -87,7 +88,7 @@ def test_a_png_that_cannot_be_encoded(earlier, monkeypatch):
 @pytest.mark.parametrize("operation", ["fsync", "replace", "open"])
 def test_a_step_that_fails_for_either_file(earlier, monkeypatch, operation, call, name):
     """fsync: what was kept in memory until then does not fit. replace: the EXR's rename is taken back."""
-    monkeypatch.setattr(atomic, "_swept", {str(earlier.parent)})
+    monkeypatch.setattr(atomic_files, "_swept", {str(earlier.parent)})
     monkeypatch.setattr(os, operation, failing(getattr(os, operation), call))
     with pytest.raises(OutputError, match=rf"{name}: cannot be written: No space left on device"):
         made().save(earlier)

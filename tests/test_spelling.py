@@ -9,12 +9,12 @@ from test_cli import assert_refused, listing, run
 
 import clshade
 from clshade import cli, exr
+from clshade.base.spelling import hint, nearest
 from clshade.errors import InputError
 from clshade.frame import Frame
 from clshade.renderer import settle
 from clshade.scene import Settings
 from clshade.scenes import BUILTINS, builtin
-from clshade.spelling import hint, nearest
 
 SCENE = builtin("quads", count=1)
 

@@ -14,7 +14,8 @@ from test_cli import needs_device, run
 
 from clshade import device as devices
 from clshade import exr
-from clshade.checks import bench, bench_tables, crews, report, results, stability, tables
+from clshade.base import text_tables
+from clshade.checks import bench, bench_tables, crews, report, results, stability
 from clshade.checks.cases import Outcome, all_cases
 from clshade.checks.timing import Spread
 from clshade.inspection import comparing, statistics
@@ -38,7 +39,7 @@ def assert_fits(text: str | list[str]) -> None:
 def test_any_table_fits_and_holds_every_cell(data, columns, count, left):
     left = min(left, columns)
     header, *rows = [[data.draw(CELLS) for _ in range(columns)] for _ in range(count)]
-    lines = tables.as_lines(header, rows, left)
+    lines = text_tables.as_lines(header, rows, left)
     assert_fits([*lines, "."])
     blocks = len(lines) // count
     assert len(lines) == blocks * count
@@ -50,30 +51,30 @@ def test_any_table_fits_and_holds_every_cell(data, columns, count, left):
 
 def test_what_does_not_fit_goes_on_below():
     header = ("name", *(f"column {k}" for k in range(20)))
-    lines = tables.as_lines(header, [("one", *map(str, range(20))), ("two", *map(str, range(20, 40)))])
+    lines = text_tables.as_lines(header, [("one", *map(str, range(20))), ("two", *map(str, range(20, 40)))])
     assert_fits(lines)
     assert len(lines) == 9
     assert [line.split()[0] for line in lines] == ["name", "one", "two"] * 3
     assert lines[3].split()[:3] == ["name", "column", "9"]  # the first that had no room above
     assert lines[4].split()[:2] == ["one", "9"]
-    assert tables.as_lines(("a", "b"), [("x", "1")]) == ["a  b", "x  1"]
+    assert text_tables.as_lines(("a", "b"), [("x", "1")]) == ["a  b", "x  1"]
 
 
 def test_names_without_end_are_cut_in_the_middle():
-    (head, line) = tables.as_lines(("name", "n"), [("start" + LONG + "end", "12345")])
+    (head, line) = text_tables.as_lines(("name", "n"), [("start" + LONG + "end", "12345")])
     assert_fits([head, line])
     assert line.startswith("start")
     assert line.endswith("end  12345")
     assert "..." in line
-    assert_fits(tables.as_lines((LONG, LONG, LONG), [(LONG, LONG, LONG)], 2))
+    assert_fits(text_tables.as_lines((LONG, LONG, LONG), [(LONG, LONG, LONG)], 2))
 
 
 def test_paragraphs_are_wrapped_between_words():
-    text = tables.wrapped("label   " + "some words " * 30, 8)
+    text = text_tables.wrapped("label   " + "some words " * 30, 8)
     assert_fits(text)
     assert [line[:8].strip() for line in text.splitlines()] == ["label", "", "", ""]
     assert " ".join(text.split()) == "label " + " ".join(["some words"] * 30)
-    assert LONG in tables.wrapped(f"wrote {LONG}")
+    assert LONG in text_tables.wrapped(f"wrote {LONG}")
 
 
 # All that commands print
@@ -128,7 +129,7 @@ def test_bench():
     )
     found = replace(found, results=(replace(result, workload=named, drawn=slow), result))
     assert_fits(bench_tables.lines(found))
-    assert_fits([tables.wrapped(line, 9) for line in bench_tables.facts(made_up())])
+    assert_fits([text_tables.wrapped(line, 9) for line in bench_tables.facts(made_up())])
 
 
 def test_bench_of_workers(monkeypatch):

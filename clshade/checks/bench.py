@@ -9,14 +9,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TextIO, TypeVar
 
-from .. import atomic
+from ..base import atomic_files, text_tables
+from ..base.validation import Array
 from ..camera import Camera
 from ..device import Device, open_device
 from ..errors import ClshadeError, InputError
 from ..renderer import render
 from ..scene import Scene
-from ..validation import Array
-from . import bench_tables, starting, tables
+from . import bench_tables, starting
 from .children import draw_apart
 from .defaults import BENCH_FRAMES
 from .drawing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
@@ -37,8 +37,8 @@ NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 def listing() -> str:
     """All workloads and peers, and what they are."""
     rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
-    peers = [tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
-    return "\n".join([*(tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
+    peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
+    return "\n".join([*(text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
 
 
 def run(
@@ -66,7 +66,7 @@ def run(
     others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
     if out is not None:
         for path in bench_tables.paths(out):
-            atomic.check(path)
+            atomic_files.check(path)
     opened = open_device(device, profiling=True)
     say = partial(print, file=stream, flush=True)
     found = measure_all(opened, chosen, others, frames, with_scaling, say)
@@ -85,7 +85,7 @@ def measure_all(
 ) -> Speed:
     """Workloads and peers by name; a line to `say` as soon as each is measured."""
     found = Speed(device.title, machine(), peaks(device), ())
-    say("\n".join(tables.wrapped(fact, 9) for fact in bench_tables.facts(found)))
+    say("\n".join(text_tables.wrapped(fact, 9) for fact in bench_tables.facts(found)))
     results = []
     for workload in (each for each in WORKLOADS if each.name in names):
         results.append(measure(workload, device, others, frames))

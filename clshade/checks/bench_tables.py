@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from .. import atomic
-from . import tables
+from ..base import atomic_files, text_tables
+from ..base.text_tables import digits
 from .drawing import LIGHT_FLOPS, PIXEL_FLOPS
 from .speed import Compared, Result, Speed, Verdict
-from .tables import digits
 
 FRAMES = (
     *("workload", "image", "triangles", "covered", "ms", "half of them", "frames"),
@@ -51,7 +50,7 @@ def _percent(part: float, whole: float) -> str:
     return f"{100.0 * part / whole:.1f} %"
 
 
-def _frame(result: Result, speed: Speed) -> tables.Row:
+def _frame(result: Result, speed: Speed) -> text_tables.Row:
     drawn = result.drawn
     if drawn is None:
         return (result.workload.name, *["-"] * (len(FRAMES) - 1))
@@ -75,16 +74,18 @@ def _frame(result: Result, speed: Speed) -> tables.Row:
     )
 
 
-def _stages(speed: Speed) -> tuple[tables.Row, list[tables.Row]]:
+def _stages(speed: Speed) -> tuple[text_tables.Row, list[text_tables.Row]]:
     """Milliseconds of each stage; a dash where a scene does without it."""
     drawn = [(each.workload.name, each.drawn) for each in speed.results if each.drawn]
     names = list(dict.fromkeys(name for _, each in drawn for name in each.stages))
     ordered = [name for name in names if name != "host"] + ["host"]
-    rows: list[tables.Row] = [(name, *(digits(each.stages.get(stage)) for stage in ordered)) for name, each in drawn]
+    rows: list[text_tables.Row] = [
+        (name, *(digits(each.stages.get(stage)) for stage in ordered)) for name, each in drawn
+    ]
     return ("stages, ms", *ordered), rows
 
 
-def _peer(result: Result, each: Compared) -> tables.Row:
+def _peer(result: Result, each: Compared) -> text_tables.Row:
     same = each.agreement
     bar = result.workload.ratios.get(each.peer)
     return (
@@ -102,7 +103,7 @@ def _peer(result: Result, each: Compared) -> tables.Row:
     )
 
 
-def _verdict(each: Verdict) -> tables.Row:
+def _verdict(each: Verdict) -> text_tables.Row:
     word = {True: "yes", False: "NO", None: "-"}[each.kept]
     return (each.workload, each.what, _large(each.value), f"{'>=' if each.at_least else '<='} {_large(each.bar)}", word)
 
@@ -129,10 +130,10 @@ def progress(result: Result) -> str:
     return "; ".join(parts)
 
 
-def _tables(speed: Speed) -> list[tuple[str, int, tables.Row, list[tables.Row]]]:
+def _tables(speed: Speed) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
     """Title, columns of text, header and rows of each table that has any."""
     stages, stage_rows = _stages(speed)
-    found: list[tuple[str, int, tables.Row, list[tables.Row]]] = [
+    found: list[tuple[str, int, text_tables.Row, list[text_tables.Row]]] = [
         ("Frames", 1, FRAMES, [_frame(each, speed) for each in speed.results]),
         ("Stages", 1, stages, stage_rows),
         ("Peers", 2, PEERS, [_peer(result, each) for result in speed.results for each in result.compared]),
@@ -142,8 +143,8 @@ def _tables(speed: Speed) -> list[tuple[str, int, tables.Row, list[tables.Row]]]
     return [each for each in found if each[3]]
 
 
-def _series(speed: Speed) -> list[tables.Row]:
-    rows: list[tables.Row] = []
+def _series(speed: Speed) -> list[text_tables.Row]:
+    rows: list[text_tables.Row] = []
     for series in speed.series:
         points = zip(("fixed", *(f"{size:,}" for size in series.sizes)), (series.fixed, *series.points), strict=True)
         rows += [(series.name, size, f"{each.ms:.2f}", digits(each.peak_mib, 4)) for size, each in points]
@@ -161,14 +162,14 @@ def lines(speed: Speed) -> list[str]:
     """For the terminal."""
     found: list[str] = []
     for _, left, header, rows in _tables(speed):
-        found += [*tables.as_lines(header, rows, left), ""]
-    return [*found, *(tables.wrapped(note, 2) for note in _notes(speed))]
+        found += [*text_tables.as_lines(header, rows, left), ""]
+    return [*found, *(text_tables.wrapped(note, 2) for note in _notes(speed))]
 
 
 def markdown(speed: Speed) -> str:
     found = ["# Speed", "", *(f"- {line}" for line in facts(speed)), ""]
     for title, _, header, rows in _tables(speed):
-        found += [f"## {title}", "", *tables.as_markdown(header, rows), ""]
+        found += [f"## {title}", "", *text_tables.as_markdown(header, rows), ""]
     return "\n".join([*found, *(f"- {note}" for note in _notes(speed)), ""])
 
 
@@ -179,7 +180,7 @@ CSV = (
 )
 
 
-def csv_rows(speed: Speed) -> list[tables.Row]:
+def csv_rows(speed: Speed) -> list[text_tables.Row]:
     """Full precision: a row for our frames alone, one for our frames in turns with each peer's, one for each size of
     --scaling, one for each way of starting; what does not apply is empty."""
     rows: list[dict[str, object]] = []
@@ -230,8 +231,8 @@ def paths(prefix: str) -> list[Path]:
 
 def write(speed: Speed, prefix: str) -> list[Path]:
     """Writes the first three of `paths`; returns all four."""
-    texts = (tables.as_csv(CSV, csv_rows(speed)), json.dumps(speed.stats(), indent=2) + "\n", markdown(speed))
+    texts = (text_tables.as_csv(CSV, csv_rows(speed)), json.dumps(speed.stats(), indent=2) + "\n", markdown(speed))
     found = paths(prefix)
     for path, text in zip(found, texts, strict=False):
-        atomic.write_bytes(path, text.encode())
+        atomic_files.write_bytes(path, text.encode())
     return found

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from .. import oracle
+from ..base.validation import Array, refuse
 from ..frame import Frame
 from ..oracle import OracleFrame
-from ..validation import Array, refuse
 from . import compare
 from .defaults import PIXELS
 

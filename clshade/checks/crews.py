@@ -13,14 +13,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from .. import atomic, figures
+from .. import figures
+from ..base import atomic_files, text_tables
+from ..base.text_tables import digits
 from ..errors import InputError
-from . import tables
 from .bench_tables import paths
 from .children import run_module
 from .defaults import CREW_FRAMES
 from .study import machine
-from .tables import digits
 from .timing import Spread, in_turns, spread
 
 RESOLUTION = (320, 240)
@@ -56,7 +56,7 @@ class Crews:
     def passed(self) -> bool:
         return all(crew.digest == self.crews[0].digest != "" for crew in self.crews)
 
-    def rows(self) -> list[tables.Row]:
+    def rows(self) -> list[text_tables.Row]:
         one = self.crews[0]
         return [
             (
@@ -97,7 +97,7 @@ def run(
         raise InputError("bench: --workers, --frames: expected whole numbers above 0")
     if out is not None:
         for path in paths(out):
-            atomic.check(path)
+            atomic_files.check(path)
     given: dict[str, tuple[object, ...]] = {
         f"{count} process{'es' if count > 1 else ''}": ("--workers", count) for count in sorted({1, *counts})
     }
@@ -118,16 +118,16 @@ def run(
                 measured.machine,
                 measured.title(),
                 "",
-                *tables.as_lines(COLUMNS, measured.rows()),
+                *text_tables.as_lines(COLUMNS, measured.rows()),
                 "",
-                tables.wrapped(NOTE, 2),
+                text_tables.wrapped(NOTE, 2),
             ]
         ),
         file=stream,
     )
     if out is not None:
         for path in _write(measured, out):
-            print(f"wrote {atomic.shown(path)}", file=stream)
+            print(f"wrote {atomic_files.shown(path)}", file=stream)
     return measured.passed
 
 
@@ -150,10 +150,10 @@ def _draw(scene: str, frames: int, options: Sequence[object], turn: int) -> tupl
 def _write(measured: Crews, prefix: str) -> list[Path]:
     csv, as_json, markdown, figure_path = paths(prefix)
     rows = measured.rows()
-    atomic.write_bytes(csv, tables.as_csv(COLUMNS, rows).encode())
-    atomic.write_bytes(as_json, (json.dumps(measured.stats(), indent=2) + "\n").encode())
-    text = [f"{measured.machine}, {measured.title()}", "", *tables.as_markdown(COLUMNS, rows), "", NOTE]
-    atomic.write_bytes(markdown, ("\n".join(text) + "\n").encode())
+    atomic_files.write_bytes(csv, text_tables.as_csv(COLUMNS, rows).encode())
+    atomic_files.write_bytes(as_json, (json.dumps(measured.stats(), indent=2) + "\n").encode())
+    text = [f"{measured.machine}, {measured.title()}", "", *text_tables.as_markdown(COLUMNS, rows), "", NOTE]
+    atomic_files.write_bytes(markdown, ("\n".join(text) + "\n").encode())
     figure = figures.blank(6.5, 1.6 + 0.45 * len(rows))
     axes = figure.subplots()
     names = [crew.name for crew in measured.crews]

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from .. import figures, oracle
+from ..base.validation import Array
 from ..oracle import coverage, shade, transform
 from ..scene import Scene, Settings
-from ..validation import Array
 from . import compare
 from .cases import flat, lit
 from .cases.bench import Bench, expected_light

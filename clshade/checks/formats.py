@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from .. import exr, png
+from ..base.validation import Array
 from ..errors import OutputError
 from ..frame import Frame, default_tonemap
 from ..tonemap import radiance
-from ..validation import Array
 from .image_errors import rmse
 from .timing import Spread, in_turns, spread
 

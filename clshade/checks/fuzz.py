@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import oracle
+from ..base.validation import Array
 from ..device import Device
 from ..features import OPTIONAL
 from ..frame import Frame
@@ -18,7 +19,6 @@ from ..oracle import OracleFrame
 from ..oracle.corners import held
 from ..renderer import Renderer
 from ..scene import Scene, Settings
-from ..validation import Array
 from . import compare, mutations
 from .compare_layers import assert_layers
 from .random_scenes import Drawn, scene_of

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from .. import telling
-from ..atomic import naming, shown
+from ..base import console
+from ..base.atomic_files import naming, shown
 from ..device import Device, open_device
 from ..errors import InputError
 from . import fuzz
@@ -123,7 +123,7 @@ def _run_one(
 
     found: list[Done] = []
     # None: shown on a terminal alone.
-    with tqdm(total=count * len(seeds), desc=what, unit="", disable=telling.quiet() or None, leave=False) as bar:
+    with tqdm(total=count * len(seeds), desc=what, unit="", disable=console.quiet() or None, leave=False) as bar:
         for seed in seeds:
             mine = []
             for span in ranges(what, [seed], first, count):

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..plain import plain
+from ..base.json_values import plain
+from ..base.validation import Array, refuse
 from ..tonemap import srgb_curve
-from ..validation import Array, refuse
 
 # Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
 RELATIVE_FLOOR = 1e-2

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base.validation import Array
 from ..oracle.transform import world_vertices
 from ..scene import Mesh, PointLight, Scene
-from ..validation import Array
 from .random_shapes import Random
 
 SHARE = 0.3  # of the scenes get each of them

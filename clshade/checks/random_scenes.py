@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from .. import scene as model
+from ..base.validation import Array
 from ..camera import Camera
 from ..scene import Material, Mesh, PointLight, Scene, Settings, Texture
-from ..validation import Array
 from .random_extremes import stiffened
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.validation import Array
 from ..camera import Camera
-from ..validation import Array
 
 Random = np.random.Generator
 Shape = tuple[Array, Array]

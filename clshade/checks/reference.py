@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..base.validation import Array
 from ..camera import Camera
 from ..device import Device
 from ..renderer import Renderer
 from ..scene import Scene, Settings
-from ..validation import Array
 from .image_errors import rmse
 
 MOST = 1 << 27  # samples that the reference may take altogether: some seconds

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
-from ..atomic import shown
+from ..base import text_tables
+from ..base.atomic_files import shown
 from ..device import open_device
 from ..errors import InputError
 from ..scene import Scene
-from . import report_figure, report_tables, tables
+from . import report_figure, report_tables
 from .choosing import chosen
 from .defaults import FRAMES
 from .study import study
@@ -20,7 +21,7 @@ from .variants import VARIANTS, base_settings, named, variants_for
 
 def listing() -> str:
     """All variants, and what they are."""
-    return "\n".join(tables.wrapped(f"{each.name:<16} {each.about}", 17) for each in VARIANTS)
+    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.about}", 17) for each in VARIANTS)
 
 
 def run(
@@ -46,7 +47,7 @@ def run(
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
     variants = named(variants_for(scene, base_settings(scene), opened), names)
-    folder = tables.made_folder(out)
+    folder = text_tables.made_folder(out)
     found = study(scene, opened, variants, frames)
     used, unkept = None, None
     try:

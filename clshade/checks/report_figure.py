@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import figures
+from ..base.validation import Array
 from ..frame import default_tonemap
 from ..tonemap import tonemap
-from ..validation import Array
 from .labels import label_points
 from .study import SHOWN, Study
 

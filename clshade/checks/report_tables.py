@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from .. import atomic
+from ..base import atomic_files, text_tables
+from ..base.text_tables import digits
 from ..scene import PRESETS, Scene, Settings
-from . import tables
 from .image_errors import has_flip
 from .measuring import Measured
 from .study import Study
-from .tables import digits
 
 VARIANTS = (
     *("variant", "ms", "half of them", "RMSE", "relMSE", "PSNR", "FLIP"),
@@ -22,7 +21,7 @@ NO_FLIP = (
 )
 
 
-def _variant(each: Measured, on_front: bool) -> tables.Row:
+def _variant(each: Measured, on_front: bool) -> text_tables.Row:
     low, median, high = each.frame_ms
     close, exact = each.approximation, each.arithmetic
     return (
@@ -45,7 +44,7 @@ def _variant(each: Measured, on_front: bool) -> tables.Row:
 FORMATS = ("format", "write ms", "half of them", "kB", "RMSE", "largest")
 
 
-def _formats(study: Study) -> list[tables.Row]:
+def _formats(study: Study) -> list[text_tables.Row]:
     return [
         (
             each.name,
@@ -59,17 +58,17 @@ def _formats(study: Study) -> list[tables.Row]:
     ]
 
 
-def _tessellation(study: Study) -> tuple[tables.Row, list[tables.Row]]:
+def _tessellation(study: Study) -> tuple[text_tables.Row, list[text_tables.Row]]:
     found = study.tessellation
     errors = zip(*found.errors.values(), strict=True)
-    rows: list[tables.Row] = [
+    rows: list[text_tables.Row] = [
         (f"{count:,}", *map(digits, each)) for count, each in zip(found.triangles, errors, strict=True)
     ]
     rows.append(("slope", *(f"{found.slope(shader):.2f}" for shader in found.errors)))
     return ("triangles", *found.errors), rows
 
 
-def _variants(study: Study) -> list[tables.Row]:
+def _variants(study: Study) -> list[text_tables.Row]:
     best = study.front
     return [_variant(each, each in best) for each in study.measured]
 
@@ -110,15 +109,15 @@ def lines(study: Study) -> list[str]:
     """For the terminal."""
     header, rows = _tessellation(study)
     return [
-        *(tables.wrapped(fact, 11) for fact in _facts(study)),
+        *(text_tables.wrapped(fact, 11) for fact in _facts(study)),
         "",
-        *tables.as_lines(VARIANTS, _variants(study)),
-        *(tables.wrapped(note, 2) for note in _notes(study)),
+        *text_tables.as_lines(VARIANTS, _variants(study)),
+        *(text_tables.wrapped(note, 2) for note in _notes(study)),
         "",
-        tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
-        *tables.as_lines(header, rows),
+        text_tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
+        *text_tables.as_lines(header, rows),
         "",
-        *tables.as_lines(FORMATS, _formats(study)),
+        *text_tables.as_lines(FORMATS, _formats(study)),
     ]
 
 
@@ -131,7 +130,7 @@ def markdown(study: Study, used: str) -> str:
             *(f"- {line[:9].strip()}: {line[11:]}" for line in _facts(study)),
             *([f"- {used}"] if used else []),
             "",
-            *tables.as_markdown(VARIANTS, _variants(study)),
+            *text_tables.as_markdown(VARIANTS, _variants(study)),
             "",
             *(f"- {note}" for note in _notes(study)),
             "",
@@ -139,11 +138,11 @@ def markdown(study: Study, used: str) -> str:
             "",
             SPHERE.format(study.tessellation.finest) + ".",
             "",
-            *tables.as_markdown(header, rows),
+            *text_tables.as_markdown(header, rows),
             "",
             "## Output formats",
             "",
-            *tables.as_markdown(FORMATS, _formats(study)),
+            *text_tables.as_markdown(FORMATS, _formats(study)),
             "",
         ]
     )
@@ -178,7 +177,7 @@ CSV = (
 )
 
 
-def csv_rows(study: Study) -> list[tables.Row]:
+def csv_rows(study: Study) -> list[text_tables.Row]:
     """Full precision, one row for each variant, format, and sphere of each shader; what does not apply is empty."""
     rows: list[dict[str, object]] = []
     for each in study.measured:
@@ -216,12 +215,12 @@ def csv_rows(study: Study) -> list[tables.Row]:
 def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
     """report.csv, .json and .md. used: the variant that budget or tolerance asked for."""
     texts = {
-        "report.csv": tables.as_csv(CSV, csv_rows(study)),
+        "report.csv": text_tables.as_csv(CSV, csv_rows(study)),
         "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
         "report.md": markdown(study, used_line(used, study.scene) if used else ""),
     }
     for name, text in texts.items():
-        atomic.write_bytes(folder / name, text.encode())
+        atomic_files.write_bytes(folder / name, text.encode())
     return [folder / name for name in texts]
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import atomic, png
+from .. import png
+from ..base import atomic_files, text_tables
+from ..base.validation import Array
 from ..tonemap import tonemap
-from ..validation import Array
-from . import tables
 from .cases import Case, Outcome
 
 COLUMNS = (
@@ -78,7 +78,7 @@ def line(result: Result) -> str:
     if result.passed:
         return text
     why = f"expected of {result.case.title}: {result.case.expected}; {result.problem or result.outcome.detail}"
-    return f"{text}\n{tables.wrapped(f'     {why}', 7)}"
+    return f"{text}\n{text_tables.wrapped(f'     {why}', 7)}"
 
 
 HEADER = f"{'no':>4} {'case':<21} {'wrong':>6}  {'error':<28} {'amplif.':>8} {'seconds':>7}  verdict"
@@ -90,12 +90,12 @@ def as_markdown(results: Sequence[Result], notes: Sequence[str]) -> str:
     lines = ["# Stiff and extreme cases", ""]
     for device in dict.fromkeys(result.device for result in results):
         lines += [f"## {device}", ""]
-        lines += tables.as_markdown(header, [_shown(result) for result in results if result.device == device])
+        lines += text_tables.as_markdown(header, [_shown(result) for result in results if result.device == device])
         lines.append("")
     return "\n".join([*lines, *notes, ""])
 
 
-def _shown(result: Result) -> tables.Row:
+def _shown(result: Result) -> text_tables.Row:
     cells = row(result)
     stressed = f"{cells['stressed']} ({result.outcome.detail})"
     error, amplification = _error(cells), cells["amplification"] or "-"
@@ -148,7 +148,7 @@ def write(results: Sequence[Result], notes: Sequence[str], folder: Path) -> list
     """CSV and Markdown of all results."""
     paths = [folder / "stability.csv", folder / "stability.md"]
     rows = ((each.device, *row(each).values(), each.problem or each.outcome.detail) for each in results)
-    texts = tables.as_csv(("device", *COLUMNS, "detail"), rows), as_markdown(results, notes)
+    texts = text_tables.as_csv(("device", *COLUMNS, "detail"), rows), as_markdown(results, notes)
     for path, text in zip(paths, texts, strict=True):
-        atomic.write_bytes(path, text.encode())
+        atomic_files.write_bytes(path, text.encode())
     return paths

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from .. import exr
-from ..validation import Array
+from ..base.validation import Array
 
 
 @dataclass(frozen=True)

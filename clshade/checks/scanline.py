@@ -22,13 +22,13 @@ from dataclasses import replace
 import numpy as np
 
 from .. import course
+from ..base.validation import Array, refuse
 from ..camera import Camera
 from ..errors import ClshadeError
 from ..geometry import camera_axes, vertex_normals
 from ..renderer import Renderer
 from ..scene import SHADERS, Scene
 from ..scenes import builtin
-from ..validation import Array, refuse
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
 

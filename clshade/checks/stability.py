@@ -10,11 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
-from ..atomic import shown
+from ..base import text_tables
+from ..base.atomic_files import shown
+from ..base.spelling import hint
 from ..device import Device, list_devices, open_device
 from ..errors import DeviceError, InputError
-from ..spelling import hint
-from . import curves, results, tables
+from . import curves, results
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result
 
@@ -40,7 +41,7 @@ def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
 def listing() -> str:
     """All cases: number, name, what is stressed, what is expected."""
     lines = (f"{case.number:>4} {case.name:<21} {case.title}: {case.expected}" for case in all_cases())
-    return "\n".join(tables.wrapped(line, 27) for line in lines)
+    return "\n".join(text_tables.wrapped(line, 27) for line in lines)
 
 
 def devices(name: str | None) -> list[Device]:
@@ -91,7 +92,7 @@ def run(
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     opened = devices(device)
-    folder = tables.made_folder(out)
+    folder = text_tables.made_folder(out)
     notes = [] if importlib.util.find_spec("mpmath") else [NO_MPMATH]
     found: list[Result] = []
     written: list[Path] = []

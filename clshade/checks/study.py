@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..atomic import shown
+from ..base.atomic_files import shown
+from ..base.validation import Array
 from ..device import Device
 from ..renderer import render
 from ..scene import Scene
-from ..validation import Array
 from .choosing import front
 from .formats import Kept, formats
 from .measuring import Measured, measure

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..base.spelling import hint
 from ..device import Device
 from ..errors import InputError
 from ..features import texture_applies
 from ..scene import Scene, Settings
-from ..spelling import hint
 
 BASE = "standard"
 

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.spelling import hint
 from ..errors import InputError
 from ..scene import Mesh, PointLight, Scene
 from ..scenes import Resolution, builtin
-from ..spelling import hint
 
 EXPONENT = 20.0  # of the highlight, everywhere
 HD, UHD = (1920, 1080), (3840, 2160)

@@ -10,9 +10,9 @@ import stat
 from collections.abc import Sequence
 from typing import Any
 
+from ..base.spelling import hint
 from ..checks.defaults import PIXELS
 from ..errors import InputError
-from ..spelling import hint
 
 
 def whole(text: str) -> int:
@@ -126,14 +126,14 @@ def output_name(text: str) -> str:
 def check_picture(output: str, inputs: Sequence[str]) -> None:
     """Refuses, before anything is read, a picture that cannot be written, that is not called .png, or that would take the
     place of one of the files it is made from."""
-    from .. import atomic
+    from ..base import atomic_files
 
     if not output.lower().endswith(".png"):
-        raise InputError(f"--output: expected a file name that ends in .png, found {atomic.shown(output)}")
-    atomic.check(output)
+        raise InputError(f"--output: expected a file name that ends in .png, found {atomic_files.shown(output)}")
+    atomic_files.check(output)
     for name in inputs:
         if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):
-            raise InputError(f"--output: expected another file than is read, found {atomic.shown(output)}")
+            raise InputError(f"--output: expected another file than is read, found {atomic_files.shown(output)}")
 
 
 def with_values(arguments: Sequence[str]) -> list[str]:

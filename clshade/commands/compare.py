@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from .. import atomic, telling
+    from ..base import atomic_files, console
     from ..inspection import comparing
     from ..inspection.pictures import read_picture
 
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     image, reference = read_picture(arguments.image), read_picture(arguments.reference)
     found = comparing.compared(image, reference, arguments.layer, arguments.threshold)
     if found.lacking():
-        telling.warning(f"not compared: {'; '.join(found.lacking())}")
+        console.warning(f"not compared: {'; '.join(found.lacking())}")
     _print(found, arguments)
     if arguments.output:
         from .. import figures
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
             layers = {name: layers[name] for name in different_first[: comparing_figure.MOST]}
         figure = comparing_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
         figures.save(figure, arguments.output)
-        telling.progress(f"wrote {atomic.shown(arguments.output)}")
+        console.progress(f"wrote {atomic_files.shown(arguments.output)}")
     return DONE if found.passed else FAILED
 
 
@@ -83,11 +83,11 @@ def _print(found: Comparison, arguments: argparse.Namespace) -> None:
 
         print(json.dumps({"image": arguments.image, "reference": arguments.reference, **found.stats()}, indent=2))
         return
-    from .. import telling
+    from ..base import console
     from ..checks.image_errors import has_flip, has_ssim
 
     print("\n".join(found.lines()))
     packages = ("SSIM", has_ssim(), "scikit-image"), ("FLIP", has_flip(), "flip-evaluator")
     for name, there, package in packages:
         if not there:
-            telling.detail(f"{name}: pip install {package}")
+            console.detail(f"{name}: pip install {package}")

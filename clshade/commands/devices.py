@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         print(json.dumps([asdict(info) for info in infos], indent=2))
     else:
-        from ..checks import tables
+        from ..base import text_tables
 
-        print("\n".join(tables.wrapped(line, 5) for line in device.format_devices(infos).splitlines()))
+        print("\n".join(text_tables.wrapped(line, 5) for line in device.format_devices(infos).splitlines()))
     return DONE if any(info.works for info in infos) else FAILED

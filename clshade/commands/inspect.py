@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from .. import atomic, telling
+    from ..base import atomic_files, console
     from ..inspection import statistics
     from ..inspection.pictures import read_picture
 
@@ -58,16 +58,16 @@ def run(arguments: argparse.Namespace) -> int:
         from .. import figures
         from ..inspection import statistics_figure
 
-        figures.save(statistics_figure.draw(picture, atomic.shown(arguments.file)), arguments.output)
-        telling.progress(f"wrote {atomic.shown(arguments.output)}")
+        figures.save(statistics_figure.draw(picture, atomic_files.shown(arguments.file)), arguments.output)
+        console.progress(f"wrote {atomic_files.shown(arguments.output)}")
     return DONE
 
 
 def _print_json(arguments: argparse.Namespace, picture: Picture) -> None:
     import json
 
+    from ..base.json_values import plain
     from ..inspection import statistics
-    from ..plain import plain
 
     pixels = statistics.pixel_stats(picture, arguments.pixel)
     found = statistics.image_statistics(picture).stats()

@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from .. import telling
-from ..spelling import hint, nearest
+from ..base import console
+from ..base.spelling import hint, nearest
 from . import REFUSED
 from .arguments import real, whole
 
@@ -56,7 +56,7 @@ class Parser(argparse.ArgumentParser):
         self.register("type", float, real)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(REFUSED, f"{self.prog}: {telling.in_one_line(message)}\n")
+        self.exit(REFUSED, f"{self.prog}: {console.in_one_line(message)}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """argparse's own, with a hint; called for options with choices, and for the name of the command."""

@@ -6,9 +6,8 @@ import argparse
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from .. import telling
-from ..atomic import folder_made, shown
-from ..checks import tables
+from ..base import console, text_tables
+from ..base.atomic_files import folder_made, shown
 from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
 from . import DONE, FAILED, REFUSED
@@ -105,7 +104,7 @@ def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thr
                 raise
             text = " ".join(str(error).split())
             text = text if text.startswith(f"{shown(name)}: ") else f"{shown(name)}: {text}"
-            telling.error(text)
+            console.error(text)
             code, stats = REFUSED, {"error": text}
         worst = max(worst, code)
         all_stats.append({"scene": name, "output": output, **stats})
@@ -132,7 +131,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
         check(frame, arguments.check)
     warming.join()
     for warning in frame.write(output, **chosen_saving(arguments)):
-        telling.warning(warning)
+        console.warning(warning)
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -142,7 +141,9 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     if not arguments.json:
         print(summary(frame, output))
         for title, each in found.items():
-            lines = (tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines()))
+            lines = (
+                text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
+            )
             print("\n".join(lines))
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
@@ -191,7 +192,7 @@ def summary(frame: Frame, output: str) -> str:
     files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
 
     def listed(values: dict[str, float]) -> str:
-        return ", ".join(f"{name}{tables.TIED}{value:.2f}" for name, value in values.items())
+        return ", ".join(f"{name}{text_tables.TIED}{value:.2f}" for name, value in values.items())
 
     name = shown(frame.scene.name or "unnamed")
     ignored = [f"ignored {', '.join(stats['ignored'])}"] if stats["ignored"] else []
@@ -203,4 +204,4 @@ def summary(frame: Frame, output: str) -> str:
         f"once    {listed(fixed)} ms",
         f"frame   {whole:.2f} ms, the first: {listed(times)}",
     ]
-    return "\n".join([*(tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])
+    return "\n".join([*(text_tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])

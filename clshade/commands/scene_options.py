@@ -10,8 +10,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..base.spelling import hint
 from ..errors import InputError
-from ..spelling import hint
 from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
@@ -161,7 +161,8 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     """The scene of the command line, or the one of this name: a file, or a built-in one where no such file exists."""
-    from .. import scenes, telling, viewpoint
+    from .. import scenes, viewpoint
+    from ..base import console
 
     start = time.perf_counter()
     name = arguments.scene if name is None else name
@@ -179,7 +180,7 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
             raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
         scene = loading.load(name, resolution=arguments.resolution, **options)
     taken = (time.perf_counter() - start) * 1e3
-    telling.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
+    console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
     if arguments.lights is not None:
         scene = _with_lights(scene, arguments.lights)
     if arguments.components is not None:

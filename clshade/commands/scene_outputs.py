@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..atomic import shown
+from ..base.atomic_files import shown
 from ..errors import InputError
 
 ALONE, FOLDER = "out", "."  # -o unless it is given, for one scene and for several

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from .. import telling
+from ..base import console
 from .farm_options import draw, output_options, worker_options
 from .scene_options import camera_options, load_scene, scene_options, setting_options
 
@@ -39,8 +39,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from ..base.validation import number
     from ..farm import orbit, parse_frames
-    from ..validation import number
 
     frames = _frames(arguments)
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
@@ -53,13 +53,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _frames(arguments: argparse.Namespace) -> Frames:
     """Those that --frames or --count mean; warns of one frame of a turn of one where its number was meant for a count."""
+    from ..base.validation import integer
     from ..farm.frames import MOST, parse_frames
-    from ..validation import integer
 
     if arguments.count is not None:
         return parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
     frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
     count = frames.last
     if frames.span == 1 and 1 < count <= MOST and arguments.turn is None and "#" in arguments.output:
-        telling.warning(f"--frames {count} is one frame, that of number {count}: --count {count} draws {count} frames")
+        console.warning(f"--frames {count} is one frame, that of number {count}: --count {count} draws {count} frames")
     return frames

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from ..atomic import Path, shown
+from ..base.atomic_files import Path, shown
+from ..base.input_files import complaint, quoted, read_file
+from ..base.spelling import hint
+from ..base.strict_json import found_text, parse_text
 from ..camera import Camera
 from ..errors import InputError
-from ..json_text import found_text, parse_text
-from ..reading import complaint, quoted, read_file
-from ..spelling import hint
 from ..viewpoint import moved
 from .frames import MOST, Frames
 

@@ -27,7 +27,7 @@ from distributed import Client, Worker, WorkerPlugin, get_worker
 from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
 from distributed.versions import VersionMismatchWarning
 
-from .. import telling
+from ..base import console
 from ..errors import InputError, WorkerError
 from ..programs import kernel_folder
 from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
@@ -211,7 +211,7 @@ def _send(client: Client, plugin: _Drawing, name: str, members: Members) -> None
         members.ask(ASK)
         silent = [worker for worker in members if members.silence(worker) > SILENT / 2]
         who = f"worker{'s' * (len(silent) > 1)} {', '.join(silent)}" if silent else "some of the workers"
-        telling.warning(f"no sign of {who} for {SILENT:g} s, at receiving the scene")
+        console.warning(f"no sign of {who} for {SILENT:g} s, at receiving the scene")
     except Exception as error:  # such as a ModuleNotFoundError of a worker without clshade
         expected = f"workers with the clshade that runs here, found {in_a_line(error)}"
         raise WorkerError(f"--scheduler: {members.scheduler}: expected {expected}") from None
@@ -235,4 +235,4 @@ def _compare_versions(found: Any) -> None:
         differing = [name for name in COMPARED if theirs.get(name) != here.get(name)]
         if differing:
             shown = ", ".join(f"{name} {theirs.get(name)} (here {here.get(name)})" for name in differing)
-            telling.warning(f"{who} has {shown}")
+            console.warning(f"{who} has {shown}")

@@ -6,9 +6,9 @@ import os
 import re
 from dataclasses import dataclass
 
+from ..base.input_files import quoted
 from ..errors import InputError
 from ..frame import output_paths
-from ..reading import quoted
 
 MOST = 1_000_000  # frames of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"

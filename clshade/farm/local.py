@@ -21,7 +21,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import FrameType
 
-from .. import interrupts
+from ..base import interrupts
 from ..errors import WorkerError
 from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses

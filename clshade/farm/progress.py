@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from .. import telling
+from ..base import console
 from .job import Drawn
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Progress:
         """A warning, above the bar."""
         if self._bar is not None:
             self._bar.clear()
-        telling.warning(message)
+        console.warning(message)
 
     def advance(self, drawn: Drawn) -> None:
         for warning in drawn.warnings:
@@ -74,11 +74,11 @@ class Progress:
         """A log would keep every state of a bar."""
         count, now = self._done + self.drawn, self._start + self.seconds
         if count == self._total:
-            telling.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}")
+            console.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}")
         elif now - self._told >= LINES:
             self._told = now
             left = (self._total - count) / self.rate
-            telling.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}, about {left:.0f} s left")
+            console.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}, about {left:.0f} s left")
 
     def __enter__(self) -> Progress:
         return self

@@ -12,14 +12,15 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from .. import png, telling
-from ..atomic import folder_made, shown
+from .. import png
+from ..base import console
+from ..base.atomic_files import folder_made, shown
+from ..base.validation import integer, known, number, refuse
 from ..camera import Camera
 from ..errors import InputError
 from ..frame import SAVING, check_output
 from ..renderer import settle
 from ..scene import Scene
-from ..validation import integer, known, number, refuse
 from .frames import Pattern, parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
@@ -93,7 +94,7 @@ def draw_frames(
     has not drawn its frame counts as hanging: others draw what it has. None: it is waited for, and after ten seconds that
     is told.
     overwrite: draw frames whose two files exist, too; they are skipped otherwise. An existing file is whole, for files
-    appear at once (`clshade.atomic`).
+    appear at once (`clshade.base.atomic_files`).
     progress: a bar, or lines, on standard error. saving: keywords of `Frame.save`. settings: of `clshade.render`.
     With several workers a script needs the usual `if __name__ == "__main__":`.
     Raises InputError, DeviceError, OutputError, and WorkerError for workers that fail; what is drawn stays.
@@ -209,7 +210,7 @@ def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera])
     found, expected = png.resolution(name), _camera(cameras, number).resolution
     if found is not None and found != expected:
         there, here = ("{}x{}".format(*size) for size in (found, expected))
-        telling.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")
+        console.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")
 
 
 def _results(

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.input_files import complaint, quoted
+from ..base.json_values import in_line, named_values, plain
+from ..base.spelling import hint
+from ..base.text_tables import as_lines, digits, wrapped
+from ..base.validation import Array
 from ..checks.image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
-from ..checks.tables import as_lines, digits, wrapped
-from ..plain import in_line, named_values, plain
-from ..reading import complaint, quoted
 from ..scene import LAYER_WORDS
-from ..spelling import hint
-from ..validation import Array
 from .channel_groups import Group, grouped
 from .pictures import Picture, named_pixel
 

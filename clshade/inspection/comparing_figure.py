@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import figures
-from ..validation import Array
+from ..base.validation import Array
 from .channel_groups import Group
 from .layer_plots import panel_size, plain_text, show_pixels
 from .thumbnails import thinned, thumbnails

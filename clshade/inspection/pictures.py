@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import exr, images, telling
-from ..atomic import Path, shown
+from .. import exr, images
+from ..base import console
+from ..base.atomic_files import Path, shown
+from ..base.input_files import complaint, read_file, size_of
+from ..base.validation import Array
 from ..errors import InputError
-from ..reading import complaint, read_file, size_of
-from ..validation import Array
 from .channel_groups import color_group
 
 _EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
@@ -62,7 +63,7 @@ def read_picture(path: Path) -> Picture:
     start = time.perf_counter()
     picture = _read(path, shown(path))
     taken = (time.perf_counter() - start) * 1e3
-    telling.detail(f"read {picture.name}: {len(picture.channels)} channels, {taken:.0f} ms")
+    console.detail(f"read {picture.name}: {len(picture.channels)} channels, {taken:.0f} ms")
     return picture
 
 

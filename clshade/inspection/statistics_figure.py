@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import figures
+from ..base.validation import Array
 from ..tonemap import tonemap
-from ..validation import Array
 from .layer_plots import draw_thumbnails, first_few, panel_size, plain_text, show_pixels
 from .pictures import Picture
 from .statistics import luminance, stops_of

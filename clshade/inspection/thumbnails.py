@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.validation import Array
 from ..images import srgb_to_linear
 from ..tonemap import tonemap
-from ..validation import Array
 from .channel_groups import Group, grouped
 
 SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ... import exr, oracle, packing
+from ...base.validation import Array
 from ...device import Device
 from ...features import CHOICES, OPTIONAL, Features
 from ...frame import Frame
@@ -20,7 +21,6 @@ from ...renderer import Renderer
 from ...scene import Scene, Texture
 from ...single import Lookup
 from ...stages import Buffer, Stages
-from ...validation import Array
 from .. import compare
 
 LAYERS = ("Z", "id")

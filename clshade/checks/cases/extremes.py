@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ... import layout, oracle
+from ...base.validation import Array
 from ...errors import InputError
 from ...features import OPTIONAL
 from ...frame import Frame, same_bits
 from ...scene import Mesh
-from ...validation import Array
 from . import flat, lit
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ...base.validation import Array
 from ...errors import InputError
 from ...features import OPTIONAL
 from ...oracle import shade
 from ...scene import Material
-from ...validation import Array
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, expected_light, worst
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ... import oracle
+from ...base.validation import Array
 from ...errors import InputError
 from ...frame import Frame
 from ...scene import PointLight, Scene
-from ...validation import Array
 from .. import compare
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, worst

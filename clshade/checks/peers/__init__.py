@@ -10,10 +10,10 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Protocol
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...errors import ClshadeError
 from ...scene import Scene
-from ...validation import Array
 
 
 class MissingPeer(ClshadeError):

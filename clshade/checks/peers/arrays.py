@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...errors import InputError
 from ...geometry import camera_axes, vertex_normals
 from ...scene import Material, Scene
-from ...validation import Array
 
 
 class MeshArrays(NamedTuple):

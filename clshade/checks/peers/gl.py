@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...scene import Scene
-from ...validation import Array
 from . import MissingPeer
 from .arrays import depths, mesh_arrays, view_axes
 

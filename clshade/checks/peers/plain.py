@@ -5,9 +5,9 @@ from __future__ import annotations
 import platform
 from dataclasses import replace
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...scene import Scene
-from ...validation import Array
 from .. import scanline
 
 

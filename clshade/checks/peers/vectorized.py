@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...errors import InputError
 from ...scene import Scene
-from ...validation import Array
 from .arrays import depths, mesh_arrays, view_axes
 
 FRAGMENTS = 1 << 17  # pixels of triangles looked at together

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.validation import Array
 from ...camera import Camera
 from ...scene import Scene
-from ...validation import Array
 
 
 class Write:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from .reading import complaint, quoted
+from .input_files import complaint, quoted
 
 MAX_DIGITS = 1000  # of a whole number: float64 has none of more than 309; reading digits takes time as their square
 MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes

@@ -8,8 +8,8 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ..atomic import shown
 from ..errors import OutputError
+from .atomic_files import shown
 
 Row = Sequence[str]
 WIDTH = 100  # columns of a terminal that tables fit into

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .atomic import Path, shown
-from .errors import InputError
+from ..errors import InputError
+from .atomic_files import Path, shown
 from .validation import Array
 
 

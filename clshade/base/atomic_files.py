@@ -12,8 +12,8 @@ import time
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from ..errors import OutputError
 from . import interrupts
-from .errors import OutputError
 
 Path = str | os.PathLike[str]
 

@@ -1,0 +1,1 @@
+"""Knows nothing about rendering: validation, files, JSON, console, text tables."""
