@@ -15,7 +15,7 @@ from .base.atomic_files import Path, shown, write_bytes
 from .base.input_files import complaint, read_file
 from .base.validation import Array, coefficient, number, refuse
 from .camera import Camera
-from .images import as_texture
+from .images.decode import as_texture
 from .inert_pickle import paused_collection
 from .scene import Material, Mesh, PointLight, Scene, Texture
 

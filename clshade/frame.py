@@ -155,7 +155,7 @@ class Frame:
 
     def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""
-        from .tonemap import tonemap as apply
+        from .images.tonemap import tonemap as apply
 
         return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
 
@@ -189,7 +189,7 @@ class Frame:
     def save(self, path: str | Path, **options: Any) -> list[str]:
         """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
 
-        options: tonemap, exposure: of the PNG, see `clshade.tonemap`; tonemap None: `none` for course scenes, else
+        options: tonemap, exposure: of the PNG, see `clshade.images.tonemap`; tonemap None: `none` for course scenes, else
         `srgb`. half, compression: of the EXR, see `clshade.exr.encode`. crop: keep of the EXR the smallest window that
         holds all that is not background, which must be black or None for that; Z outside reads as infinity here, as 0
         elsewhere. deterministic: leave times out of its header.
@@ -214,8 +214,8 @@ class Frame:
         deterministic: bool = False,
     ) -> list[str]:
         """The same, for callers that do the warning: its lines are returned."""
-        from . import exr, png
         from .base import atomic_files
+        from .images import exr, png
 
         for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
             flag("Frame.save", name, value)
@@ -265,9 +265,9 @@ def check_output(
     asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
-    from . import exr
     from .base import atomic_files
-    from .tonemap import checked
+    from .images import exr
+    from .images.tonemap import checked
 
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)

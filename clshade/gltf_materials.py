@@ -15,8 +15,8 @@ from .base.validation import Array
 from .framing import AMBIENT
 from .gltf_buffers import Buffers
 from .gltf_json import Item
-from .images import MAX_BYTES as MAX_IMAGE_BYTES
-from .images import decode_image
+from .images.decode import MAX_BYTES as MAX_IMAGE_BYTES
+from .images.decode import decode_image
 from .mtl_files import MAX_PIXELS
 from .scene import Material, Texture
 

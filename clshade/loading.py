@@ -20,7 +20,7 @@ from .camera import MAX_RESOLUTION
 from .course_files import read_course, save_course
 from .errors import InputError
 from .gltf_files import read_gltf
-from .images import as_texture
+from .images.decode import as_texture
 from .mesh_files import DEFAULT_MATERIAL, read_obj
 from .mesh_options import Options
 from .ply_files import read_ply

@@ -20,8 +20,8 @@ from .base.atomic_files import shown
 from .base.input_files import beside, complaint, quoted, read_file, within
 from .base.validation import Array
 from .framing import AMBIENT
-from .images import MAX_BYTES as MAX_IMAGE_BYTES
-from .images import decode_image
+from .images.decode import MAX_BYTES as MAX_IMAGE_BYTES
+from .images.decode import decode_image
 from .obj_lines import numbers
 from .scene import Material, Texture
 

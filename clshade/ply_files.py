@@ -19,7 +19,7 @@ from .base.atomic_files import Path, shown
 from .base.input_files import beside, complaint, quoted, read_file
 from .base.validation import Array
 from .creases import against_normals, crease_normals
-from .images import as_texture, srgb_to_linear
+from .images.decode import as_texture, srgb_to_linear
 from .mesh_options import Options, told
 from .ply_rows import Element, read_ply_rows
 from .scene import MAX_FACES, Material, Mesh, Scene, Texture

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import png
 from .base.validation import Array
 from .errors import OutputError
+from .images import png
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -69,10 +69,10 @@ def show_frame(frame: Frame, tonemap: str | None, exposure: float) -> None:
 
 def plot_layers(frame: Frame) -> Any:
     """A matplotlib figure of a frame's image, coverage and layers."""
-    from .exr import flatten
     from .frame import default_tonemap
-    from .inspection.layer_plots import plot_thumbnails
-    from .inspection.thumbnails import Thumbnail, thinned, thumbnails
+    from .images.exr import flatten
+    from .images.layer_plots import plot_thumbnails
+    from .images.thumbnails import Thumbnail, thinned, thumbnails
 
     pictures = thumbnails(flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")

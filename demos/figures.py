@@ -23,7 +23,7 @@ import sheet  # noqa: E402
 import clshade  # noqa: E402
 from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.images import as_texture  # noqa: E402
+from clshade.images.decode import as_texture  # noqa: E402
 from clshade.scene import Scene  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
@@ -53,7 +53,7 @@ class Figure:
     @cached_property
     def picture(self) -> np.ndarray:
         """The image as it is shown, clamped, (M, N, 3) uint8, row 0 at the top."""
-        from clshade.tonemap import tonemap
+        from clshade.images.tonemap import tonemap
 
         return tonemap(self.linear, "none")
 
@@ -171,8 +171,8 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
-    from clshade import exr, png
     from clshade.camera_matrices import camera_metadata
+    from clshade.images import exr, png
 
     metadata = camera_metadata(scene.camera)
     metadata.update(
@@ -223,7 +223,7 @@ def _run(
 ) -> None:
     from tqdm import tqdm
 
-    from clshade import png
+    from clshade.images import png
 
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device

@@ -16,10 +16,10 @@ if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
 import sheet  # noqa: E402
 
 import clshade  # noqa: E402
-from clshade import exr, png  # noqa: E402
 from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
-from clshade.inspection.thumbnails import thumbnails  # noqa: E402
+from clshade.images import exr, png  # noqa: E402
+from clshade.images.thumbnails import thumbnails  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
 SCENES = {

@@ -91,9 +91,9 @@ TESTS = {
     "clshade/triangulation.py": "triangulation obj gltf ply_stl",
     "clshade/ear_clipping.py": "triangulation",
     "clshade/loading.py": "loading course_files",
-    "clshade/images.py": "images deep_images limits",
-    "clshade/pnm.py": "deep_images",
-    "clshade/tiff.py": "deep_images",
+    "clshade/images/decode.py": "images deep_images limits",
+    "clshade/images/pnm.py": "deep_images",
+    "clshade/images/tiff.py": "deep_images",
 }
 # Then these, of kernels and of loaders, a group at a time.
 KERNELS = (

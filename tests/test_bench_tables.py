@@ -12,7 +12,6 @@ import pytest
 from speeds import SMALL, made_up
 from test_cli import assert_refused, run
 
-from clshade import png
 from clshade.checks import bench, bench_figure, bench_tables, scaling, speed, starting, workloads
 from clshade.checks.drawing import Drawn
 from clshade.checks.peers import PEERS, agreement
@@ -20,6 +19,7 @@ from clshade.checks.peers.agreement import TOLERANCE
 from clshade.checks.timing import Spread
 from clshade.checks.workloads import SCALING, Limit, Workload
 from clshade.errors import ClshadeError
+from clshade.images import png
 
 # Exponents
 

@@ -11,10 +11,11 @@ from devices import working_devices
 from test_cli import run
 
 import clshade
-from clshade import exr, oracle, scenes
+from clshade import oracle, scenes
 from clshade.checks import checking, compare
 from clshade.errors import InputError
 from clshade.frame import Frame
+from clshade.images import exr
 from clshade.oracle import coverage
 from clshade.scene import Camera, Material, Mesh, Scene, Settings, Texture
 

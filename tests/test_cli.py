@@ -14,9 +14,10 @@ import scene_files
 from devices import working_devices
 
 import clshade
-from clshade import cli, exr, png
+from clshade import cli
 from clshade.commands import render, scene_options
 from clshade.commands.arguments import with_values
+from clshade.images import exr, png
 
 ROOT = Path(__file__).resolve().parent.parent
 # With these options the program is the one that test_frames.py builds for the scene.

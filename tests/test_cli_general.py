@@ -10,8 +10,9 @@ from scene_files import TRIANGLE, write
 from test_cli import SMALL, assert_refused, listing, needs_device, run
 
 import clshade
-from clshade import cli, exr
+from clshade import cli
 from clshade.commands import DONE, render
+from clshade.images import exr
 
 SIZE = ("--resolution", "32,24")
 NEEDED = {"inspect": 1, "compare": 2, "animate": 2}  # arguments without an option

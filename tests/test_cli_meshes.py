@@ -13,9 +13,10 @@ from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
 from test_cli import run, scene_of
 
-from clshade import exr, framing, loading
+from clshade import framing, loading
 from clshade.commands import DONE, render
 from clshade.commands.scene_options import load_scene
+from clshade.images import exr
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from clshade import cli, exr, png
-from clshade.checks import image_errors
-from clshade.inspection import comparing, comparing_figure
-from clshade.inspection.pictures import Picture
+from clshade import cli
+from clshade.images import compare, compare_figure, exr, metrics, png
+from clshade.images.image_file import Picture
 
 RNG = np.random.default_rng(11)
 SHAPE = (24, 32)
@@ -32,7 +31,7 @@ def layers():
 
 
 def found(changed, reference, **options):
-    return comparing.compared(Picture(changed), Picture(reference), **options).layers
+    return compare.compared(Picture(changed), Picture(reference), **options).layers
 
 
 def test_what_is_equal_is_equal():
@@ -56,7 +55,7 @@ def test_one_channel_of_one_pixel():
     assert layer.maximum == error
     assert layer.mean == pytest.approx(error / (24 * 32 * 3), rel=1e-12)
     assert layer.rmse == pytest.approx(error / math.sqrt(24 * 32 * 3), rel=1e-12)
-    floor = image_errors.RELATIVE_FLOOR**2
+    floor = metrics.RELATIVE_FLOOR**2
     assert layer.relmse == pytest.approx(
         error**2 / (float(reference["G"][3, 4]) ** 2 + floor) / (24 * 32 * 3), rel=1e-12
     )
@@ -64,7 +63,7 @@ def test_one_channel_of_one_pixel():
     assert layer.worst.values["G"] == changed["G"][3, 4]
     assert layer.worst.reference == {name: reference[name][3, 4] for name in "RGB"}
     images = [np.stack([each[name] for name in "RGB"], axis=-1) for each in (changed, reference)]
-    assert layer.psnr == pytest.approx(image_errors.psnr(*images))
+    assert layer.psnr == pytest.approx(metrics.psnr(*images))
 
 
 def test_over_counts_pixels_strictly_above_the_threshold():
@@ -73,7 +72,7 @@ def test_over_counts_pixels_strictly_above_the_threshold():
     for threshold, over in ((None, 3), (0.0, 3), (0.5, 2), (0.75, 1), (2.0, 0)):
         layer = found(changed, reference, threshold=threshold)["Z"]
         assert (layer.different, layer.over) == (3, over)
-        assert comparing.compared(Picture(changed), Picture(reference), (), threshold).passed == (
+        assert compare.compared(Picture(changed), Picture(reference), (), threshold).passed == (
             threshold in (None, 2.0)
         )
 
@@ -120,7 +119,7 @@ def test_large_images_are_compared_in_strips(monkeypatch):
     whole = found(changed, reference, threshold=0.005)
     assert whole["RGB"].over == 24 * 32
     for rows in (1, 2, 3):
-        monkeypatch.setattr(comparing, "_STRIP", rows * 32)
+        monkeypatch.setattr(compare, "_STRIP", rows * 32)
         for name, layer in found(changed, reference, threshold=0.005).items():
             expected = vars(whole[name])
             for field, value in vars(layer).items():  # sums in another order
@@ -138,13 +137,13 @@ def test_half_floats_against_floats():
     assert 0.0 < layer.maximum <= 0.1 * 2.0**-11
 
 
-@pytest.mark.skipif(not image_errors.has_ssim(), reason="scikit-image is not installed")
+@pytest.mark.skipif(not metrics.has_ssim(), reason="scikit-image is not installed")
 def test_structural_similarity():
     """Of images that differ by a constant, the means' term alone is left: (2ab + C1)/(a^2 + b^2 + C1), C1 = 0.01^2."""
     a, b = np.full((20, 20, 3), 0.4), np.full((20, 20, 3), 0.5)
-    assert image_errors.ssim_of_seen(a, b) == pytest.approx((0.4 + 1e-4) / (0.16 + 0.25 + 1e-4), rel=1e-9)
-    assert image_errors.ssim_of_seen(a, a) == 1.0
-    assert image_errors.ssim_of_seen(a[:10], b[:10]) is None
+    assert metrics.ssim_of_seen(a, b) == pytest.approx((0.4 + 1e-4) / (0.16 + 0.25 + 1e-4), rel=1e-9)
+    assert metrics.ssim_of_seen(a, a) == 1.0
+    assert metrics.ssim_of_seen(a[:10], b[:10]) is None
 
 
 def test_without_the_packages(monkeypatch):
@@ -326,20 +325,20 @@ def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
     changed, reference = ({"Z": np.zeros((1500, 2000), np.float32)} for _ in range(2))
     changed["Z"][1001, 1003] = 2.0
     changed["Z"][3, 7] = np.nan
-    pairs = comparing.chosen_layers(Picture(changed), Picture(reference))
-    figure = comparing_figure.draw(pairs, encoded=False, titles=("a", "b"))
+    pairs = compare.chosen_layers(Picture(changed), Picture(reference))
+    figure = compare_figure.draw(pairs, encoded=False, titles=("a", "b"))
     (errors,) = (axes.images[0].get_array() for axes in figure.axes if axes.get_title().startswith("difference"))
     shown = np.argwhere((np.asarray(errors) != errors[-1, -1]).any(axis=-1))
     assert shown.tolist() == [[0, 1], [250, 250]]  # of blocks of 4 x 4
-    assert errors[0, 1].tolist() == list(comparing_figure.UNEQUAL_COLOR)
+    assert errors[0, 1].tolist() == list(compare_figure.UNEQUAL_COLOR)
     assert errors[250, 250].tolist() == [252, 255, 164]  # the end of `inferno`: the largest, not a mean
 
 
 def test_a_color_means_the_same_in_both_images():
     """Depths from 1 to 3 beside depths from 1 to 2, whose largest is the other's middle."""
     wide, narrow = (np.linspace(1, most, 129 * 129).reshape(129, 129) for most in (3, 2))
-    pairs = comparing.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
-    figure = comparing_figure.draw(pairs, encoded=False, titles=("a", "b"))
+    pairs = compare.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
+    figure = compare_figure.draw(pairs, encoded=False, titles=("a", "b"))
     shown = [np.asarray(axes.images[0].get_array()).astype(int) for axes in figure.axes[:2]]
     assert (shown[0][0, 0] == shown[1][0, 0]).all()
     assert (shown[0][64, 64] == shown[1][128, 128]).all()
@@ -348,13 +347,13 @@ def test_a_color_means_the_same_in_both_images():
 
 def test_of_many_layers_those_that_differ_are_shown(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(comparing_figure.MOST + 10)}
+    planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(compare_figure.MOST + 10)}
     exr.write("a.exr", planes)
     planes["L049"] += 1
     exr.write("b.exr", planes)
-    drawn, draw = [], comparing_figure.draw
+    drawn, draw = [], compare_figure.draw
     monkeypatch.setattr(
-        comparing_figure, "draw", lambda layers, **given: drawn.append(list(layers)) or draw(layers, **given)
+        compare_figure, "draw", lambda layers, **given: drawn.append(list(layers)) or draw(layers, **given)
     )
     assert run(capsys, "b.exr", "a.exr", "-o", "d.png")[0] == 0
-    assert drawn == [["L049", *(f"L{k:03}" for k in range(comparing_figure.MOST - 1))]]
+    assert drawn == [["L049", *(f"L{k:03}" for k in range(compare_figure.MOST - 1))]]

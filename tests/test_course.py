@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import clshade
-from clshade import cli, course, exr, oracle, single
+from clshade import cli, course, oracle, single
 from clshade.checks import compare
+from clshade.images import exr
 from clshade.renderer import Renderer
 from clshade.scene import Material, Mesh, PointLight, Scene, Settings
 from clshade.scenes import builtin

@@ -11,7 +11,7 @@ from PIL import Image
 from scene_files import png16
 
 from clshade import course
-from clshade.images import read_image
+from clshade.images.decode import read_image
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
 

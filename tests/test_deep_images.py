@@ -18,9 +18,9 @@ from mesh_writers import CORNERS, INDICES, Gltf
 from PIL import Image
 from scene_files import TRIANGLE, course_dict, png16, refusal, save_npy, write
 
-from clshade import tiff
 from clshade.errors import InputError
-from clshade.images import decode_image
+from clshade.images import tiff
+from clshade.images.decode import decode_image
 from clshade.loading import load
 
 RNG = np.random.default_rng(4)
@@ -285,7 +285,7 @@ def test_pnm(kind, most):
 
 
 def test_long_text_in_pieces(monkeypatch):
-    from clshade import pnm
+    from clshade.images import pnm
 
     codes = codes_of(1, 65535, (40, 30))
     lines = [" ".join(map(str, row)) + " # comment 1 2 3" * (k % 3) for k, row in enumerate(codes[:, :, 0].tolist())]

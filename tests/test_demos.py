@@ -15,9 +15,10 @@ import pytest
 from PIL import Image
 
 import clshade
-from clshade import course, exr, png
+from clshade import course
+from clshade.images import exr, png
+from clshade.images.tonemap import tonemap
 from clshade.scenes import builtin
-from clshade.tonemap import tonemap
 
 DEMOS = Path(__file__).resolve().parent.parent / "demos"
 

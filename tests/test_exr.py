@@ -13,11 +13,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import clipping, exr
+from clshade import clipping
 from clshade.camera import Camera
 from clshade.camera_matrices import camera_matrices, camera_metadata
 from clshade.errors import InputError
 from clshade.geometry import camera_axes
+from clshade.images import exr
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
 # Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.
@@ -353,7 +354,7 @@ def test_a_child_made_by_fork_can_write(path):
 
 def test_importing_costs_no_library():
     code = (
-        "import sys, clshade.exr, clshade.png, clshade.tonemap, clshade.inspection.statistics\n"
+        "import sys, clshade.images.exr, clshade.images.png, clshade.images.tonemap, clshade.images.statistics\n"
         "print({'OpenEXR', 'PIL', 'matplotlib', 'pyopencl'} & set(sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=True)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from processes import PEAK, python
 
-from clshade import exr, exr_limits
 from clshade.errors import InputError, OutputError
+from clshade.images import exr, exr_limits
 
 
 def noise(shape):

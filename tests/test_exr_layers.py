@@ -15,10 +15,10 @@ import pytest
 from layer_scenes import CAMERA, dome, mixed, wedge
 
 import clshade
-from clshade import exr
 from clshade.camera_matrices import camera_matrices
 from clshade.device import Device
 from clshade.frame import Frame
+from clshade.images import exr
 from clshade.scene import LAYERS, Scene
 
 # README's table: channel -> bits of its type, f for float and u for uint.

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from devices import working_devices
 
-from clshade import cli, exr
+from clshade import cli
 from clshade.camera import Camera
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
 from clshade.farm.cameras import FIELDS, orbit, read_cameras
 from clshade.farm.frames import parse_frames, parse_pattern
+from clshade.images import exr
 from clshade.scenes import builtin
 
 SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")

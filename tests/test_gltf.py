@@ -14,7 +14,7 @@ from scene_files import refusal
 
 from clshade.framing import AMBIENT
 from clshade.gltf_materials import phong
-from clshade.images import srgb_to_linear
+from clshade.images.decode import srgb_to_linear
 from clshade.loading import load
 
 RNG = np.random.default_rng(5)

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from clshade.checks import image_errors
-from clshade.checks.image_errors import flip, image_error, psnr, relmse, rmse
 from clshade.errors import InputError
-from clshade.tonemap import OPERATORS, radiance, tonemap
+from clshade.images import metrics
+from clshade.images.metrics import flip, image_error, psnr, relmse, rmse
+from clshade.images.tonemap import OPERATORS, radiance, tonemap
 
 RNG = np.random.default_rng(5)
 
@@ -48,11 +48,11 @@ def test_decibels_are_of_what_is_seen():
 
 def test_without_flip_evaluator(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert not image_errors.has_flip()
+    assert not metrics.has_flip()
     assert image_error(flat(0.2), flat(0.4)).flip is None
 
 
-@pytest.mark.skipif(not image_errors.has_flip(), reason="flip-evaluator is not installed")
+@pytest.mark.skipif(not metrics.has_flip(), reason="flip-evaluator is not installed")
 def test_flip():
     assert flip(flat(0.5), flat(0.5)) == 0.0
     assert flip(flat(0.5), flat(0.5) + 1e-9) == pytest.approx(0.0, abs=1e-6)

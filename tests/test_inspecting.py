@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import cli, exr, png
+from clshade import cli
 from clshade.errors import InputError
-from clshade.inspection import statistics, statistics_figure
-from clshade.inspection.pictures import Picture
-from clshade.tonemap import tonemap
+from clshade.images import exr, png, statistics, statistics_figure
+from clshade.images.image_file import Picture
+from clshade.images.tonemap import tonemap
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -18,7 +18,7 @@ from clshade.base import input_files
 from clshade.errors import InputError
 from clshade.gltf_buffers import Buffers
 from clshade.gltf_json import Item
-from clshade.images import read_image
+from clshade.images.decode import read_image
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.mtl", "a.png"])

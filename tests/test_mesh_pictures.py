@@ -11,7 +11,7 @@ from PIL import Image
 from scene_files import write
 
 from clshade.camera import Camera
-from clshade.images import srgb_to_linear
+from clshade.images.decode import srgb_to_linear
 from clshade.loading import load
 from clshade.renderer import Renderer
 

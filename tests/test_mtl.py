@@ -10,7 +10,7 @@ from PIL import Image
 from scene_files import TRIANGLE, refusal, write
 
 from clshade.framing import AMBIENT
-from clshade.images import decode_image, read_image
+from clshade.images.decode import decode_image, read_image
 from clshade.loading import load
 
 TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"

@@ -15,9 +15,10 @@ import pytest
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 from test_cli import assert_refused, listing, needs_device, run
 
-from clshade import cli, exr
+from clshade import cli
 from clshade.base import console
 from clshade.base.input_files import reason_of
+from clshade.images import exr
 
 NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
 SIZE = ("--resolution", "16,12")

@@ -13,7 +13,7 @@ from PIL import Image
 from scene_files import TRIANGLE, refusal, write
 
 from clshade import geometry, mtl_files, obj_lines, obj_text
-from clshade.images import srgb_to_linear
+from clshade.images.decode import srgb_to_linear
 from clshade.loading import load
 from clshade.obj_text import parse_obj
 from clshade.triangulation import triangulated

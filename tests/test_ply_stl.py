@@ -11,7 +11,7 @@ from PIL import Image
 from scene_files import refusal, write
 
 from clshade import geometry, ply_rows, stl_files
-from clshade.images import srgb_to_linear
+from clshade.images.decode import srgb_to_linear
 from clshade.loading import load
 
 RNG = np.random.default_rng(6)

@@ -9,8 +9,8 @@ import zlib
 import numpy as np
 import pytest
 
-from clshade import png
 from clshade.errors import InputError, OutputError
+from clshade.images import png
 
 
 def noise(shape):

@@ -193,7 +193,7 @@ def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):
     frame = draw(device, clshade.builtin("icosphere"), precision="float64", resolution=RESOLUTION)
     frame.save(tmp_path / "ball")
-    channels, _ = clshade.exr.read(tmp_path / "ball.exr")
+    channels, _ = clshade.images.exr.read(tmp_path / "ball.exr")
     assert channels["R"].dtype == np.float32
     assert np.array_equal(channels["R"], frame.rgb[..., 0].astype(np.float32))
 

@@ -12,11 +12,11 @@ from clshade import sampling
 from clshade.camera import Camera
 from clshade.checks import reference as reference_module
 from clshade.checks import variants
-from clshade.checks.image_errors import rmse
 from clshade.checks.measuring import measure
 from clshade.checks.reference import STEPS, _fits, averaged, reference, tiles
 from clshade.checks.tessellation import loglog_slope
 from clshade.checks.variants import BASE, base_settings, named, variants_for
+from clshade.images.metrics import rmse
 from clshade.renderer import render
 from clshade.scene import Material, Mesh, Scene, Settings
 from clshade.scenes import builtin

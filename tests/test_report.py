@@ -15,17 +15,17 @@ import pytest
 from studies import SMALL, small_study, sphere
 from test_cli import assert_refused, run
 
-from clshade import png
 from clshade.base import text_tables
 from clshade.checks import labels, report, report_figure, report_tables, study, timing, variants
 from clshade.checks.formats import formats
-from clshade.checks.image_errors import rmse
 from clshade.checks.labels import Box, placed
 from clshade.checks.measuring import measure
 from clshade.checks.reference import reference
 from clshade.checks.tessellation import loglog_slope, tessellation
 from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.errors import InputError
+from clshade.images import png
+from clshade.images.metrics import rmse
 from clshade.renderer import render, settle
 from clshade.scene import Settings
 from clshade.scenes import builtin

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import exr, frame, png
+from clshade import frame
 from clshade.base import atomic_files
 from clshade.camera import Camera
 from clshade.errors import InputError, OutputError
 from clshade.frame import Frame
+from clshade.images import exr, png
 from clshade.scene import Scene, Settings
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (48, 32))

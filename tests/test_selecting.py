@@ -9,12 +9,12 @@ import pytest
 from studies import small_study, sphere
 from test_cli import assert_refused, run
 
-from clshade import exr
 from clshade.checks import reference as reference_module
 from clshade.checks import selecting, study
-from clshade.checks.image_errors import rmse
 from clshade.checks.selecting import Candidate, select
 from clshade.checks.variants import BASE
+from clshade.images import exr
+from clshade.images.metrics import rmse
 from clshade.renderer import render
 from clshade.scene import Settings
 from clshade.scenes import builtin

@@ -8,10 +8,11 @@ from scene_files import TRIANGLE, write
 from test_cli import assert_refused, listing, run
 
 import clshade
-from clshade import cli, exr
+from clshade import cli
 from clshade.base.spelling import hint, nearest
 from clshade.errors import InputError
 from clshade.frame import Frame
+from clshade.images import exr
 from clshade.renderer import settle
 from clshade.scene import Settings
 from clshade.scenes import BUILTINS, builtin

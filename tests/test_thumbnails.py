@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade.inspection.channel_groups import color_group, grouped
-from clshade.inspection.thumbnails import NOTHING, SIDE, thinned, thumbnails
+from clshade.images.channels import color_group, grouped
+from clshade.images.thumbnails import NOTHING, SIDE, thinned, thumbnails
 
 RNG = np.random.default_rng(3)
 

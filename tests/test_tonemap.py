@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from clshade import tonemap as tm
 from clshade.errors import InputError
+from clshade.images import tonemap as tm
+from clshade.images.tonemap import OPERATORS, tonemap
 from clshade.oracle.tonemap import tonemap as oracle
-from clshade.tonemap import OPERATORS, tonemap
 
 EXPOSURES = (0.0, 1.0, 0.5, -3.7, 21.3)
 TINY, HUGE = np.float32(1e-45), np.finfo(np.float32).max

@@ -13,13 +13,12 @@ from test_bench_tables import small_speed
 from test_cli import needs_device, run
 
 from clshade import device as devices
-from clshade import exr
 from clshade.base import text_tables
 from clshade.checks import bench, bench_tables, crews, report, results, stability
 from clshade.checks.cases import Outcome, all_cases
 from clshade.checks.timing import Spread
-from clshade.inspection import comparing, statistics
-from clshade.inspection.pictures import Picture
+from clshade.images import compare, exr, statistics
+from clshade.images.image_file import Picture
 
 LONG = "a_name_with_very_many_letters" * 8
 CELLS = st.text(alphabet="abc|. ", max_size=30).map(str.strip)
@@ -100,7 +99,7 @@ def test_compare():
         name: np.where(np.isfinite(plane), plane / 2, plane).astype(plane.dtype)
         for name, plane in long_layers().items()
     }
-    found = comparing.compared(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
+    found = compare.compared(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
     table = [line for line in found.lines() if not any(LONG in word for word in line.split())]
     assert len(table) > 10
     assert_fits(table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import figures
+from ..images import figures
 from .scaling import Series
 from .speed import Speed
 

@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from .. import figures
 from ..base import atomic_files, text_tables
 from ..base.text_tables import digits
 from ..errors import InputError
+from ..images import figures
 from .bench_tables import paths
 from .children import run_module
 from .defaults import CREW_FRAMES

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import figures, oracle
+from .. import oracle
 from ..base.validation import Array
+from ..images import figures
 from ..oracle import coverage, shade, transform
 from ..scene import Scene, Settings
 from . import compare

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import exr, png
 from ..base.validation import Array
 from ..errors import OutputError
 from ..frame import Frame, default_tonemap
-from ..tonemap import radiance
-from .image_errors import rmse
+from ..images import exr, png
+from ..images.metrics import rmse
+from ..images.tonemap import radiance
 from .timing import Spread, in_turns, spread
 
 ROUNDS = 7  # files of each format

@@ -12,10 +12,10 @@ from .. import viewpoint
 from ..camera import Camera
 from ..device import Device
 from ..frame import Frame
+from ..images.metrics import ImageError, image_error
 from ..renderer import Renderer
 from ..scene import Scene, Settings
 from .checking import Check, check
-from .image_errors import ImageError, image_error
 from .reference import Reference
 from .timing import Spread, in_turns, spread
 from .variants import Variant

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..inspection.pictures import read_picture
+from ..images.image_file import read_picture
 from ..loading import load
 from ..scene import Scene
 from .samples import Sample, pack_glb, png_chunk, samples

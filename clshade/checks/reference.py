@@ -14,9 +14,9 @@ import numpy as np
 from ..base.validation import Array
 from ..camera import Camera
 from ..device import Device
+from ..images.metrics import rmse
 from ..renderer import Renderer
 from ..scene import Scene, Settings
-from .image_errors import rmse
 
 MOST = 1 << 27  # samples that the reference may take altogether: some seconds
 # Pixels of a larger image along a pixel's side, and samples in each of those. The reference takes one step, its error is

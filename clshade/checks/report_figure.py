@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import figures
 from ..base.validation import Array
 from ..frame import default_tonemap
-from ..tonemap import tonemap
+from ..images import figures
+from ..images.tonemap import tonemap
 from .labels import label_points
 from .study import SHOWN, Study
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import png
 from ..base import atomic_files, text_tables
 from ..base.validation import Array
-from ..tonemap import tonemap
+from ..images import png
+from ..images.tonemap import tonemap
 from .cases import Case, Outcome
 
 COLUMNS = (

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from .. import exr
 from ..base.validation import Array
+from ..images import exr
 
 
 @dataclass(frozen=True)

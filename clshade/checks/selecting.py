@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ..device import Device, shared_device
+from ..images.metrics import rmse
 from ..renderer import Renderer, settle
 from ..scene import PRESETS, Scene, Settings
 from .choosing import chosen
-from .image_errors import rmse
 from .measuring import frame_ms, frame_times
 from .reference import Reference, reference
 from .variants import BASE, SHORT, Variant, variants_for

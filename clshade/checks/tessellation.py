@@ -11,9 +11,9 @@ import numpy as np
 
 from ..device import Device
 from ..frame import Frame
+from ..images.metrics import rmse
 from ..renderer import render
 from ..scenes import builtin
-from .image_errors import rmse
 
 SHADERS = ("gouraud", "phong")
 LEVELS = range(7)  # of the sphere: 20 to 81,920 triangles

@@ -10,7 +10,7 @@ from . import DONE, FAILED
 from .arguments import check_picture, output_name
 
 if TYPE_CHECKING:
-    from ..inspection.comparing import Comparison
+    from ..images.compare import Comparison
 
 
 def _threshold(text: str) -> float:
@@ -53,25 +53,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from ..base import atomic_files, console
-    from ..inspection import comparing
-    from ..inspection.pictures import read_picture
+    from ..images import compare
+    from ..images.image_file import read_picture
 
     if arguments.output:
         check_picture(arguments.output, (arguments.image, arguments.reference))
     image, reference = read_picture(arguments.image), read_picture(arguments.reference)
-    found = comparing.compared(image, reference, arguments.layer, arguments.threshold)
+    found = compare.compared(image, reference, arguments.layer, arguments.threshold)
     if found.lacking():
         console.warning(f"not compared: {'; '.join(found.lacking())}")
     _print(found, arguments)
     if arguments.output:
-        from .. import figures
-        from ..inspection import comparing_figure
+        from ..images import compare_figure, figures
 
-        layers = comparing.chosen_layers(image, reference, arguments.layer)
+        layers = compare.chosen_layers(image, reference, arguments.layer)
         different_first = sorted(layers, key=lambda name: not found.layers[name].different)
-        if len(layers) > comparing_figure.MOST:
-            layers = {name: layers[name] for name in different_first[: comparing_figure.MOST]}
-        figure = comparing_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
+        if len(layers) > compare_figure.MOST:
+            layers = {name: layers[name] for name in different_first[: compare_figure.MOST]}
+        figure = compare_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
         figures.save(figure, arguments.output)
         console.progress(f"wrote {atomic_files.shown(arguments.output)}")
     return DONE if found.passed else FAILED
@@ -84,7 +83,7 @@ def _print(found: Comparison, arguments: argparse.Namespace) -> None:
         print(json.dumps({"image": arguments.image, "reference": arguments.reference, **found.stats()}, indent=2))
         return
     from ..base import console
-    from ..checks.image_errors import has_flip, has_ssim
+    from ..images.metrics import has_flip, has_ssim
 
     print("\n".join(found.lines()))
     packages = ("SSIM", has_ssim(), "scikit-image"), ("FLIP", has_flip(), "flip-evaluator")

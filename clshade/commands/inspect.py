@@ -9,7 +9,7 @@ from . import DONE
 from .arguments import check_picture, numbers, output_name
 
 if TYPE_CHECKING:
-    from ..inspection.pictures import Picture
+    from ..images.image_file import Picture
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,8 +40,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from ..base import atomic_files, console
-    from ..inspection import statistics
-    from ..inspection.pictures import read_picture
+    from ..images import statistics
+    from ..images.image_file import read_picture
 
     if arguments.output:
         check_picture(arguments.output, (arguments.file,))
@@ -55,8 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         if pixels:
             print(pixels)
     if arguments.output:
-        from .. import figures
-        from ..inspection import statistics_figure
+        from ..images import figures, statistics_figure
 
         figures.save(statistics_figure.draw(picture, atomic_files.shown(arguments.file)), arguments.output)
         console.progress(f"wrote {atomic_files.shown(arguments.output)}")
@@ -67,7 +66,7 @@ def _print_json(arguments: argparse.Namespace, picture: Picture) -> None:
     import json
 
     from ..base.json_values import plain
-    from ..inspection import statistics
+    from ..images import statistics
 
     pixels = statistics.pixel_stats(picture, arguments.pixel)
     found = statistics.image_statistics(picture).stats()

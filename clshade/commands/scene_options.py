@@ -126,8 +126,8 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
 
 def picture_options(group: argparse._ArgumentGroup) -> None:
     """How images are written: the keywords of `Frame.save`."""
-    from ..exr import COMPRESSIONS
-    from ..tonemap import OPERATORS
+    from ..images.exr import COMPRESSIONS
+    from ..images.tonemap import OPERATORS
 
     group.add_argument(
         "--tonemap",

@@ -12,13 +12,13 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from .. import png
 from ..base import console
 from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, refuse
 from ..camera import Camera
 from ..errors import InputError
 from ..frame import SAVING, check_output
+from ..images import png
 from ..renderer import settle
 from ..scene import Scene
 from .frames import Pattern, parse_pattern

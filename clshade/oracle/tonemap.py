@@ -1,4 +1,4 @@
-"""Tone maps in float64, written as the formulas read. See `clshade.tonemap` for their sources."""
+"""Tone maps in float64, written as the formulas read. See `clshade.images.tonemap` for their sources."""
 
 from __future__ import annotations
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ... import exr, oracle, packing
+from ... import oracle, packing
 from ...base.validation import Array
 from ...device import Device
 from ...features import CHOICES, OPTIONAL, Features
 from ...frame import Frame
+from ...images import exr
 from ...layout import SINGLE
 from ...oracle import OracleFrame, shade
 from ...programs import build

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 
-from ... import png
 from ...errors import InputError
+from ...images import png
+from ...images.tonemap import OPERATORS, tonemap
 from ...oracle import texture
 from ...scene import Texture
-from ...tonemap import OPERATORS, tonemap
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, worst
 

@@ -13,7 +13,7 @@ from ..base.atomic_files import Path
 from ..base.json_values import in_line, named_values, plain
 from ..base.text_tables import as_lines
 from ..base.validation import Array
-from .pictures import Picture, named_pixel, picture_of
+from .image_file import Picture, named_pixel, picture_of
 
 PERCENTILES = (1, 5, 50, 95, 99)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ

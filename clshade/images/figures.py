@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .base import atomic_files
+from ..base import atomic_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

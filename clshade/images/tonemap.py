@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .base.validation import choice
-from .errors import InputError
+from ..base.validation import choice
+from ..errors import InputError
 
 OPERATORS = ("none", "srgb", "reinhard", "hable", "aces")
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import figures
 from ..base.validation import Array
-from .channel_groups import Group
+from . import figures
+from .channels import Group
 from .layer_plots import panel_size, plain_text, show_pixels
 from .thumbnails import thinned, thumbnails
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-from .comparing import errors_of
+from .compare import errors_of
 
 MOST = 40  # layers in the picture, which has at most 2^16 pixels a side
 SIDE = 512  # pixels along the longer side of a panel, at most

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .base import host_memory
-from .base.input_files import complaint
+from ..base import host_memory
+from ..base.input_files import complaint
 
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
 OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window

@@ -7,10 +7,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .base import atomic_files
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, read_file, reason_of
-from .errors import InputError
+from ..base import atomic_files
+from ..base.atomic_files import Path, shown
+from ..base.input_files import complaint, read_file, reason_of
+from ..errors import InputError
 
 _LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
 _MAX_BYTES = 1 << 31  # of a file that is read

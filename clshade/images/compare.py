@@ -14,10 +14,10 @@ from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
 from ..base.validation import Array
-from ..checks.image_errors import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 from ..scene import LAYER_WORDS
-from .channel_groups import Group, grouped
-from .pictures import Picture, named_pixel
+from .channels import Group, grouped
+from .image_file import Picture, named_pixel
+from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels that are compared at a time
 UNEQUAL = math.inf  # the error of a value that is NaN or infinite where the other is not the same

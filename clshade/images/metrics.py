@@ -11,7 +11,7 @@ import numpy as np
 
 from ..base.json_values import plain
 from ..base.validation import Array, refuse
-from ..tonemap import srgb_curve
+from .tonemap import srgb_curve
 
 # Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
 RELATIVE_FLOOR = 1e-2

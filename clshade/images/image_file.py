@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import exr, images
 from ..base import console
 from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, read_file, size_of
 from ..base.validation import Array
 from ..errors import InputError
-from .channel_groups import color_group
+from . import decode, exr
+from .channels import color_group
 
 _EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
 _MAX_BYTES = 1 << 31  # of a PNG
@@ -54,7 +54,7 @@ class Picture:
 
     def _linear(self, values: Array) -> Array:
         if self.bits:
-            return images.srgb_to_linear(values)
+            return decode.srgb_to_linear(values)
         return values if values.dtype.kind == "f" else values.astype(np.float64)
 
 
@@ -78,7 +78,7 @@ def _read(path: Path, owner: str) -> Picture:
         return Picture(*exr.read(path), name=owner)
     if begin != _PNG:
         raise complaint(owner, "file", "an OpenEXR or PNG image", "something else")
-    codes, header = images.decode_png(read_file(path, _MAX_BYTES), owner, most_pixels=_MAX_PIXELS)
+    codes, header = decode.decode_png(read_file(path, _MAX_BYTES), owner, most_pixels=_MAX_PIXELS)
     names = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[codes.shape[2]]
     most = np.iinfo(codes.dtype).max
     table = (np.arange(most + 1) / most).astype(np.float32)

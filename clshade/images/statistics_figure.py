@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import figures
 from ..base.validation import Array
-from ..tonemap import tonemap
+from . import figures
+from .image_file import Picture
 from .layer_plots import draw_thumbnails, first_few, panel_size, plain_text, show_pixels
-from .pictures import Picture
 from .statistics import luminance, stops_of
 from .thumbnails import Thumbnail, thinned, thumbnails
+from .tonemap import tonemap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.validation import Array
-from ..images import srgb_to_linear
-from ..tonemap import tonemap
-from .channel_groups import Group, grouped
+from .channels import Group, grouped
+from .decode import srgb_to_linear
+from .tonemap import tonemap
 
 SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away
 UNIT_OFF = 1e-2  # by how much a direction's length may differ from 1: half floats are off by 1e-3

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ..base.atomic_files import Path, shown
+from ..base.input_files import complaint, read_file, reason_of
+from ..base.validation import Array
+from ..errors import InputError
+from ..scene import Texture
 from . import pnm, tiff
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, read_file, reason_of
-from .base.validation import Array
-from .errors import InputError
-from .scene import Texture
 
 MAX_BYTES = 1 << 29  # of an image file
 MAX_SIDE = 32768  # pixels; scene.Texture takes no more

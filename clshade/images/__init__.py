@@ -1,0 +1,1 @@
+"""Pixels as arrays, files and figures: EXR, PNG, tone maps, decoding, metrics, statistics, comparison."""

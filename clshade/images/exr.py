@@ -1,0 +1,384 @@
+"""OpenEXR files: linear float images with further layers, written whole or not at all, read back bit for bit.
+
+Needs OpenEXR 3.5 or newer, whose `File` takes Python streams. Its module is imported on first use (0.1 s or more).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ..base import atomic_files
+from ..base.atomic_files import Path, shown
+from ..base.input_files import complaint, quoted, read_file, reason_of
+from ..base.validation import Array, choice
+from ..base.validation import path as checked_path
+from ..errors import InputError
+from . import exr_limits
+
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
+
+# Compressions that change values -> (the type whose values they change, the channels' last letters, what they do).
+LOSSY = {
+    "pxr24": (np.float32, "", "rounds float32 to 24 bits"),
+    "b44": (np.float16, "", "rounds half, 4x4 pixels together"),
+    "b44a": (np.float16, "", "rounds half, 4x4 pixels together"),
+    "dwaa": (np.floating, "RGB", "leaves out what is hardly seen"),
+    "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
+}
+COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "zstd", *LOSSY)
+SUFFIXES = {
+    "N": "XYZ",
+    "P": "XYZ",
+    "uv": "UV",
+    "barycentrics": "UVW",
+}  # of a layer's components; every other layer's are R G B A
+FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
+
+_MAX_BYTES = 1 << 34  # of a file that is read
+_PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
+_PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
+_LOCK = threading.Lock()  # the number of OpenEXR's threads and the standard streams belong to the whole process
+
+
+def flatten(layers: Mapping[str, Array] | Array) -> dict[str, Array]:
+    """Layers to one 2-D array per EXR channel, as views.
+
+    layers: an array (M, N, 3) or (M, N, 4), RGB or RGBA; or a dict of arrays (M, N), kept under their names, and
+        (M, N, K), split: `RGB` and `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
+        .U .V .W, any other into .R .G .B .A. Row 0 is the top.
+    Raises InputError for another shape, no layer at all, sizes that differ, or two channels of one name.
+    """
+    if not isinstance(layers, Mapping):
+        layers = {"RGB": layers}
+    flat: dict[str, Array] = {}
+    for name, given in layers.items():
+        array = np.asarray(given)
+        if not isinstance(name, str) or not name or "\0" in name:
+            raise InputError(f"exr: channels: expected names of at least one letter, found {name!r}")
+        components = {name: array}
+        if array.ndim == 3:
+            suffixes = SUFFIXES.get(name, "RGBA" if array.shape[2] == 4 else "RGB")
+            if array.shape[2] != len(suffixes):
+                raise InputError(f"exr: {name}: expected shape (M, N, {len(suffixes)}), found {array.shape}")
+            prefix = "" if name in ("RGB", "RGBA") else f"{name}."
+            components = {prefix + suffix: array[:, :, k] for k, suffix in enumerate(suffixes)}
+        for channel, plane in components.items():
+            if plane.ndim != 2 or 0 in plane.shape:
+                raise InputError(f"exr: {channel}: expected an array of shape (M, N), found {plane.shape}")
+            if channel in flat:
+                raise InputError(f"exr: {channel}: expected one channel of this name, found two")
+            flat[channel] = plane
+    if len({plane.shape for plane in flat.values()}) != 1:
+        found = ", ".join(f"{name} {plane.shape}" for name, plane in flat.items()) or "none"
+        raise InputError(f"exr: channels: expected at least one, all of the same shape, found {found}")
+    return flat
+
+
+def drawn_window(channels: Mapping[str, Array]) -> Window:
+    """The smallest window outside of which every (M, N) channel is 0; the first pixel if all are 0 everywhere.
+
+    -0.0 counts as drawn: readers give +0 outside the data window.
+    """
+    drawn_rows, drawn_columns = np.zeros(1, bool), np.zeros(1, bool)
+    for plane in channels.values():
+        drawn = plane != 0
+        if plane.dtype.kind == "f":
+            drawn |= np.signbit(plane)
+        drawn_rows, drawn_columns = drawn_rows | drawn.any(axis=1), drawn_columns | drawn.any(axis=0)
+    if not drawn_rows.any():
+        return 0, 0, 0, 0
+    ys, xs = np.flatnonzero(drawn_rows), np.flatnonzero(drawn_columns)
+    return int(xs[0]), int(ys[0]), int(xs[-1]), int(ys[-1])
+
+
+def _data_window(planes: dict[str, Array], window: Window | str | None) -> Window:
+    rows, columns = next(iter(planes.values())).shape
+    if window is None:
+        return 0, 0, columns - 1, rows - 1
+    if isinstance(window, str):
+        if window not in ("drawn", "covered"):
+            raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
+        far = {"Z": np.where(np.isposinf(planes["Z"]), 0, planes["Z"])} if window == "covered" and "Z" in planes else {}
+        return drawn_window({**planes, **far})
+    x0, y0, x1, y1 = (int(edge) for edge in window)
+    if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
+        raise InputError(f"exr: window: expected one inside {columns} x {rows} pixels, found {window!r}")
+    return x0, y0, x1, y1
+
+
+def _attribute(name: str, value: Any) -> Any:
+    """One header value in a form that OpenEXR stores as it is; it stores others wrongly without a word."""
+    if not isinstance(name, str) or not name.isprintable() or not name or name in _PROTECTED:
+        raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")
+    if isinstance(value, np.ndarray) and value.shape == (4, 4) and value.dtype.kind in "fiu":
+        return np.ascontiguousarray(value, dtype=np.float32)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, int) and -(2**31) <= value < 2**31:
+        return int(value)
+    if isinstance(value, float):
+        return value
+    expected = "text, a number, a whole number of 32 bits or a (4, 4) array"
+    raise complaint("exr: metadata", name, expected, quoted(repr(value)))
+
+
+def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[str, Any]:
+    header: dict[str, Any] = {"software": "clshade", "colorInteropID": "lin_rec709_scene", "pixelAspectRatio": 1.0}
+    header |= {name: _attribute(name, value) for name, value in metadata.items() if value is not None}
+    aspect = header["pixelAspectRatio"]
+    if not isinstance(aspect, float) or not 1e-6 <= aspect <= 1e6:
+        raise InputError(f"exr: metadata: pixelAspectRatio: expected a float from 1e-6 to 1e6, found {aspect!r}")
+    for name, box in (("dataWindow", data), ("displayWindow", display)):
+        header[name] = (np.array(box[:2], np.int32), np.array(box[2:], np.int32))
+    return header
+
+
+def _stored(name: str, plane: Array, half: bool, warnings: list[str]) -> Array:
+    """A channel, contiguous, in the type it is stored in: uint32 for whole numbers, else float32 or half."""
+    kind, size = plane.dtype.kind, plane.dtype.itemsize
+    if kind in "iub":
+        if plane.dtype != np.uint32 and not 0 <= int(plane.min()) <= int(plane.max()) < 2**32:
+            raise InputError(f"exr: {name}: expected whole numbers from 0 to 2^32-1, found others")
+        return np.ascontiguousarray(plane, dtype=np.uint32)
+    if kind != "f" or size > 8:
+        raise InputError(f"exr: {name}: expected floats or whole numbers, found type {plane.dtype}")
+    to_half = half and name.split(".")[0] not in FULL_PRECISION
+    with np.errstate(over="ignore", invalid="ignore"):
+        stored = np.ascontiguousarray(plane, dtype=np.float16 if to_half else np.float32)
+    if stored.dtype.itemsize < size:
+        label, limit = ("half", "65520") if to_half else ("float32", "3.4e38")
+        lost = np.count_nonzero(np.isinf(stored)) - np.count_nonzero(np.isinf(plane))
+        if lost:
+            warnings.append(f"{name}: {lost} finite values of {limit} or more became infinity in {label}")
+        unknown = np.count_nonzero(np.isnan(stored)) if to_half else 0
+        if unknown:
+            warnings.append(f"{name}: {unknown} NaN values lost their payload in {label}")
+    return stored
+
+
+class _Sink:
+    """The stream that OpenEXR writes to. Keeps the first error: a destructor of OpenEXR's could swallow it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.error: BaseException | None = None
+
+    def _guarded(self, operation: Any, *arguments: Any) -> Any:
+        try:
+            return operation(*arguments)
+        except BaseException as error:
+            self.error = self.error or error
+            raise
+
+    def write(self, data: bytes) -> int:
+        return self._guarded(self.file.write, data)
+
+    def seek(self, position: int, whence: int = 0) -> int:
+        return self._guarded(self.file.seek, position, whence)
+
+    def tell(self) -> int:
+        return self._guarded(self.file.tell)
+
+
+def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
+    import OpenEXR
+
+    method = "NO" if compression == "none" else compression.upper()
+    header |= {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    sink = _Sink(file)
+    with _LOCK:
+        # OpenEXR's threads live only here: a child made by fork() later would wait for them forever.
+        before = OpenEXR.global_thread_count()
+        OpenEXR.set_global_thread_count(before if compression == "none" else min(os.cpu_count() or 1, 8))
+        try:
+            with OpenEXR.File(header, channels) as exr:
+                exr.write(sink)
+        except MemoryError:
+            raise
+        except Exception as error:
+            if sink.error is None:
+                raise OSError(f"OpenEXR: {error}") from None
+        finally:
+            OpenEXR.set_global_thread_count(before)
+    if sink.error is not None:
+        raise sink.error
+
+
+def write(
+    path: Path,
+    channels: Mapping[str, Array] | Array,
+    *,
+    compression: str = "zip",
+    half: bool = False,
+    metadata: Mapping[str, Any] | None = None,
+    window: Window | str | None = None,
+) -> list[str]:
+    """Write a single-part scanline EXR, whole or not at all; the same arguments give the same bytes.
+
+    path: the file; an earlier one is replaced at the end (`atomic.replacing`). The rest: see `encode`.
+    Returns warnings. Raises InputError for what is refused, OutputError when the file cannot be written.
+    """
+    with atomic_files.replacing(checked_path("exr.write", "path", path)) as file:
+        return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
+
+
+def encode(
+    file: BinaryIO,
+    channels: Mapping[str, Array] | Array,
+    *,
+    compression: str = "zip",
+    half: bool = False,
+    metadata: Mapping[str, Any] | None = None,
+    window: Window | str | None = None,
+) -> list[str]:
+    """The same into an open file.
+
+    channels: what `flatten` takes: a dict such as {"R": .., "Z": .., "N.X": ..} of (M, N) arrays, or (M, N, 3|4).
+        Row 0 is the top. Floats are stored as float32, bit for bit, NaNs, infinities and denormals included; float64
+        is rounded; whole numbers are stored as uint32. Arrays need not be contiguous and are not changed.
+    compression: none, rle, zips, zip, piz, zstd: lossless; zstd needs a reader of OpenEXR 3.5 or newer. pxr24 rounds
+        float32 to 24 bits; b44 and b44a round half and leave float32 as it is; dwaa and dwab round colors.
+    half: store floats as half, except the layers Z and P.
+    metadata: further header attributes: text, numbers and (4, 4) matrices; None leaves one out. Unless given, software
+        is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_matrices.camera_metadata`.
+    window: the data window (x0, y0, x1, y1), inclusive: only these pixels are stored, readers take the rest as 0.
+        "drawn": the smallest that loses nothing. "covered": the same, but that +infinity in Z is nothing too: the
+        header's Zbackground tells `read` what Z is outside; others take it as 0. None: everything. The display window
+        is always the whole image.
+
+    Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by a compression.
+    Raises InputError for refused channels, metadata, compression or window, OSError when it cannot be written.
+    """
+    choice("exr", "compression", compression, COMPRESSIONS)
+    planes = flatten(channels)
+    x0, y0, x1, y1 = data = _data_window(planes, window)
+    rows, columns = next(iter(planes.values())).shape
+    header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
+    if window == "covered" and "Z" in planes:
+        header[exr_limits.OUTSIDE["Z"]] = math.inf
+    warnings: list[str] = []
+    stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
+    if compression in LOSSY:
+        kind, letters, what = LOSSY[compression]
+        rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and (not letters or n[-1] in letters)]
+        warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
+    _compress(file, header, stored, compression)
+    return warnings
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps from the terminal what OpenEXR prints about a damaged file: the InputError says it in one line."""
+    with _LOCK, contextlib.redirect_stdout(io.StringIO()), contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # there may be no standard error
+            sys.stderr.flush()
+            saved = os.dup(2)
+            stack.callback(os.close, saved)
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            stack.callback(os.close, nowhere)
+            stack.callback(os.dup2, saved, 2)
+            os.dup2(nowhere, 2)
+        yield
+
+
+def _plain(name: str, value: Any) -> Any:
+    """A header value as plain Python: windows as (x0, y0, x1, y1), enumerations as lower-case words."""
+    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(corner, np.ndarray) for corner in value):
+        return tuple(edge.item() for corner in value for edge in corner)
+    if name == "compression":
+        word = value.name.removesuffix("_COMPRESSION").lower()
+        return "none" if word == "no" else word
+    return value.name.lower() if name in ("type", "lineOrder") else value
+
+
+def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, Any]]]:
+    """Channels of the data window, and the header, of each part."""
+    import OpenEXR
+
+    with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
+        headers = [
+            {name: _plain(name, value) for name, value in exr.header(part).items()} for part in range(len(exr.parts))
+        ]
+    exr_limits.check(headers, exr_limits.channel_bytes(data, len(headers)), data, owner)
+    for header in headers:
+        del header["channels"]
+    parts = []
+    with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
+        if len(exr.parts) != len(headers) or not headers:  # all that it says when pixels cannot be read
+            raise complaint(owner, "file", "pixels", "truncated or damaged data")
+        for part, header in enumerate(headers):
+            channels = {name: channel.pixels for name, channel in exr.channels(part).items()}
+            x0, y0, x1, y1 = header["dataWindow"]
+            for name, plane in channels.items():
+                if not isinstance(plane, np.ndarray) or plane.shape != (y1 - y0 + 1, x1 - x0 + 1):
+                    raise complaint(owner, name, "a value for every pixel", "a subsampled channel")
+            parts.append((channels, header))
+    return parts
+
+
+def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, Array]:
+    """The channels of all parts, of the display window. A name that an earlier part has gets its part's in front."""
+    merged: dict[str, Array] = {}
+    for number, (channels, header) in enumerate(parts):
+        for name in list(channels):
+            plane = channels.pop(name)  # the pixels go as soon as they are copied
+            unique = name if name not in merged else f"{header.get('name', '')}.{name}"
+            outside = header.get(exr_limits.OUTSIDE.get(name, ""))
+            known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
+            merged[unique if unique not in merged else f"{number}.{unique}"] = _displayed(
+                plane, header["dataWindow"], header["displayWindow"], known
+            )
+    return merged
+
+
+def _displayed(plane: Array, data: Window, display: Window, outside: float) -> Array:
+    """The pixels of the display window, `outside` where the data window has none."""
+    if data == display:
+        return plane
+    shape = display[3] - display[1] + 1, display[2] - display[0] + 1
+    whole = np.full(shape, outside, plane.dtype) if outside else np.zeros(shape, plane.dtype)  # takes no memory yet
+    x0, y0 = max(data[0], display[0]), max(data[1], display[1])
+    x1, y1 = min(data[2], display[2]) + 1, min(data[3], display[3]) + 1
+    if x0 < x1 and y0 < y1:
+        source = plane[y0 - data[1] : y1 - data[1], x0 - data[0] : x1 - data[0]]
+        whole[y0 - display[1] : y1 - display[1], x0 - display[0] : x1 - display[0]] = source
+    return whole
+
+
+def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Read a flat EXR, of this renderer's or any other.
+
+    Returns (channels, header). channels: one (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at
+    the top, of the display window, outside the data window 0, or what the header says of Z (see `encode`); R, G, B, A
+    come first. Of several parts all channels; a name that an earlier part has gets its part's name and a dot in front.
+    header: the attributes, of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
+    Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
+    larger than 2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold (see `exr_limits`).
+    """
+    owner = shown(checked_path("exr.read", "path", path))
+    data = read_file(path, _MAX_BYTES)
+    if not data.startswith(b"\x76\x2f\x31\x01"):
+        raise complaint(owner, "file", "an OpenEXR image", "something else")
+    try:
+        with _quiet():
+            parts = _decode(data, owner)
+        planes = _merged(parts)
+    except MemoryError:
+        raise complaint(owner, "file", "an image that fits into memory", "a larger one") from None
+    except (InputError, ImportError):
+        raise
+    except Exception as error:  # the decoder raises anything at all
+        raise complaint(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
+    names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
+    return {name: planes[name] for name in names}, parts[0][1]
