@@ -12,15 +12,15 @@ TYPE_CHECKING = False  # `typing` takes longer to import than all else that happ
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Camera": "camera",
-    "PointLight": "scene",
-    "Material": "scene",
-    "Texture": "scene",
-    "Mesh": "scene",
-    "Scene": "scene",
-    "Settings": "scene",
-    "load": "loading",
-    "builtin": "scenes",
+    "Camera": "scene.camera",
+    "PointLight": "scene.model",
+    "Material": "scene.model",
+    "Texture": "scene.model",
+    "Mesh": "scene.model",
+    "Scene": "scene.model",
+    "Settings": "scene.model",
+    "load": "scene.formats.load",
+    "builtin": "scene.builtin.scenes",
     "render": "renderer",
     "Renderer": "renderer",
     "Frame": "frame",
@@ -40,19 +40,19 @@ if TYPE_CHECKING:
     from . import errors as errors
     from . import exr as exr
     from . import farm as farm
-    from .camera import Camera as Camera
     from .checks.checking import check as check
     from .frame import Frame as Frame
-    from .loading import load as load
     from .renderer import Renderer as Renderer
     from .renderer import render as render
-    from .scene import Material as Material
-    from .scene import Mesh as Mesh
-    from .scene import PointLight as PointLight
-    from .scene import Scene as Scene
-    from .scene import Settings as Settings
-    from .scene import Texture as Texture
-    from .scenes import builtin as builtin
+    from .scene.builtin.scenes import builtin as builtin
+    from .scene.camera import Camera as Camera
+    from .scene.formats.load import load as load
+    from .scene.model import Material as Material
+    from .scene.model import Mesh as Mesh
+    from .scene.model import PointLight as PointLight
+    from .scene.model import Scene as Scene
+    from .scene.model import Settings as Settings
+    from .scene.model import Texture as Texture
 
 
 def __getattr__(name: str) -> Any:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .base.validation import Array
-from .camera import Camera
 from .layout import GUARD_PIXELS, SUBPIXEL_BITS
+from .scene.camera import Camera
 
 
 @dataclass(frozen=True)

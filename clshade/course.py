@@ -32,16 +32,16 @@ from typing import Any
 import numpy as np
 
 from . import course_arguments as checked
-from . import course_values
 from .base.validation import Array, choice, coefficient, refuse, vector
-from .camera import Camera
-from .course_files import only_mesh
-from .course_files import save_course as save
 from .device import Device, shared_device
-from .geometry import vertex_normals
 from .recent import Recent
 from .renderer import Renderer
-from .scene import SHADERS, Material, Mesh, PointLight, Scene
+from .scene.camera import Camera
+from .scene.formats import course_values
+from .scene.formats.course_npy import only_mesh
+from .scene.formats.course_npy import save_course as save
+from .scene.geometry import vertex_normals
+from .scene.model import SHADERS, Material, Mesh, PointLight, Scene
 from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
 
 __all__ = [

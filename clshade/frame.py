@@ -15,7 +15,7 @@ from .base.spelling import hint
 from .base.validation import Array, choice, flag, known, refuse
 from .base.validation import path as checked_path
 from .layer_tables import material_numbers
-from .scene import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
+from .scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
 
 if TYPE_CHECKING:
     from .checks.checking import Check
@@ -133,7 +133,7 @@ class Frame:
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """The EXR's header besides its channels; `deterministic` leaves times out."""
-        from .camera_matrices import camera_metadata
+        from .scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())

@@ -10,7 +10,7 @@ import numpy as np
 
 from .base.validation import Array
 from .features import Features, uses_normal_indices
-from .scene import Material, Scene, Settings, Texture
+from .scene.model import Material, Scene, Settings, Texture
 
 if TYPE_CHECKING:
     from .packing import Gatherer

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .base.validation import Array
-from .camera import Camera
 from .layer_tables import MACROS, LayerTables
 from .memory import Pool
+from .scene.camera import Camera
 from .stages import Buffer, Stages
 
 if TYPE_CHECKING:

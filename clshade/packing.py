@@ -13,11 +13,11 @@ import numpy as np
 from . import layout
 from .base.validation import Array
 from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
-from .geometry import vertex_normals
 from .layer_tables import LayerTables, layer_tables
 from .layout import Structs
 from .mipmaps import levels_below
-from .scene import Material, Mesh, Scene, Settings, Texture
+from .scene.geometry import vertex_normals
+from .scene.model import Material, Mesh, Scene, Settings, Texture
 
 Real = type[np.floating]
 

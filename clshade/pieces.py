@@ -6,8 +6,8 @@ import numpy as np
 
 from . import clipping
 from .base.validation import Array
-from .camera import Camera
 from .layout import MOST_DEPTH, Structs
+from .scene.camera import Camera
 
 
 def piece_table(

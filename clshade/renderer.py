@@ -15,16 +15,16 @@ import numpy as np
 from . import layout, packing, programs, sampling
 from .base.validation import Array, known, refuse
 from .binning import TileLists
-from .camera import Camera
 from .device import Device, shared_device
 from .errors import ClshadeError, DeviceError, InputError
 from .features import ignored
 from .frame import Frame
-from .geometry import camera_axes
 from .layers import Layers
 from .memory import Pool
 from .pieces import piece_table
-from .scene import Scene, Settings
+from .scene.camera import Camera
+from .scene.geometry import camera_axes
+from .scene.model import Scene, Settings
 from .sorting import front_to_back
 from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
 

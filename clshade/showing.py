@@ -12,7 +12,7 @@ import numpy as np
 from .base.validation import Array
 from .errors import OutputError
 from .images import png
-from .scene import Scene
+from .scene.model import Scene
 
 if TYPE_CHECKING:
     from .frame import Frame

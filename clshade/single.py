@@ -14,7 +14,7 @@ from .binning import TileLists
 from .device import Device
 from .features import Features, derive_alone
 from .programs import build
-from .scene import Material, Texture
+from .scene.model import Material, Texture
 from .sorting import front_to_back
 from .stages import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
 

@@ -24,7 +24,7 @@ import clshade  # noqa: E402
 from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.images.decode import as_texture  # noqa: E402
-from clshade.scene import Scene  # noqa: E402
+from clshade.scene.model import Scene  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
 
@@ -171,8 +171,8 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
-    from clshade.camera_matrices import camera_metadata
     from clshade.images import exr, png
+    from clshade.scene.camera_matrices import camera_metadata
 
     metadata = camera_metadata(scene.camera)
     metadata.update(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clshade.oracle import coverage, shade
-from clshade.scene import Scene
+from clshade.scene.model import Scene
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FACTOR = 32.0  # roundings that may add up; DESIGN section 5

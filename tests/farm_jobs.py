@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from clshade.camera import Camera
 from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames
 from clshade.farm.job import Job, Task
-from clshade.scene import Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.camera import Camera
+from clshade.scene.model import Settings
 
 
 def job(**changes: object) -> Job:

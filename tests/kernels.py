@@ -9,11 +9,11 @@ import pyopencl as cl
 import pytest
 
 from clshade import layout
-from clshade.camera import Camera
 from clshade.device import Device
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.oracle import transform
 from clshade.programs import build, build_text
+from clshade.scene.camera import Camera
 from clshade.sorting import front_to_back
 from clshade.stages import Buffer, Stages, TriangleBuffers, VertexBuffers
 

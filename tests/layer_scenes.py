@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from clshade.camera import Camera
-from clshade.scene import Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
 CAMERA = Camera((0.3, 0.4, 3.0), (0.0, 0.1, 0.0), (0.1, 1.0, 0.0), 1.0, (0.9, 1.2), (64, 48))
 CHECKERS = Texture(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32([0.9, 0.5, 0.2]) + np.float32(0.05))

@@ -2,7 +2,7 @@
 
     python tests/mutants.py --count 200                      # draws by a seed of its own, which it prints
     python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # goes on where an earlier run was stopped
-    python tests/mutants.py --list clshade/obj_text.py       # every change that could be drawn
+    python tests/mutants.py --list clshade/scene/formats/obj_parser.py       # every change that could be drawn
     python tests/mutants.py --only kernels/fill.clh --count 20 --seed 7
 
 Every line that can be changed is as likely to be drawn as any other, and of each file at least two are. A mutant is written
@@ -72,25 +72,25 @@ TESTS = {
     "kernels/surface_layers.cl": "layers",
     "kernels/texture.clh": "kernel_bilerp materials trilinear",
     "kernels/tile.clh": "kernel_fill kernel_phong",
-    "clshade/obj_text.py": "obj",
-    "clshade/obj_lines.py": "obj",
-    "clshade/mesh_files.py": "mtl obj loading limits",
-    "clshade/mtl_files.py": "mtl obj limits",
-    "clshade/ply_files.py": "ply_stl limits",
-    "clshade/ply_rows.py": "ply_stl limits",
-    "clshade/stl_files.py": "ply_stl limits",
-    "clshade/gltf_files.py": "gltf gltf_refusals",
-    "clshade/gltf_buffers.py": "gltf gltf_refusals limits",
-    "clshade/gltf_json.py": "gltf gltf_refusals",
-    "clshade/gltf_nodes.py": "gltf gltf_refusals limits",
-    "clshade/gltf_materials.py": "gltf gltf_refusals",
-    "clshade/course_files.py": "course_files limits",
-    "clshade/course_pickle.py": "course_files inert_pickle limits",
-    "clshade/inert_pickle.py": "inert_pickle course_files",
-    "clshade/course_values.py": "course_files course_refusals",
-    "clshade/triangulation.py": "triangulation obj gltf ply_stl",
-    "clshade/ear_clipping.py": "triangulation",
-    "clshade/loading.py": "loading course_files",
+    "clshade/scene/formats/obj_parser.py": "obj",
+    "clshade/scene/formats/text_tokens.py": "obj",
+    "clshade/scene/formats/obj.py": "mtl obj loading limits",
+    "clshade/scene/formats/mtl.py": "mtl obj limits",
+    "clshade/scene/formats/ply.py": "ply_stl limits",
+    "clshade/scene/formats/ply_parser.py": "ply_stl limits",
+    "clshade/scene/formats/stl.py": "ply_stl limits",
+    "clshade/scene/formats/gltf.py": "gltf gltf_refusals",
+    "clshade/scene/formats/gltf_accessors.py": "gltf gltf_refusals limits",
+    "clshade/scene/formats/gltf_json.py": "gltf gltf_refusals",
+    "clshade/scene/formats/gltf_nodes.py": "gltf gltf_refusals limits",
+    "clshade/scene/formats/gltf_materials.py": "gltf gltf_refusals",
+    "clshade/scene/formats/course_npy.py": "course_files limits",
+    "clshade/scene/formats/safe_pickle.py": "course_files inert_pickle limits",
+    "clshade/scene/formats/inert_pickle.py": "inert_pickle course_files",
+    "clshade/scene/formats/course_values.py": "course_files course_refusals",
+    "clshade/scene/triangulate.py": "triangulation obj gltf ply_stl",
+    "clshade/scene/ear_clipping.py": "triangulation",
+    "clshade/scene/formats/load.py": "loading course_files",
     "clshade/images/decode.py": "images deep_images limits",
     "clshade/images/pnm.py": "deep_images",
     "clshade/images/tiff.py": "deep_images",

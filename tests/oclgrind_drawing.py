@@ -15,13 +15,13 @@ import numpy as np
 import pyopencl as cl
 
 from clshade import binning, course, oracle, programs, stages
-from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.checks.cases import lit
 from clshade.checks.compare_layers import assert_layers
 from clshade.device import Device, open_device
 from clshade.renderer import Renderer
-from clshade.scene import Material, Scene, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Scene, Texture
 
 # What Oclgrind 21.10 gets wrong in correct OpenCL C is said to it otherwise; each piece of text must be there.
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
-from clshade.loading import load
+from clshade.scene.formats.load import load
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 

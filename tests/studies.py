@@ -10,8 +10,8 @@ from clshade.checks import study
 from clshade.checks.tessellation import tessellation
 from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.device import Device
-from clshade.scene import Scene
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Scene
 
 SMALL = (64, 48)
 

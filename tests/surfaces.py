@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clshade.scene import Mesh, Scene
+from clshade.scene.model import Mesh, Scene
 
 
 def mesh_of(scene: Scene, name: str) -> Mesh:

@@ -14,8 +14,8 @@ import pytest
 from processes import PEAK
 
 from clshade import cli
-from clshade.loading import EXTENSIONS, load
 from clshade.renderer import Renderer
+from clshade.scene.formats.load import EXTENSIONS, load
 
 FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")

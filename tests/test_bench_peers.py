@@ -16,7 +16,7 @@ from clshade.checks.peers.arrays import mesh_arrays
 from clshade.checks.workloads import Workload, thing
 from clshade.errors import InputError
 from clshade.renderer import render
-from clshade.scene import Material, Mesh
+from clshade.scene.model import Material, Mesh
 
 
 def opened_peer(name, scene):

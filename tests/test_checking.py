@@ -11,13 +11,14 @@ from devices import working_devices
 from test_cli import run
 
 import clshade
-from clshade import oracle, scenes
+from clshade import oracle
 from clshade.checks import checking, compare
 from clshade.errors import InputError
 from clshade.frame import Frame
 from clshade.images import exr
 from clshade.oracle import coverage
-from clshade.scene import Camera, Material, Mesh, Scene, Settings, Texture
+from clshade.scene.builtin import scenes
+from clshade.scene.model import Camera, Material, Mesh, Scene, Settings, Texture
 
 LAYERS = ("Z", "id")
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")

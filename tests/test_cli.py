@@ -303,7 +303,9 @@ def interrupted(code: str, cwd: Path) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("module", ["argparse", "clshade.errors", "clshade.cli", "clshade.scene", "numpy", "_signal"])
+@pytest.mark.parametrize(
+    "module", ["argparse", "clshade.errors", "clshade.cli", "clshade.scene.model", "numpy", "_signal"]
+)
 def test_interrupted_while_importing(tmp_path, module):
     code = f"""
 import os, signal, sys

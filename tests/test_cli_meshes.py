@@ -13,10 +13,11 @@ from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
 from test_cli import run, scene_of
 
-from clshade import framing, loading
 from clshade.commands import DONE, render
 from clshade.commands.scene_options import load_scene
 from clshade.images import exr
+from clshade.scene import framing
+from clshade.scene.formats import load
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
@@ -65,7 +66,7 @@ def test_a_mesh_fits_into_an_image_of_any_shape(tmp_path, resolution):
     wanted = tuple(map(int, resolution.split(",")))
     camera = scene_of(path, "--resolution", resolution).camera
     assert camera.resolution == wanted
-    assert camera.eye.tolist() == loading.load(path, resolution=wanted).camera.eye.tolist()
+    assert camera.eye.tolist() == load.load(path, resolution=wanted).camera.eye.tolist()
 
 
 def test_values_that_begin_with_a_dash(tmp_path):
@@ -133,11 +134,11 @@ def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
 
 def test_a_slow_file_is_told(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", ROOF)
-    loading.load(path)
+    load.load(path)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(loading, "SLOW", 0.01)
-    monkeypatch.setattr(loading, "read_obj", lambda path, options: time.sleep(0.3) or framing)
-    assert loading.load(path) is framing
+    monkeypatch.setattr(load, "SLOW", 0.01)
+    monkeypatch.setattr(load, "read_obj", lambda path, options: time.sleep(0.3) or framing)
+    assert load.load(path) is framing
     assert capsys.readouterr().err == f"clshade: loading {path} ...\n"
 
 

@@ -18,8 +18,8 @@ from clshade import cli, course, oracle, single
 from clshade.checks import compare
 from clshade.images import exr
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
 few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

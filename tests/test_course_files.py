@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal, save_npy, transposed
 
-from clshade import course_pickle, inert_pickle
-from clshade.course_files import save_course
 from clshade.errors import InputError
-from clshade.loading import load
-from clshade.scene import Mesh, Texture
+from clshade.scene.formats import inert_pickle, safe_pickle
+from clshade.scene.formats.course_npy import save_course
+from clshade.scene.formats.load import load
+from clshade.scene.model import Mesh, Texture
 
 
 def test_every_field_arrives(tmp_path):
@@ -308,7 +308,7 @@ def test_lists_that_would_fill_the_memory(tmp_path, content):
 
 def test_integers_up_to_63_bits_and_a_sign(tmp_path):
     for number in ((1 << 63) - 1, 1 - (1 << 63)):
-        content = course_pickle.Content({"n": number, "list": [[number, 1]]}, "a.npy", 100)
+        content = safe_pickle.Content({"n": number, "list": [[number, 1]]}, "a.npy", 100)
         assert content.value("n") == number
         assert content.value("list").tolist() == [[number, 1]]
     for number in (1 << 63, -(1 << 63) - 1, 1 << 64):

@@ -11,7 +11,7 @@ import pytest
 
 from clshade import course
 from clshade.errors import InputError
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
 
 SCENE = builtin("course", level=2)
 MESH = SCENE.meshes[0]

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from clshade import geometry
-from clshade.creases import against_normals, crease_normals, welded
 from clshade.errors import InputError
-from clshade.scenes import builtin
-from clshade.triangulation import strips, triangulated
+from clshade.scene import geometry
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.normals import against_normals, crease_normals, welded
+from clshade.scene.triangulate import strips, triangulated
 
 RNG = np.random.default_rng(8)
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

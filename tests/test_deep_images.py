@@ -21,7 +21,7 @@ from scene_files import TRIANGLE, course_dict, png16, refusal, save_npy, write
 from clshade.errors import InputError
 from clshade.images import tiff
 from clshade.images.decode import decode_image
-from clshade.loading import load
+from clshade.scene.formats.load import load
 
 RNG = np.random.default_rng(4)
 

@@ -18,7 +18,7 @@ import clshade
 from clshade import course
 from clshade.images import exr, png
 from clshade.images.tonemap import tonemap
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
 
 DEMOS = Path(__file__).resolve().parent.parent / "demos"
 

@@ -16,7 +16,7 @@ from clshade.checks import explaining, timing
 from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
-from clshade.scene import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.model import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")

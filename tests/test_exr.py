@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from clshade import clipping
-from clshade.camera import Camera
-from clshade.camera_matrices import camera_matrices, camera_metadata
 from clshade.errors import InputError
-from clshade.geometry import camera_axes
 from clshade.images import exr
+from clshade.scene.camera import Camera
+from clshade.scene.camera_matrices import camera_matrices, camera_metadata
+from clshade.scene.geometry import camera_axes
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
 # Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.

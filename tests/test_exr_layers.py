@@ -15,11 +15,11 @@ import pytest
 from layer_scenes import CAMERA, dome, mixed, wedge
 
 import clshade
-from clshade.camera_matrices import camera_matrices
 from clshade.device import Device
 from clshade.frame import Frame
 from clshade.images import exr
-from clshade.scene import LAYERS, Scene
+from clshade.scene.camera_matrices import camera_matrices
+from clshade.scene.model import LAYERS, Scene
 
 # README's table: channel -> bits of its type, f for float and u for uint.
 CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V"), "f32")

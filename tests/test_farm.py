@@ -11,13 +11,13 @@ import pytest
 from devices import working_devices
 
 from clshade import cli
-from clshade.camera import Camera
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
 from clshade.farm.cameras import FIELDS, orbit, read_cameras
 from clshade.farm.frames import parse_frames, parse_pattern
 from clshade.images import exr
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.camera import Camera
 
 SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
 BASE = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.5), (30, 20))

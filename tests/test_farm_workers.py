@@ -20,13 +20,13 @@ import pytest
 from devices import working_devices
 from farm_jobs import hanging, job
 
-from clshade.camera import Camera
 from clshade.errors import DeviceError, OutputError, WorkerError
 from clshade.farm import local, waiting
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from clshade.farm.local import ATTEMPTS, draw_locally
 from clshade.images import exr
 from clshade.renderer import Renderer
+from clshade.scene.camera import Camera
 
 ROOT = Path(__file__).resolve().parent.parent
 COUNT = 24

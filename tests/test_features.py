@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from clshade import features
-from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))
 LIGHT = PointLight((1, 2, -3))

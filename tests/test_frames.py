@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clshade import layout, load, oracle, programs, scenes
-from clshade import scene as scene_module
-from clshade.camera import Camera
+from clshade import layout, load, oracle, programs
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
 from clshade.device import Device
 from clshade.features import OPTIONAL
 from clshade.frame import Frame, same_bits
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene import model as scene_module
+from clshade.scene.builtin import scenes
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 from kernels import OTHER_LANES
 
 LAYERS = ("Z", "id")

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import inert_pickle, oracle, packing, programs
-from clshade.camera import Camera
+from clshade import oracle, packing, programs
 from clshade.checks import fuzz, mutations
 from clshade.checks.random_scenes import BLOCK, KINDS, kind_of, scene_of
 from clshade.checks.samples import samples
 from clshade.errors import InputError
 from clshade.features import OPTIONAL
 from clshade.frame import Frame
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.formats import inert_pickle
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
 SCENES = 40  # of one block: one program to build
 MANY = 1000

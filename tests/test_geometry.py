@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from clshade import geometry
-from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.scene import Mesh, Scene
+from clshade.scene import geometry
+from clshade.scene.camera import Camera
+from clshade.scene.model import Mesh, Scene
 
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
 OUTWARD = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])

@@ -12,10 +12,10 @@ import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, png, textured, triangle
 from scene_files import refusal
 
-from clshade.framing import AMBIENT
-from clshade.gltf_materials import phong
 from clshade.images.decode import srgb_to_linear
-from clshade.loading import load
+from clshade.scene.formats.gltf_materials import phong
+from clshade.scene.formats.load import load
+from clshade.scene.framing import AMBIENT
 
 RNG = np.random.default_rng(5)
 

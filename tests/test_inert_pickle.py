@@ -18,7 +18,7 @@ from processes import ROOT, python
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal
 
 from clshade.errors import InputError
-from clshade.loading import load
+from clshade.scene.formats.load import load
 
 SIZE = 1_000_000  # bytes of a worst case
 SECONDS = 1.0  # of the processor's time, for SIZE; more where the machine is slow, see `slowness`

@@ -14,7 +14,7 @@ from clshade import layout
 from clshade.oracle import texture
 from clshade.packing import texture_tables
 from clshade.programs import build
-from clshade.scene import Texture
+from clshade.scene.model import Texture
 from clshade.stages import Buffer, Stages
 from kernels import OTHER_LANES, Probe, bits, float32, mask, split
 

@@ -9,11 +9,11 @@ import pytest
 from stage_oracle import hull, narrowed, seen_from
 
 from clshade import layout
-from clshade.camera import Camera
 from clshade.oracle import coverage
 from clshade.renderer import Renderer, render
 from clshade.sampling import positions
-from clshade.scene import Mesh, Scene
+from clshade.scene.camera import Camera
+from clshade.scene.model import Mesh, Scene
 from kernels import Pipeline, samples_at, vertices_at
 
 TILE = layout.TILE_SIZE

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade import geometry, layout
-from clshade.camera import Camera
+from clshade import layout
 from clshade.oracle import transform
+from clshade.scene import geometry
+from clshade.scene.camera import Camera
 from kernels import project
 
 GUARD = layout.GUARD_PIXELS

@@ -10,11 +10,11 @@ from devices import needs_float64
 
 import clshade
 from clshade import oracle
-from clshade.camera import Camera
 from clshade.checks import compare, compare_layers
 from clshade.frame import Frame
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, Scene, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene, Texture
 
 CAMERA = Camera.from_fov((0, 0, 3), (0, 0, 0), (0, 1, 0), 45, (61, 47))
 

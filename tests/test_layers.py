@@ -12,14 +12,14 @@ from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
 from clshade import layer_tables, oracle, programs
-from clshade.camera import Camera
 from clshade.checks import compare, compare_layers
 from clshade.features import OPTIONAL
 from clshade.frame import Frame, same_bits
-from clshade.geometry import camera_axes
 from clshade.layer_tables import MACROS, material_numbers
 from clshade.renderer import Renderer
-from clshade.scene import LAYERS, Material, Mesh, Scene, Settings
+from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
+from clshade.scene.model import LAYERS, Material, Mesh, Scene, Settings
 from kernels import OTHER_LANES
 
 PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade import layout, scene
+from clshade import layout
+from clshade.scene import model
 from kernels import Probe
 
 
@@ -52,7 +53,7 @@ def test_constants(probes):
 
 
 def test_settings_allow_as_many_samples_as_the_structs_hold():
-    assert scene.MAX_SAMPLES == layout.MOST_SAMPLES
+    assert model.MAX_SAMPLES == layout.MOST_SAMPLES
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)

@@ -10,11 +10,11 @@ from devices import needs_float64
 
 import clshade
 from clshade import features, oracle
-from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.frame import Frame
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
 MATTE = Material(ka=0.2, kd=0.7, ks=0.3, n=8.0)

@@ -13,12 +13,13 @@ import pytest
 from mesh_writers import pack_glb, ply, triangle
 from scene_files import npy_of_pickle, refusal
 
-from clshade import course_pickle, load
+from clshade import load
 from clshade.base import input_files
 from clshade.errors import InputError
-from clshade.gltf_buffers import Buffers
-from clshade.gltf_json import Item
 from clshade.images.decode import read_image
+from clshade.scene.formats import safe_pickle
+from clshade.scene.formats.gltf_accessors import Buffers
+from clshade.scene.formats.gltf_json import Item
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.mtl", "a.png"])
@@ -137,7 +138,7 @@ def test_headers_of_course_files(tmp_path):
 
 def test_depth_and_parts_of_a_course_files_lists():
     def value(found, size=1 << 24):
-        return course_pickle.Content({"n": found}, "a.npy", size).value("n")
+        return safe_pickle.Content({"n": found}, "a.npy", size).value("n")
 
     good = [[[1.0, 2.0]]]
     assert value(good).shape == (1, 1, 2)

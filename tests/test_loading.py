@@ -14,9 +14,9 @@ from mesh_writers import Gltf, ply, stl
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 
 import clshade
-from clshade import framing, geometry
 from clshade.errors import InputError
-from clshade.loading import EXTENSIONS, load
+from clshade.scene import framing, geometry
+from clshade.scene.formats.load import EXTENSIONS, load
 
 CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "f 1 2 4 3\nf 5 6 8 7\n"
 

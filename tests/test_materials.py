@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import oracle, scenes
-from clshade.camera import Camera
+from clshade import oracle
 from clshade.checks.compare import assert_frame
 from clshade.renderer import Renderer, settle
-from clshade.scene import Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.builtin import scenes
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
 KNOT = scenes.builtin("torus_knot", triangles=3000, resolution=(160, 120))
 BODY = KNOT.meshes[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scene_files import write
 
-from clshade.loading import load
+from clshade.scene.formats.load import load
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 

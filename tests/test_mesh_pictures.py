@@ -10,10 +10,10 @@ from mesh_writers import Gltf, ply, png
 from PIL import Image
 from scene_files import write
 
-from clshade.camera import Camera
 from clshade.images.decode import srgb_to_linear
-from clshade.loading import load
 from clshade.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.formats.load import load
 
 # A picture of 4 x 4 different pixels, and a square from -1 to 1 with it, seen from the front: 9 pixels a texel.
 PICTURE = (np.arange(48).reshape(4, 4, 3) * 5 + 10).astype(np.uint8)

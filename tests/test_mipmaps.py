@@ -13,7 +13,7 @@ from clshade import layout
 from clshade.mipmaps import BAND, levels_below, smaller_levels
 from clshade.oracle import texture
 from clshade.packing import texture_tables
-from clshade.scene import Texture
+from clshade.scene.model import Texture
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows
 

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 from scene_files import TRIANGLE, refusal, write
 
-from clshade.framing import AMBIENT
 from clshade.images.decode import decode_image, read_image
-from clshade.loading import load
+from clshade.scene.formats.load import load
+from clshade.scene.framing import AMBIENT
 
 TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 RNG = np.random.default_rng(9)

@@ -9,8 +9,8 @@ import pytest
 
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.geometry import vertex_normals
-from clshade.scene import Camera, Mesh, PointLight, Scene, Settings
+from clshade.scene.geometry import vertex_normals
+from clshade.scene.model import Camera, Mesh, PointLight, Scene, Settings
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
 FACES = np.array([[0, 1, 2], [1, 3, 2]])

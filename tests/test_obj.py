@@ -12,11 +12,12 @@ import pytest
 from PIL import Image
 from scene_files import TRIANGLE, refusal, write
 
-from clshade import geometry, mtl_files, obj_lines, obj_text
 from clshade.images.decode import srgb_to_linear
-from clshade.loading import load
-from clshade.obj_text import parse_obj
-from clshade.triangulation import triangulated
+from clshade.scene import geometry
+from clshade.scene.formats import mtl, obj_parser, text_tokens
+from clshade.scene.formats.load import load
+from clshade.scene.formats.obj_parser import parse_obj
+from clshade.scene.triangulate import triangulated
 
 
 def told(path, **options):
@@ -172,11 +173,11 @@ def test_refused_files(tmp_path):
 
 
 def test_limits(tmp_path, monkeypatch):
-    monkeypatch.setattr(obj_lines, "CHUNK", 100)
-    monkeypatch.setattr(obj_lines, "MAX_LINE", 1000)
+    monkeypatch.setattr(text_tokens, "CHUNK", 100)
+    monkeypatch.setattr(text_tokens, "MAX_LINE", 1000)
     refusal(write(tmp_path / "bad.obj", "1 " * 600), "bad.obj: line: expected lines of at most 1000 bytes")
     refusal(write(tmp_path / "bad.obj", "f 1 \\\n" * 600), "bad.obj: line: expected lines of at most 1000 bytes")
-    monkeypatch.setattr(obj_text, "MAX_FACES", 20)
+    monkeypatch.setattr(obj_parser, "MAX_FACES", 20)
     load(write(tmp_path / "good.obj", TRIANGLE + "f 1 2 3 1 2 3\n" * 5))
     many = TRIANGLE + "f 1 2 3 1 2 3\n" * 5 + "f 1 2 3\n"
     refusal(write(tmp_path / "bad.obj", many), "bad.obj: f: expected at most 20 triangles")
@@ -225,7 +226,7 @@ def random_text(rng: np.random.Generator) -> str:
 
 @pytest.mark.parametrize("chunk", [1, 7, 100, 1 << 20])
 def test_against_the_obvious_parser(monkeypatch, chunk):
-    monkeypatch.setattr(obj_lines, "CHUNK", chunk)
+    monkeypatch.setattr(text_tokens, "CHUNK", chunk)
     rng = np.random.default_rng(chunk)
     for _ in range(12):
         text = random_text(rng)
@@ -246,7 +247,7 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
     block += "f -3 -2 \\\n-1\ng g{k} # none\nvt 0 {k}\nf -1/1 -2/1 -3/-1 -1/-1\nl 1 2\ncurv {k}\n"
     data = "".join(block.replace("{k}", str(k)) for k in range(12)).encode()
     whole = parse_obj(data, "a.obj")
-    monkeypatch.setattr(obj_lines, "CHUNK", chunk)
+    monkeypatch.setattr(text_tokens, "CHUNK", chunk)
     parts = parse_obj(data, "a.obj")
     for field in fields(whole):
         expected, found = getattr(whole, field.name), getattr(parts, field.name)
@@ -258,7 +259,7 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
 
 
 def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):
-    monkeypatch.setattr(obj_lines, "CHUNK", 10)
+    monkeypatch.setattr(text_tokens, "CHUNK", 10)
     text = TRIANGLE + "f 1 2 3\n" * 50
     refusal(write(tmp_path / "a.obj", text + "f 1 2 7\n" + "f 1 2 3\n" * 9), "line 54: f: ")
     refusal(write(tmp_path / "a.obj", text + "v 1 2 q\n"), "line 54: v: ")
@@ -409,7 +410,7 @@ def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
     path = write(tmp_path / "a.obj", TEXTURED + "usemtl n\nf 1/1 2/2 3/3\nusemtl o\nf 1/1 2/2 3/3\n")
     meshes = load(path).meshes
     assert meshes[0].material.texture is meshes[2].material.texture
-    monkeypatch.setattr(mtl_files, "MAX_PIXELS", 100)
+    monkeypatch.setattr(mtl, "MAX_PIXELS", 100)
     refusal(path, "a.obj: map_Kd: ", "at most 100 pixels")
 
 

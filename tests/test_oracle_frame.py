@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from clshade import oracle
-from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.oracle import coverage
-from clshade.scene import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
 
 # Seen from (0, 0, 4) with focal = plane the image spans x, y in [-2, 2] at z = 0: a pixel is 1/8 unit wide.
 CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))

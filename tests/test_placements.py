@@ -7,12 +7,12 @@ import pytest
 
 import clshade
 from clshade import packing
-from clshade.camera import Camera
 from clshade.oracle import transform
 from clshade.oracle.normals import placed_normals
 from clshade.oracle.vectors import unit
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, PointLight, Scene
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene
 
 
 def test_mirroring_is_decided_exactly():

@@ -10,9 +10,11 @@ from mesh_writers import ply, stl, stl_text
 from PIL import Image
 from scene_files import refusal, write
 
-from clshade import geometry, ply_rows, stl_files
 from clshade.images.decode import srgb_to_linear
-from clshade.loading import load
+from clshade.scene import geometry
+from clshade.scene.formats import ply_parser
+from clshade.scene.formats import stl as stl_format
+from clshade.scene.formats.load import load
 
 RNG = np.random.default_rng(6)
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
@@ -213,7 +215,7 @@ TRIANGLES = RNG.standard_normal((7, 3, 3)).astype(np.float32)
 
 @pytest.mark.parametrize("chunk", [10, 1 << 20])
 def test_stl_of_both_kinds(tmp_path, monkeypatch, chunk):
-    monkeypatch.setattr(stl_files, "_CHUNK", chunk)
+    monkeypatch.setattr(stl_format, "_CHUNK", chunk)
     text = stl_text(TRIANGLES)
     for data in (
         stl(TRIANGLES),
@@ -268,5 +270,5 @@ def test_refused_stl(tmp_path, data, parts):
 
 
 def test_ascii_in_chunks(tmp_path, monkeypatch):
-    monkeypatch.setattr(ply_rows, "_CHUNK", 5)
+    monkeypatch.setattr(ply_parser, "_CHUNK", 5)
     assert load(write(tmp_path / "a.ply", GOOD)).meshes[0].faces.tolist() == [[0, 1, 2]]

@@ -10,12 +10,13 @@ import pytest
 from devices import needs_float64
 
 import clshade
-from clshade import oracle, scenes
+from clshade import oracle
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.errors import DeviceError, InputError
 from clshade.renderer import Renderer
-from clshade.scene import PRECISIONS, Material, Mesh, Scene, Texture
+from clshade.scene.builtin import scenes
+from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
 from kernels import Probe
 
 RESOLUTION = (97, 71)

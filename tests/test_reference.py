@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from clshade import sampling
-from clshade.camera import Camera
 from clshade.checks import reference as reference_module
 from clshade.checks import variants
 from clshade.checks.measuring import measure
@@ -18,8 +17,9 @@ from clshade.checks.tessellation import loglog_slope
 from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.images.metrics import rmse
 from clshade.renderer import render
-from clshade.scene import Material, Mesh, Scene, Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 
 def triangle() -> Scene:

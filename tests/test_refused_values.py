@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.loading import load
 from clshade.renderer import settle
-from clshade.scene import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.formats.load import load
+from clshade.scene.model import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0))
 EYE = ((0, 0, 0), (0, 0, 1), (0, 1, 0))

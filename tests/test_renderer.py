@@ -16,11 +16,11 @@ from processes import PEAK
 
 import clshade
 from clshade import layout
-from clshade.camera import Camera
 from clshade.errors import ClshadeError, DeviceError, InputError
 from clshade.memory import Pool
 from clshade.renderer import Renderer
-from clshade.scene import Mesh, Scene
+from clshade.scene.camera import Camera
+from clshade.scene.model import Mesh, Scene
 from clshade.stages import Buffer, Stages, _aligned
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))

@@ -27,8 +27,8 @@ from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.metrics import rmse
 from clshade.renderer import render, settle
-from clshade.scene import Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
 
 # Measuring
 

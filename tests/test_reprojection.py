@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade.camera import Camera
 from clshade.renderer import Renderer
-from clshade.scene import Mesh, Scene
+from clshade.scene.camera import Camera
+from clshade.scene.model import Mesh, Scene
 
 FLIPS = {"opencv": np.diag([1.0, 1.0, 1.0]), "opengl": np.diag([1.0, -1.0, -1.0])}
 

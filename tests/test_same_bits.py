@@ -20,7 +20,7 @@ from clshade import layout, programs
 from clshade.features import OPTIONAL
 from clshade.frame import Frame
 from clshade.renderer import Renderer
-from clshade.scene import Scene, Texture
+from clshade.scene.model import Scene, Texture
 
 RESOLUTION = (161, 97)
 

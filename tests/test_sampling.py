@@ -10,13 +10,13 @@ from devices import needs_float64
 
 import clshade
 from clshade import oracle, programs, sampling
-from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, blob
 from clshade.errors import InputError
 from clshade.oracle.sampling import places
 from clshade.renderer import Renderer
-from clshade.scene import Material, Mesh, Scene, Settings
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 LAYERS = ("Z", "id")
 # One unit of the plane z = 0 is a pixel, the image's lower left corner is (0, 0).

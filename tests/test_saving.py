@@ -12,11 +12,11 @@ import pytest
 
 from clshade import frame
 from clshade.base import atomic_files
-from clshade.camera import Camera
 from clshade.errors import InputError, OutputError
 from clshade.frame import Frame
 from clshade.images import exr, png
-from clshade.scene import Scene, Settings
+from clshade.scene.camera import Camera
+from clshade.scene.model import Scene, Settings
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (48, 32))
 ENOSPC = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -11,8 +11,8 @@ import pytest
 from clshade import oracle
 from clshade.checks import scanline
 from clshade.errors import InputError
-from clshade.scene import Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
 
 TEXTURED = builtin("course", level=3, resolution=(64, 48))
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from surfaces import border, euler, face_normals, mesh_of, volume, welded
 
-from clshade import oracle, scenes
+from clshade import oracle
 from clshade.errors import InputError
-from clshade.scene import MAX_FACES, Scene, Settings
+from clshade.scene.builtin import scenes
+from clshade.scene.model import MAX_FACES, Scene, Settings
 
 SMALL = {"resolution": (64, 48)}
 FIELDS = ("verts", "faces", "colors", "normals", "normal_faces", "uvs", "uv_faces", "instances")

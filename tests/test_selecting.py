@@ -16,8 +16,8 @@ from clshade.checks.variants import BASE
 from clshade.images import exr
 from clshade.images.metrics import rmse
 from clshade.renderer import render
-from clshade.scene import Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ import clshade
 from clshade import showing
 from clshade.errors import DeviceError, OutputError
 from clshade.frame import Frame
-from clshade.scene import Settings
+from clshade.scene.model import Settings
 
 PNG = "image/png"
 

@@ -14,8 +14,8 @@ from clshade.errors import InputError
 from clshade.frame import Frame
 from clshade.images import exr
 from clshade.renderer import settle
-from clshade.scene import Settings
-from clshade.scenes import BUILTINS, builtin
+from clshade.scene.builtin.scenes import BUILTINS, builtin
+from clshade.scene.model import Settings
 
 SCENE = builtin("quads", count=1)
 
@@ -112,7 +112,7 @@ def test_the_version_has_a_short_option(capsys):
 
 def test_extensions_of_scenes_are_those_that_are_loaded():
     from clshade.commands.parser import _SCENES
-    from clshade.loading import EXTENSIONS
+    from clshade.scene.formats.load import EXTENSIONS
 
     assert _SCENES == EXTENSIONS
     assert not set(BUILTINS) & set(cli.COMMANDS)

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from surfaces import border, euler, mesh_of, volume, welded
 
-import clshade.teapot as newell
-from clshade import oracle, scenes
-from clshade.scene import Settings
+import clshade.scene.builtin.teapot as newell
+from clshade import oracle
+from clshade.scene.builtin import scenes
+from clshade.scene.model import Settings
 
 SMALL = {"resolution": (64, 48)}
 

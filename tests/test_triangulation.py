@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from mesh_writers import ply
 from scene_files import write
 
-from clshade import ear_clipping, triangulation
-from clshade.loading import load
-from clshade.triangulation import triangulated
+from clshade.scene import ear_clipping, triangulate
+from clshade.scene.formats.load import load
+from clshade.scene.triangulate import triangulated
 
 SCALES = (1.0, 1e30, 1e-30, 1e300, 1e-300)
 DART = [[0, 4, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0]]
@@ -327,5 +327,5 @@ def test_blocks_and_groups_change_nothing(monkeypatch):
     verts = rng.random((int(counts.sum()), 3))
     corners = np.arange(len(verts), dtype=np.int32)
     whole, _ = cut(verts, corners, counts)
-    monkeypatch.setattr(triangulation, "_BLOCK", 20)
+    monkeypatch.setattr(triangulate, "_BLOCK", 20)
     assert np.array_equal(cut(verts, corners, counts)[0], whole)

@@ -11,7 +11,6 @@ import pytest
 
 import clshade
 from clshade import oracle
-from clshade.camera import Camera
 from clshade.checks import compare
 from clshade.checks.cases import lit
 from clshade.device import Device
@@ -22,7 +21,8 @@ from clshade.mipmaps import smaller_levels
 from clshade.oracle import texture as reference
 from clshade.packing import texture_tables
 from clshade.renderer import Renderer
-from clshade.scene import PRECISIONS, Material, Mesh, Scene, Settings, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Settings, Texture
 from kernels import OTHER_LANES, Probe
 
 LAYERS = ("Z", "id")

@@ -10,8 +10,8 @@ from studies import SMALL, sphere
 from clshade.checks import variants
 from clshade.checks.variants import BASE, base_settings, named, possible, variants_for
 from clshade.errors import InputError
-from clshade.scene import Settings
-from clshade.scenes import builtin
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
 
 
 def test_every_variant_is_another_way_and_names_are_unique():

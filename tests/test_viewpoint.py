@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade.camera import Camera
 from clshade.errors import InputError
-from clshade.viewpoint import moved
+from clshade.scene.adjust_camera import moved
+from clshade.scene.camera import Camera
 
 FRONT = Camera([0.0, 0.0, 5.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0, (1.0, 1.0), (100, 50))
 

@@ -11,11 +11,11 @@ from typing import TextIO, TypeVar
 
 from ..base import atomic_files, text_tables
 from ..base.validation import Array
-from ..camera import Camera
 from ..device import Device, open_device
 from ..errors import ClshadeError, InputError
 from ..renderer import render
-from ..scene import Scene
+from ..scene.camera import Camera
+from ..scene.model import Scene
 from . import bench_tables, starting
 from .children import draw_apart
 from .defaults import BENCH_FRAMES

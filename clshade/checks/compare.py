@@ -14,7 +14,7 @@ import numpy as np
 
 from ..oracle import OracleFrame, depth_at, nearest_depths
 from ..oracle.corners import held
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FLOAT32_MAX = float(np.finfo(np.float32).max)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..oracle import OracleLayers
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 from .compare import FLOAT32_MAX, FLOAT32_TINY, HALF_ULP, allowed, assert_array, fail, real_of
 
 # Weights of a triangle's corners, in units of 2^-24 (of float64 2^-53): an edge value is right to 2, 1/z and the product

@@ -12,7 +12,7 @@ from .. import oracle
 from ..base.validation import Array
 from ..images import figures
 from ..oracle import coverage, shade, transform
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 from . import compare
 from .cases import flat, lit
 from .cases.bench import Bench, expected_light

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import viewpoint
-from ..camera import Camera
 from ..device import Device
 from ..renderer import Renderer
-from ..scene import Scene
+from ..scene import adjust_camera
+from ..scene.camera import Camera
+from ..scene.model import Scene
 from .defaults import BENCH_FRAMES
 from .timing import Spread, in_turns, spread
 
@@ -77,7 +77,7 @@ class Drawn:
 
 def cameras(camera: Camera) -> list[Camera]:
     """Of frames one after the other; after the last comes the first."""
-    return [viewpoint.moved(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
+    return [adjust_camera.moved(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
 
 
 @contextmanager

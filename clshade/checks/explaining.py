@@ -14,7 +14,7 @@ from .. import programs
 from ..features import OPTIONAL
 from ..frame import Frame, same_bits
 from ..renderer import Renderer
-from ..scene import LAYERS, Scene
+from ..scene.model import LAYERS, Scene
 from .timing import Spread, in_turns, spread
 
 FRAMES = 21  # of each kernel, unless they take longer than

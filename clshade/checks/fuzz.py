@@ -18,7 +18,7 @@ from ..frame import Frame
 from ..oracle import OracleFrame
 from ..oracle.corners import held
 from ..renderer import Renderer
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 from . import compare, mutations
 from .compare_layers import assert_layers
 from .random_scenes import Drawn, scene_of

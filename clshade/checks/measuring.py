@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from .. import viewpoint
-from ..camera import Camera
 from ..device import Device
 from ..frame import Frame
 from ..images.metrics import ImageError, image_error
 from ..renderer import Renderer
-from ..scene import Scene, Settings
+from ..scene import adjust_camera
+from ..scene.camera import Camera
+from ..scene.model import Scene, Settings
 from .checking import Check, check
 from .reference import Reference
 from .timing import Spread, in_turns, spread
@@ -104,7 +104,7 @@ def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
     runtimes may compile at it. frames: of each; fewer where all of them take more than SECONDS."""
     if not renderers:
         return []
-    cameras = [viewpoint.moved(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+    cameras = [adjust_camera.moved(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
     turns = in_turns([partial(_next_ms, each, cameras) for each in renderers], frames, SECONDS)
     return [spread(ms) for ms in zip(*turns, strict=True)]
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..images.image_file import read_picture
-from ..loading import load
-from ..scene import Scene
+from ..scene.formats.load import load
+from ..scene.model import Scene
 from .samples import Sample, pack_glb, png_chunk, samples
 
 SECONDS = 5.0  # of the processor's time, for a file of a few KB

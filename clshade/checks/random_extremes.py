@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.validation import Array
 from ..oracle.transform import world_vertices
-from ..scene import Mesh, PointLight, Scene
+from ..scene.model import Mesh, PointLight, Scene
 from .random_shapes import Random
 
 SHARE = 0.3  # of the scenes get each of them

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import scene as model
 from ..base.validation import Array
-from ..camera import Camera
-from ..scene import Material, Mesh, PointLight, Scene, Settings, Texture
+from ..scene import model
+from ..scene.camera import Camera
+from ..scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 from .random_extremes import stiffened
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.validation import Array
-from ..camera import Camera
+from ..scene.camera import Camera
 
 Random = np.random.Generator
 Shape = tuple[Array, Array]

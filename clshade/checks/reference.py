@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..base.validation import Array
-from ..camera import Camera
 from ..device import Device
 from ..images.metrics import rmse
 from ..renderer import Renderer
-from ..scene import Scene, Settings
+from ..scene.camera import Camera
+from ..scene.model import Scene, Settings
 
 MOST = 1 << 27  # samples that the reference may take altogether: some seconds
 # Pixels of a larger image along a pixel's side, and samples in each of those. The reference takes one step, its error is

@@ -11,7 +11,7 @@ from ..base import text_tables
 from ..base.atomic_files import shown
 from ..device import open_device
 from ..errors import InputError
-from ..scene import Scene
+from ..scene.model import Scene
 from . import report_figure, report_tables
 from .choosing import chosen
 from .defaults import FRAMES

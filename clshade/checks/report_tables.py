@@ -8,7 +8,7 @@ from pathlib import Path
 from ..base import atomic_files, text_tables
 from ..base.text_tables import digits
 from ..images.metrics import has_flip
-from ..scene import PRESETS, Scene, Settings
+from ..scene.model import PRESETS, Scene, Settings
 from .measuring import Measured
 from .study import Study
 

@@ -23,12 +23,12 @@ import numpy as np
 
 from .. import course
 from ..base.validation import Array, refuse
-from ..camera import Camera
 from ..errors import ClshadeError
-from ..geometry import camera_axes, vertex_normals
 from ..renderer import Renderer
-from ..scene import SHADERS, Scene
-from ..scenes import builtin
+from ..scene.builtin.scenes import builtin
+from ..scene.camera import Camera
+from ..scene.geometry import camera_axes, vertex_normals
+from ..scene.model import SHADERS, Scene
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
 

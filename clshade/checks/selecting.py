@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..device import Device, shared_device
 from ..images.metrics import rmse
 from ..renderer import Renderer, settle
-from ..scene import PRESETS, Scene, Settings
+from ..scene.model import PRESETS, Scene, Settings
 from .choosing import chosen
 from .measuring import frame_ms, frame_times
 from .reference import Reference, reference

@@ -12,7 +12,7 @@ from ..base.atomic_files import shown
 from ..base.validation import Array
 from ..device import Device
 from ..renderer import render
-from ..scene import Scene
+from ..scene.model import Scene
 from .choosing import front
 from .formats import Kept, formats
 from .measuring import Measured, measure

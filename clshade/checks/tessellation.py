@@ -13,7 +13,7 @@ from ..device import Device
 from ..frame import Frame
 from ..images.metrics import rmse
 from ..renderer import render
-from ..scenes import builtin
+from ..scene.builtin.scenes import builtin
 
 SHADERS = ("gouraud", "phong")
 LEVELS = range(7)  # of the sphere: 20 to 81,920 triangles

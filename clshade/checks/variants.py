@@ -10,7 +10,7 @@ from ..base.spelling import hint
 from ..device import Device
 from ..errors import InputError
 from ..features import texture_applies
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 
 BASE = "standard"
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..base.spelling import hint
 from ..errors import InputError
-from ..scene import Mesh, PointLight, Scene
-from ..scenes import Resolution, builtin
+from ..scene.builtin.scenes import Resolution, builtin
+from ..scene.model import Mesh, PointLight, Scene
 
 EXPONENT = 20.0  # of the highlight, everywhere
 HD, UHD = (1920, 1080), (3840, 2160)

@@ -14,8 +14,8 @@ from .scene_options import chosen_saving, chosen_settings, picture_options
 CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
 
 if TYPE_CHECKING:
-    from ..camera import Camera
-    from ..scene import Scene
+    from ..scene.camera import Camera
+    from ..scene.model import Scene
 
 
 def output_options(parser: argparse.ArgumentParser) -> None:

@@ -15,9 +15,9 @@ from ..errors import InputError
 from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
-    from ..scene import Scene
+    from ..scene.model import Scene
 
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.loading.load
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.scene.formats.load.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
@@ -86,27 +86,27 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def setting_options(parser: argparse.ArgumentParser) -> None:
-    from .. import scene
+    from ..scene import model
 
     group = parser.add_argument_group("settings (default: those of the preset)")
-    group.add_argument("--preset", choices=scene.PRESETS, help="course for course files, else standard")
+    group.add_argument("--preset", choices=model.PRESETS, help="course for course files, else standard")
     for name, allowed, about in (
-        ("shader", scene.SHADERS, "lit at vertices, at pixels, or not"),
-        ("visibility", scene.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
-        ("lighting-at", scene.LIGHTING_AT, "where lights and eye are seen from"),
-        ("interpolation", scene.INTERPOLATIONS, "of colors and normals over a triangle"),
-        ("texture-at", scene.TEXTURE_AT, "where textures are looked up"),
+        ("shader", model.SHADERS, "lit at vertices, at pixels, or not"),
+        ("visibility", model.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
+        ("lighting-at", model.LIGHTING_AT, "where lights and eye are seen from"),
+        ("interpolation", model.INTERPOLATIONS, "of colors and normals over a triangle"),
+        ("texture-at", model.TEXTURE_AT, "where textures are looked up"),
     ):
         group.add_argument(f"--{name}", choices=allowed, help=about)
     group.add_argument(
-        "--texture-filter", choices=scene.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
+        "--texture-filter", choices=model.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
     )
-    group.add_argument("--ambient", choices=scene.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
+    group.add_argument("--ambient", choices=model.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
     group.add_argument(
         "--layers",
-        type=names((*scene.LAYERS, "all"), words=scene.LAYER_WORDS, remarks=scene.LAYER_REMARKS),
+        type=names((*model.LAYERS, "all"), words=model.LAYER_WORDS, remarks=model.LAYER_REMARKS),
         metavar="NAME,...",
-        help=f"further layers: {','.join(scene.LAYERS)}; or all",
+        help=f"further layers: {','.join(model.LAYERS)}; or all",
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument(
@@ -117,10 +117,10 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--sample-shading", action="store_true", default=None, help="light every sample")
     group.add_argument(
-        "--resolve", choices=scene.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
+        "--resolve", choices=model.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
     )
     group.add_argument(
-        "--precision", choices=scene.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
+        "--precision", choices=model.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
     )
 
 
@@ -153,7 +153,7 @@ def chosen_saving(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The fields of Settings that were given."""
-    from ..scene import Settings
+    from ..scene.model import Settings
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     return {name: value for name, value in given.items() if value is not None}
@@ -161,8 +161,9 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     """The scene of the command line, or the one of this name: a file, or a built-in one where no such file exists."""
-    from .. import scenes, viewpoint
     from ..base import console
+    from ..scene import adjust_camera
+    from ..scene.builtin import scenes
 
     start = time.perf_counter()
     name = arguments.scene if name is None else name
@@ -173,19 +174,19 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
             raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
         scene = scenes.builtin(name)
     else:
-        from .. import loading
+        from ..scene.formats import load
 
         if not Path(name).suffix and not os.path.exists(name):
             near = hint(name, scenes.BUILTINS)
             raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
-        scene = loading.load(name, resolution=arguments.resolution, **options)
+        scene = load.load(name, resolution=arguments.resolution, **options)
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
     if arguments.lights is not None:
         scene = _with_lights(scene, arguments.lights)
     if arguments.components is not None:
         scene = _with_components(scene, arguments.components)
-    camera = viewpoint.moved(
+    camera = adjust_camera.moved(
         scene.camera,
         position=arguments.camera_position,
         focal_point=arguments.camera_focal_point,

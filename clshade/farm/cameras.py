@@ -11,9 +11,9 @@ from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, quoted, read_file
 from ..base.spelling import hint
 from ..base.strict_json import found_text, parse_text
-from ..camera import Camera
 from ..errors import InputError
-from ..viewpoint import moved
+from ..scene.adjust_camera import moved
+from ..scene.camera import Camera
 from .frames import MOST, Frames
 
 MAX_BYTES = 1 << 27

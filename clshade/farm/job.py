@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..camera import Camera
 from ..errors import ClshadeError, WorkerError
 from ..frame import output_paths
 from ..renderer import Renderer
-from ..scene import Scene, Settings
+from ..scene.camera import Camera
+from ..scene.model import Scene, Settings
 
 # How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL's older
 # and newer name for it, Intel's.

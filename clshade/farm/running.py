@@ -15,12 +15,12 @@ from typing import Any
 from ..base import console
 from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, refuse
-from ..camera import Camera
 from ..errors import InputError
 from ..frame import SAVING, check_output
 from ..images import png
 from ..renderer import settle
-from ..scene import Scene
+from ..scene.camera import Camera
+from ..scene.model import Scene
 from .frames import Pattern, parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally

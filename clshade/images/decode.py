@@ -15,7 +15,7 @@ from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, read_file, reason_of
 from ..base.validation import Array
 from ..errors import InputError
-from ..scene import Texture
+from ..scene.model import Texture
 from . import pnm, tiff
 
 MAX_BYTES = 1 << 29  # of an image file

@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..scene import Mesh, Scene, Settings, Texture
+from ..scene.model import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices

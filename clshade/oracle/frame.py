@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, alpha_passes, gather

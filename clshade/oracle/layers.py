@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..scene import Material, Scene, Settings
+from ..scene.model import Material, Scene, Settings
 from . import coverage, shade
 from .corners import interpolated
 from .frame import BATCH, Prepared, face_weight_steps, face_weights, opaque_test, owners, prepare, samples_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import Scene, Settings
+from ..scene.model import Scene, Settings
 from . import shade
 from .corners import Corners, Texels, corner_colors, texels
 from .transform import camera_frame

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..scene import Camera
+from ..scene.model import Camera
 from .vectors import Array, cross, dot, length, power_of_two, unit
 
 SUBPIXELS = 256  # snapped steps per pixel

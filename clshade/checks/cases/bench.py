@@ -19,7 +19,7 @@ from ...layout import SINGLE
 from ...oracle import OracleFrame, shade
 from ...programs import build
 from ...renderer import Renderer
-from ...scene import Scene, Texture
+from ...scene.model import Scene, Texture
 from ...single import Lookup
 from ...stages import Buffer, Stages
 from .. import compare

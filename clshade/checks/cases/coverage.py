@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
-from ...scene import Mesh, Scene
+from ...scene.camera import Camera
+from ...scene.model import Mesh, Scene
 from . import flat
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
 from .flat import HALF, SUB

@@ -14,7 +14,7 @@ from ...base.validation import Array
 from ...errors import InputError
 from ...features import OPTIONAL
 from ...frame import Frame, same_bits
-from ...scene import Mesh
+from ...scene.model import Mesh
 from . import flat, lit
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
 

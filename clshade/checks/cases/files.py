@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...images import png
 from ...images.tonemap import OPERATORS, tonemap
 from ...oracle import texture
-from ...scene import Texture
+from ...scene.model import Texture
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, worst
 

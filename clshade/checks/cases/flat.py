@@ -8,11 +8,11 @@ from fractions import Fraction
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
 from ...frame import Frame
 from ...layout import SUBPIXEL_BITS
 from ...oracle import coverage
-from ...scene import Material, Mesh, Scene
+from ...scene.camera import Camera
+from ...scene.model import Material, Mesh, Scene
 from .bench import Bench, Outcome
 
 SUB = 1 << SUBPIXEL_BITS

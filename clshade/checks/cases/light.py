@@ -12,7 +12,7 @@ from ...base.validation import Array
 from ...errors import InputError
 from ...features import OPTIONAL
 from ...oracle import shade
-from ...scene import Material
+from ...scene.model import Material
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, expected_light, worst
 

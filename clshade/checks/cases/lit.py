@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
-from ...scene import Material, Mesh, PointLight, Scene
+from ...scene.camera import Camera
+from ...scene.model import Material, Mesh, PointLight, Scene
 
 LIGHTS = (
     PointLight(np.array([3.0, 4.0, 5.0]), np.array([1.0, 0.9, 0.7])),

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ... import scenes
 from ...frame import Frame
-from ...scene import Mesh, Scene
+from ...scene.builtin import scenes
+from ...scene.model import Mesh, Scene
 from . import flat, lit
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
 from .extremes import PRESETS, different_bits

@@ -11,7 +11,7 @@ from ... import oracle
 from ...base.validation import Array
 from ...errors import InputError
 from ...frame import Frame
-from ...scene import PointLight, Scene
+from ...scene.model import PointLight, Scene
 from .. import compare
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, worst

@@ -11,9 +11,9 @@ from importlib import import_module
 from typing import Protocol
 
 from ...base.validation import Array
-from ...camera import Camera
 from ...errors import ClshadeError
-from ...scene import Scene
+from ...scene.camera import Camera
+from ...scene.model import Scene
 
 
 class MissingPeer(ClshadeError):

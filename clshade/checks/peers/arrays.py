@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
 from ...errors import InputError
-from ...geometry import camera_axes, vertex_normals
-from ...scene import Material, Scene
+from ...scene.camera import Camera
+from ...scene.geometry import camera_axes, vertex_normals
+from ...scene.model import Material, Scene
 
 
 class MeshArrays(NamedTuple):

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
-from ...scene import Scene
+from ...scene.camera import Camera
+from ...scene.model import Scene
 from . import MissingPeer
 from .arrays import depths, mesh_arrays, view_axes
 

@@ -6,8 +6,8 @@ import platform
 from dataclasses import replace
 
 from ...base.validation import Array
-from ...camera import Camera
-from ...scene import Scene
+from ...scene.camera import Camera
+from ...scene.model import Scene
 from .. import scanline
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
 from ...errors import InputError
-from ...scene import Scene
+from ...scene.camera import Camera
+from ...scene.model import Scene
 from .arrays import depths, mesh_arrays, view_axes
 
 FRAGMENTS = 1 << 17  # pixels of triangles looked at together

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.validation import Array
-from ...camera import Camera
-from ...scene import Scene
+from ...scene.camera import Camera
+from ...scene.model import Scene
 
 
 class Write:

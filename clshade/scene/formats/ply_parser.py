@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .base.input_files import complaint, quoted, runs
-from .base.validation import Array
-from .obj_lines import is_blank, numbers
+from ...base.input_files import complaint, quoted, runs
+from ...base.validation import Array
+from .text_tokens import is_blank, numbers
 
 MAX_HEADER = 1 << 16  # bytes
 MAX_LISTS = 8  # in an element

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .base.input_files import complaint, quoted
-from .base.validation import Array
-from .errors import InputError
-from .obj_lines import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
-from .scene import MAX_FACES
-from .triangulation import CUT_AS_FANS, triangulated
+from ...base.input_files import complaint, quoted
+from ...base.validation import Array
+from ...errors import InputError
+from ..model import MAX_FACES
+from ..triangulate import CUT_AS_FANS, triangulated
+from .text_tokens import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 
 _COUNTS = {
     V: ((3, 4, 6), "3 numbers, 4 with w or 6 with a color"),

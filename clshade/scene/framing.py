@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.validation import Array
 from . import geometry
-from .base.validation import Array
 from .camera import Camera
-from .scene import Mesh, PointLight, Scene
+from .model import Mesh, PointLight, Scene
 
 FOV = 35.0  # degrees, vertical
 MARGIN = 1.05  # of the bounding sphere

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from .base.validation import Array, refuse, vector
+from ..base.validation import Array, refuse, vector
+from ..errors import InputError
 from .camera import Camera
-from .errors import InputError
-from .scene import Scene
+from .model import Scene
 
 _CANCELED = 2.0**-40  # of the faces' sizes: a sum below it has no direction left
 

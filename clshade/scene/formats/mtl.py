@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from .base.atomic_files import shown
-from .base.input_files import beside, complaint, quoted, read_file, within
-from .base.validation import Array
-from .framing import AMBIENT
-from .images.decode import MAX_BYTES as MAX_IMAGE_BYTES
-from .images.decode import decode_image
-from .obj_lines import numbers
-from .scene import Material, Texture
+from ...base.atomic_files import shown
+from ...base.input_files import beside, complaint, quoted, read_file, within
+from ...base.validation import Array
+from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
+from ...images.decode import decode_image
+from ..framing import AMBIENT
+from ..model import Material, Texture
+from .text_tokens import numbers
 
 MAX_BYTES = 1 << 24  # of a library
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB

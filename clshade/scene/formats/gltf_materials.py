@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .base.atomic_files import shown
-from .base.input_files import complaint, quoted, read_file
-from .base.validation import Array
-from .framing import AMBIENT
-from .gltf_buffers import Buffers
+from ...base.atomic_files import shown
+from ...base.input_files import complaint, quoted, read_file
+from ...base.validation import Array
+from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
+from ...images.decode import decode_image
+from ..framing import AMBIENT
+from ..model import Material, Texture
+from .gltf_accessors import Buffers
 from .gltf_json import Item
-from .images.decode import MAX_BYTES as MAX_IMAGE_BYTES
-from .images.decode import decode_image
-from .mtl_files import MAX_PIXELS
-from .scene import Material, Texture
+from .mtl import MAX_PIXELS
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _SMALLEST_ALPHA = 1.0 / 512.0  # of a pixel that blending would show

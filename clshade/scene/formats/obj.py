@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from . import framing, geometry
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, quoted, read_file
-from .base.validation import Array
-from .creases import against_normals, crease_normals
-from .mesh_options import Options, told
-from .mtl_files import Library
-from .obj_text import ObjText, Run, parse_obj
-from .scene import Material, Mesh, Scene, Texture
+from ...base.atomic_files import Path, shown
+from ...base.input_files import complaint, quoted, read_file
+from ...base.validation import Array
+from .. import framing, geometry
+from ..model import Material, Mesh, Scene, Texture
+from ..normals import against_normals, crease_normals
+from .mtl import Library
+from .obj_parser import ObjText, Run, parse_obj
+from .options import Options, told
 
 MAX_BYTES = 1 << 31  # of a mesh file
 
@@ -34,7 +34,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     file's normals see them are turned round. Both sides are lit. A material or image that is not there is left out,
     with a warning. See `obj_text.parse_obj` and `mtl_files`.
 
-    Raises InputError, one line, see clshade.loading.load.
+    Raises InputError, one line, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     name = os.path.splitext(os.path.basename(os.fspath(path)))[0]

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ...base.validation import Array, choice, integer, known, refuse
+from ..camera import Camera
+from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 from . import teapot as newell
-from .base.validation import Array, choice, integer, known, refuse
-from .camera import Camera
-from .scene import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 
 Resolution = tuple[int, int]
 

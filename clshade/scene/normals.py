@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .base.validation import Array, number, refuse
+from ..base.validation import Array, number, refuse
 from .geometry import _blocks, _exponent, _normalized
 
 

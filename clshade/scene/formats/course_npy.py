@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from . import course_pickle
+from ...base.atomic_files import Path, shown, write_bytes
+from ...base.input_files import complaint, read_file
+from ...base.validation import Array, coefficient, number, refuse
+from ...images.decode import as_texture
+from ..camera import Camera
+from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
-from .base.atomic_files import Path, shown, write_bytes
-from .base.input_files import complaint, read_file
-from .base.validation import Array, coefficient, number, refuse
-from .camera import Camera
-from .images.decode import as_texture
+from . import safe_pickle
 from .inert_pickle import paused_collection
-from .scene import Material, Mesh, PointLight, Scene, Texture
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # each takes longer to make than the few bytes that it may take in a file to read
@@ -33,7 +33,7 @@ _NAMES = {
 class _Fields:
     """The checked values of one file; each method raises InputError `file: key: expected ..., found ...`."""
 
-    def __init__(self, content: course_pickle.Content, owner: str) -> None:
+    def __init__(self, content: safe_pickle.Content, owner: str) -> None:
         self.content, self.owner = content, owner
 
     def get(self, key: str) -> Any:
@@ -59,10 +59,10 @@ def read_course(
     resolution: (N, M) in place of the file's; the image plane keeps its height.
 
     A file's fields are checked even where an option replaces them. Unknown keys, `depth` among them, are ignored.
-    `vertex_colors` may be missing where there are uvs. Raises InputError, one line, see clshade.loading.load.
+    `vertex_colors` may be missing where there are uvs. Raises InputError, one line, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
-    content = course_pickle.unpack(read_file(path, MAX_BYTES), owner)
+    content = safe_pickle.unpack(read_file(path, MAX_BYTES), owner)
     fields = _Fields(content, owner)
     mesh = _mesh(fields, os.path.splitext(os.path.basename(os.fspath(path)))[0])
     ambient, background = fields.coefficient("Ia"), fields.coefficient("bg_color")

@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from . import framing, geometry
-from .base.atomic_files import Path, shown
-from .base.input_files import beside, complaint, quoted, read_file
-from .base.validation import Array
-from .creases import against_normals, crease_normals
-from .images.decode import as_texture, srgb_to_linear
-from .mesh_options import Options, told
-from .ply_rows import Element, read_ply_rows
-from .scene import MAX_FACES, Material, Mesh, Scene, Texture
-from .triangulation import CUT_AS_FANS, Cuts, strips, triangulated
+from ...base.atomic_files import Path, shown
+from ...base.input_files import beside, complaint, quoted, read_file
+from ...base.validation import Array
+from ...images.decode import as_texture, srgb_to_linear
+from .. import framing, geometry
+from ..model import MAX_FACES, Material, Mesh, Scene, Texture
+from ..normals import against_normals, crease_normals
+from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
+from .options import Options, told
+from .ply_parser import Element, read_ply_rows
 
 MAX_BYTES = 1 << 31
 _INDICES = ("vertex_indices", "vertex_index")
@@ -43,7 +43,7 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     smooth, but for edges above options.crease; faces that run clockwise as the file's normals see them are turned
     round. Both sides are lit. What else the faces hold is named in Scene.ignored.
 
-    Raises InputError, one line naming the element, property and row, see clshade.loading.load.
+    Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     elements, comments = read_ply_rows(read_file(path, MAX_BYTES), owner)

@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from .base import console
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, quoted, size_of
-from .base.validation import flag, integer, refuse
-from .base.validation import path as checked_path
-from .camera import MAX_RESOLUTION
-from .course_files import read_course, save_course
-from .errors import InputError
-from .gltf_files import read_gltf
-from .images.decode import as_texture
-from .mesh_files import DEFAULT_MATERIAL, read_obj
-from .mesh_options import Options
-from .ply_files import read_ply
-from .scene import Scene
-from .stl_files import read_stl
+from ...base import console
+from ...base.atomic_files import Path, shown
+from ...base.input_files import complaint, quoted, size_of
+from ...base.validation import flag, integer, refuse
+from ...base.validation import path as checked_path
+from ...errors import InputError
+from ...images.decode import as_texture
+from ..camera import MAX_RESOLUTION
+from ..model import Scene
+from .course_npy import read_course, save_course
+from .gltf import read_gltf
+from .obj import DEFAULT_MATERIAL, read_obj
+from .options import Options
+from .ply import read_ply
+from .stl import read_stl
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 

@@ -7,15 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .base.validation import choice
-from .creases import crease_angle
-from .framing import UPS
-from .scene import Material, Scene, Texture
+from ...base.validation import choice
+from ..framing import UPS
+from ..model import Material, Scene, Texture
+from ..normals import crease_angle
 
 
 @dataclass(frozen=True)
 class Options:
-    """The options of `clshade.loading.load` for mesh files, checked on construction.
+    """The options of `clshade.scene.formats.load.load` for mesh files, checked on construction.
 
     texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for what
     the format means. up: one of framing.UPS, or None. two_sided: True, False or None for what the file asks for.

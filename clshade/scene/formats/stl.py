@@ -7,14 +7,14 @@ import re
 
 import numpy as np
 
-from . import framing
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, quoted, read_file, runs
-from .base.validation import Array
-from .creases import crease_normals, welded
-from .mesh_options import Options, told
-from .obj_lines import numbers
-from .scene import MAX_FACES, Material, Mesh, Scene
+from ...base.atomic_files import Path, shown
+from ...base.input_files import complaint, quoted, read_file, runs
+from ...base.validation import Array
+from .. import framing
+from ..model import MAX_FACES, Material, Mesh, Scene
+from ..normals import crease_normals, welded
+from .options import Options, told
+from .text_tokens import numbers
 
 MAX_BYTES = 1 << 31
 _HEAD, _RECORD = 84, 50  # bytes of a binary file's head, and of a facet: normal, corners, attribute
@@ -32,7 +32,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     z is up unless options.up says otherwise, as CAD and printing have it.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii, if it is text. Raises InputError, one line that names the file and the facet, see clshade.loading.load.
+    ascii, if it is text. Raises InputError, one line that names the file and the facet, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     if options.texture is not None:

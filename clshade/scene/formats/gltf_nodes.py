@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .base.validation import Array
-from .camera import MAX_RESOLUTION, Camera
-from .framing import RESOLUTION
+from ...base.validation import Array
+from ..camera import MAX_RESOLUTION, Camera
+from ..framing import RESOLUTION
+from ..model import PointLight
 from .gltf_json import Item
-from .scene import PointLight
 
 MAX_NODES = 1 << 16
 _FAR = 1e6  # distance of a directional light, in bounding radii

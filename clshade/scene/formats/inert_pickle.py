@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from .base.input_files import quoted
+from ...base.input_files import quoted
 
 MAX_OPCODES = 1 << 20
 MAX_KEY = 64  # characters of a dict's key

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from .base.validation import Array, floats, indices, integer, number, refuse, rows, vector
-from .camera import MAX_RESOLUTION, Camera
-from .errors import InputError
-from .scene import MAX_FACES
+from ...base.validation import Array, floats, indices, integer, number, refuse, rows, vector
+from ...errors import InputError
+from ..camera import MAX_RESOLUTION, Camera
+from ..model import MAX_FACES
 
 _WIDTHS = {"verts": 3, "colors": 3, "faces": 3, "uvs": 2, "uv_faces": 3}
 

@@ -12,18 +12,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import framing
-from .base.atomic_files import Path, shown
-from .base.input_files import complaint, quoted
-from .base.validation import Array
-from .creases import crease_normals
-from .gltf_buffers import Buffers, open_gltf
+from ...base.atomic_files import Path, shown
+from ...base.input_files import complaint, quoted
+from ...base.validation import Array
+from .. import framing
+from ..model import MAX_FACES, Mesh, Scene
+from ..normals import crease_normals
+from ..triangulate import single_fan, strips
+from .gltf_accessors import Buffers, open_gltf
 from .gltf_json import Item
 from .gltf_materials import Materials, Surface
 from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
-from .mesh_options import Options, told
-from .scene import MAX_FACES, Mesh, Scene
-from .triangulation import single_fan, strips
+from .options import Options, told
 
 # Extensions that are rendered, and those that only hold what a renderer may leave out.
 RENDERED = (
@@ -45,7 +45,7 @@ def read_gltf(path: Path, options: Options) -> Scene:
     directional lights. Faces without normals are flat, as glTF says, unless options.crease is given. What else the
     file asks for is named in Scene.ignored and in one warning.
 
-    Raises InputError, one line that names the file and the field, see clshade.loading.load.
+    Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     document, buffers = open_gltf(path)
