@@ -21,9 +21,9 @@ _HOMES = {
     "Settings": "scene.model",
     "load": "scene.formats.load",
     "builtin": "scene.builtin.scenes",
-    "render": "renderer",
-    "Renderer": "renderer",
-    "Frame": "frame",
+    "render": "pipeline.renderer",
+    "Renderer": "pipeline.renderer",
+    "Frame": "pipeline.frame",
     "check": "checks.checking",
     "course": "",  # a module of this name
     "errors": "",
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from . import exr as exr
     from . import farm as farm
     from .checks.checking import check as check
-    from .frame import Frame as Frame
-    from .renderer import Renderer as Renderer
-    from .renderer import render as render
+    from .pipeline.frame import Frame as Frame
+    from .pipeline.renderer import Renderer as Renderer
+    from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
     from .scene.camera import Camera as Camera
     from .scene.formats.load import load as load

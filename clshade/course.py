@@ -33,16 +33,16 @@ import numpy as np
 
 from . import course_arguments as checked
 from .base.validation import Array, choice, coefficient, refuse, vector
-from .device import Device, shared_device
+from .pipeline.opencl.device import Device, shared_device
+from .pipeline.renderer import Renderer
+from .pipeline.single_primitive import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
 from .recent import Recent
-from .renderer import Renderer
 from .scene.camera import Camera
 from .scene.formats import course_values
 from .scene.formats.course_npy import only_mesh
 from .scene.formats.course_npy import save_course as save
 from .scene.geometry import vertex_normals
 from .scene.model import SHADERS, Material, Mesh, PointLight, Scene
-from .single import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
 
 __all__ = [
     "arguments",

@@ -146,7 +146,7 @@ def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
     """Has the programs of all figures built, by drawing one figure with each: seconds each, the first time."""
     from tqdm import tqdm
 
-    from clshade.device import shared_device
+    from clshade.pipeline.opencl.device import shared_device
 
     shared_device()  # what is wrong with it is told before there is a bar
     needed = {(figure.shader, figure.terms): figure for figure in figures}

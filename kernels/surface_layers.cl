@@ -3,7 +3,7 @@
 #include "surface.clh"
 #include "samples.clh"
 
-// Which of them are asked for (clshade/layer_tables.py).
+// Which of them are asked for (clshade/pipeline/layer_buffers.py).
 #if !defined(LAYER_N) || !defined(LAYER_P) || !defined(LAYER_ALBEDO) || !defined(LAYER_UV)
 #error "a layer is not defined"
 #endif

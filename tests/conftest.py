@@ -10,9 +10,11 @@ import pytest
 from devices import working_devices
 from processes import OPEN, python
 
-from clshade import course, programs, runtimes
-from clshade.device import Device, open_device
+from clshade import course
 from clshade.errors import DeviceError
+from clshade.pipeline import programs
+from clshade.pipeline.opencl import environment
+from clshade.pipeline.opencl.device import Device, open_device
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -74,5 +76,5 @@ def homeless(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache root for what this process keeps from now on."""
     (tmp_path / "clshade").mkdir()
-    monkeypatch.setattr(runtimes, "_home", tmp_path)
+    monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"

@@ -7,8 +7,8 @@ from functools import cache
 
 import pytest
 
-from clshade.device import Device, list_devices
 from clshade.errors import DeviceError
+from clshade.pipeline.opencl.device import Device, list_devices
 
 
 def needs_float64(device: Device) -> None:

@@ -8,14 +8,14 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from clshade import layout
-from clshade.device import Device
-from clshade.features import CHOICES, OPTIONAL, Features
 from clshade.oracle import transform
-from clshade.programs import build, build_text
+from clshade.pipeline import struct_layout
+from clshade.pipeline.depth_sort import front_to_back
+from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.launches import Buffer, Stages, TriangleBuffers, VertexBuffers
+from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.programs import build, build_text
 from clshade.scene.camera import Camera
-from clshade.sorting import front_to_back
-from clshade.stages import Buffer, Stages, TriangleBuffers, VertexBuffers
 
 LANES = (1, 4, 8, 16)
 # Besides 16: scalars every day; vectors of other widths, each of which is a program to build, with -m long.
@@ -77,7 +77,7 @@ def boxes_of(bounds: Array) -> Array:
 
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
     """layout.SINGLE.View of a camera; the axes are the oracle's."""
-    view = np.zeros(1, layout.SINGLE.View)
+    view = np.zeros(1, struct_layout.SINGLE.View)
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
     view["plane_height"], view["plane_width"] = camera.plane
@@ -87,15 +87,15 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> 
 
 
 def image_of(
-    device: Device, resolution: tuple[int, int], structs: layout.Structs = layout.SINGLE, **fields: Any
+    device: Device, resolution: tuple[int, int], structs: struct_layout.Structs = struct_layout.SINGLE, **fields: Any
 ) -> Buffer:
     """structs.Image of a resolution (N, M); `fields` set its other members."""
     image = np.zeros(1, structs.Image)
     image["light_unit"] = 1.0
     columns, rows = resolution
     image["columns"], image["rows"] = columns, rows
-    image["tiles_x"] = -(-columns // layout.TILE_SIZE)
-    image["tiles"] = image["tiles_x"] * -(-rows // layout.TILE_SIZE)
+    image["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
+    image["tiles"] = image["tiles_x"] * -(-rows // struct_layout.TILE_SIZE)
     image["unscale"] = 1.0
     for name, value in fields.items():
         image[name] = value
@@ -116,7 +116,7 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
 
 def samples_at(places: Array) -> dict[str, Any]:
     """The members of structs.Image that say where pixels are sampled: places (S, 2), 1/256 px."""
-    kept = np.zeros((2, layout.MOST_SAMPLES), np.int32)
+    kept = np.zeros((2, struct_layout.MOST_SAMPLES), np.int32)
     kept[:, : len(places)] = places.T
     rest = {"least": places.min(axis=0), "most": places.max(axis=0)}
     return {"samples": len(places), "sample_x": kept[0], "sample_y": kept[1], **rest}
@@ -128,7 +128,7 @@ def vertices_at(
     z: Array,
     relative: Array | None = None,
     *,
-    structs: layout.Structs = layout.SINGLE,
+    structs: struct_layout.Structs = struct_layout.SINGLE,
     orthographic: bool = False,
 ) -> VertexBuffers:
     """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
@@ -137,7 +137,7 @@ def vertices_at(
     projected["depth"] = z
     with np.errstate(divide="ignore", over="ignore"):
         w = -np.asarray(z, np.float64) if orthographic else 1.0 / np.asarray(z, np.float64)
-        projected["w"], projected["w_low"] = split(w) if structs is layout.SINGLE else (w, 0.0)
+        projected["w"], projected["w_low"] = split(w) if structs is struct_layout.SINGLE else (w, 0.0)
     made = VertexBuffers(device, 0)
     made.projected = Buffer(device, projected)
     made.relative = Buffer(device, four(np.zeros((len(z), 3)) if relative is None else relative).astype(structs.real))
@@ -264,7 +264,7 @@ class Pipeline:
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
     """layout.SINGLE.Material rows with the given members; kd and ks are 1 and n is 1 unless told."""
-    rows = np.zeros(count, layout.SINGLE.Material)
+    rows = np.zeros(count, struct_layout.SINGLE.Material)
     rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
     for name, value in fields.items():
         rows[name] = value
@@ -273,7 +273,7 @@ def material_rows(count: int = 1, **fields: Any) -> Array:
 
 def light_rows(positions: Array, intensities: Array) -> Array:
     """layout.SINGLE.Light rows."""
-    rows = np.zeros(len(positions), layout.SINGLE.Light)
+    rows = np.zeros(len(positions), struct_layout.SINGLE.Light)
     rows["position"], rows["intensity"] = positions, intensities
     return rows
 

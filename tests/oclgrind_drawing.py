@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from clshade import binning, course, oracle, programs, stages
+from clshade import course, oracle
 from clshade.checks import compare
 from clshade.checks.cases import lit
 from clshade.checks.compare_layers import assert_layers
-from clshade.device import Device, open_device
-from clshade.renderer import Renderer
+from clshade.pipeline import launches, programs, tile_lists
+from clshade.pipeline.opencl.device import Device, open_device
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Scene, Texture
 
@@ -44,7 +45,7 @@ _ALL = _UNCHOSEN
 # shows that too): buffers are kept, so that none has another's place.
 _kept: list[Any] = []
 _said: set[str] = set()
-_flatten, _launch = programs.flatten, stages.Stages._launch
+_flatten, _launch = programs.flatten, launches.Stages._launch
 ran: dict[str, int] = {}
 
 
@@ -63,7 +64,7 @@ def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
 
 def prepare() -> None:
     programs.flatten = lambda names: told(_flatten(names))  # type: ignore[assignment]
-    stages.Stages._launch = launched  # type: ignore[method-assign]
+    launches.Stages._launch = launched  # type: ignore[method-assign]
     buffer = cl.Buffer
 
     def kept(*arguments: Any, **options: Any) -> Any:
@@ -72,10 +73,10 @@ def prepare() -> None:
 
     cl.Buffer = kept  # type: ignore[assignment, misc]
     # Oclgrind takes the host's memory for uninitialized where a buffer works in it: its arrays are copied.
-    stages._coherent = lambda *_: False  # type: ignore[assignment]
-    stages.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
+    launches._coherent = lambda *_: False  # type: ignore[assignment]
+    launches.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
     # Lists of so few triangles would be made in one piece.
-    binning._LEAST_CHUNK, binning._SCAN_RUN = 8, 2
+    tile_lists._LEAST_CHUNK, tile_lists._SCAN_RUN = 8, 2
 
 
 def scenes() -> list[tuple[Scene, dict[str, Any]]]:

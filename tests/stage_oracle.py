@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from clshade import layout
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
+from clshade.pipeline import struct_layout
 from kernels import Pipeline, float32, four, light_rows, material_rows, vertices_at
 
 Array = np.ndarray
@@ -98,7 +98,7 @@ def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
     """
     across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
     pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
-    few = np.flatnonzero((across <= layout.FEW_PIXELS).all(axis=1) & (pixels <= layout.FEW_PIXELS))
+    few = np.flatnonzero((across <= struct_layout.FEW_PIXELS).all(axis=1) & (pixels <= struct_layout.FEW_PIXELS))
     boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
     found = np.zeros((len(xy), 2), np.int64)
     for k, column, row, edge in coverage.samples(xy[few], boxes[few].copy()):

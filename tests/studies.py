@@ -9,7 +9,7 @@ import pytest
 from clshade.checks import study
 from clshade.checks.tessellation import tessellation
 from clshade.checks.variants import BASE, base_settings, named, variants_for
-from clshade.device import Device
+from clshade.pipeline.opencl.device import Device
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Scene
 

@@ -14,7 +14,7 @@ import pytest
 from processes import PEAK
 
 from clshade import cli
-from clshade.renderer import Renderer
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.formats.load import EXTENSIONS, load
 
 FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))

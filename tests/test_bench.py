@@ -14,7 +14,7 @@ from clshade.checks import bench, bench_tables, children, peaks, starting
 from clshade.checks.drawing import LIGHT_FLOPS, PIXEL_FLOPS, Drawn, draw
 from clshade.checks.peers import PEERS
 from clshade.checks.workloads import SCALING, WORKLOADS, Workload, knot, thing
-from clshade.renderer import render
+from clshade.pipeline.renderer import render
 
 # Workloads
 

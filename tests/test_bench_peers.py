@@ -15,7 +15,7 @@ from clshade.checks.peers.agreement import TEXTURED, TOLERANCE
 from clshade.checks.peers.arrays import mesh_arrays
 from clshade.checks.workloads import Workload, thing
 from clshade.errors import InputError
-from clshade.renderer import render
+from clshade.pipeline.renderer import render
 from clshade.scene.model import Material, Mesh
 
 

@@ -14,9 +14,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from clshade import probing, runtimes, slots
 from clshade.errors import DeviceError
-from clshade.probing import DeviceInfo
+from clshade.pipeline.opencl import cache_slots, environment, probe
+from clshade.pipeline.opencl.probe import DeviceInfo
 
 ROOT = Path(__file__).resolve().parent.parent
 POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor")
@@ -26,7 +26,7 @@ POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor"
 def fresh_cache(tmp_path, monkeypatch):
     """An empty cache root for what this process keeps from now on."""
     (tmp_path / "clshade").mkdir()
-    monkeypatch.setattr(runtimes, "_home", tmp_path)
+    monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"
 
 
@@ -45,7 +45,7 @@ def disks(tmp_path, monkeypatch):
         (tmp_path / name).mkdir()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    monkeypatch.setattr(runtimes, "_home", None)
+    monkeypatch.setattr(environment, "_home", None)
 
     def usage(path):
         name = Path(path).relative_to(tmp_path).parts[0]
@@ -56,21 +56,21 @@ def disks(tmp_path, monkeypatch):
 
 
 def test_a_home_with_room_is_used(disks, tmp_path):
-    disks["home"] = runtimes.ROOM
-    assert runtimes.cache_home() == tmp_path / "home"
+    disks["home"] = environment.ROOM
+    assert environment.cache_home() == tmp_path / "home"
 
 
-@pytest.mark.parametrize("left", [0, 300_000, runtimes.ROOM - 1])
+@pytest.mark.parametrize("left", [0, 300_000, environment.ROOM - 1])
 def test_a_full_home_is_left_for_the_temporary_folder(disks, tmp_path, left):
     disks["home"] = left
-    assert runtimes.cache_home().parent == tmp_path / "tmp"
-    assert os.environ["XDG_CACHE_HOME"] == str(runtimes.cache_home())
+    assert environment.cache_home().parent == tmp_path / "tmp"
+    assert os.environ["XDG_CACHE_HOME"] == str(environment.cache_home())
 
 
 def test_full_disks_are_named(disks, tmp_path):
     disks.update(home=300_000, tmp=0)
     with pytest.raises(DeviceError) as caught:
-        runtimes.cache_home()
+        environment.cache_home()
     message = str(caught.value)
     assert "\n" not in message
     assert f"{tmp_path}/home: 0.3 MB free, 67 MB needed" in message
@@ -82,7 +82,7 @@ def test_looking_for_room_takes_no_time(fresh_cache):
     times = []
     for _ in range(20):
         start = time.perf_counter()
-        assert runtimes._fault(fresh_cache.parent) == ""
+        assert environment._fault(fresh_cache.parent) == ""
         times.append(time.perf_counter() - start)
     assert min(times) < 0.002
 
@@ -91,16 +91,16 @@ def test_looking_for_room_takes_no_time(fresh_cache):
 def test_a_throw_away_folder_that_cannot_be_made(fresh_cache, monkeypatch, made):
     monkeypatch.setattr(*((tempfile, made) if made == "mkdtemp" else (Path, made)), no_space)
     with pytest.raises(DeviceError, match=r"the cache folder .* cannot be used: No space left on device"):
-        slots.throw_away(fresh_cache)
+        cache_slots.throw_away(fresh_cache)
 
 
 @pytest.mark.parametrize("home", [tempfile, subprocess], ids=["folder", "process"])
 def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch, home):
     monkeypatch.setattr(home, "mkdtemp" if home is tempfile else "Popen", no_space)
     with pytest.raises(DeviceError, match=r"0:0 .* cannot be tried out: No space left on device"):
-        probing.Probe(POCL)
+        probe.Probe(POCL)
     assert not list(fresh_cache.iterdir())
-    assert not probing._running
+    assert not probe._running
 
 
 # Other processes
@@ -113,10 +113,10 @@ def test_leftovers_of_probes_that_vanish_meanwhile(fresh_cache, monkeypatch):
     os.utime(old, (1, 1))
     listed = [fresh_cache / "probe-gone", old]
     monkeypatch.setattr(Path, "glob", lambda self, pattern: iter(listed))
-    monkeypatch.setattr(probing, "probe_command", lambda info: [sys.executable, "-S", "-c", "pass"])
-    probe = probing.Probe(POCL)
+    monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "pass"])
+    running = probe.Probe(POCL)
     assert not old.exists()
-    probe.abandon()
+    running.abandon()
     assert not list(fresh_cache.iterdir())
 
 
@@ -165,14 +165,14 @@ def test_an_interrupt_ends_probes_and_removes_their_folders(tmp_path, call, at):
 def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch):
     if not hasattr(os, "fork"):
         pytest.skip("no fork here")
-    monkeypatch.setattr(probing, "probe_command", lambda info: [sys.executable, "-S", "-c", "input()"])
-    probe = probing.Probe(POCL)
+    monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "input()"])
+    running = probe.Probe(POCL)
     try:
         child = os.fork()
         if child == 0:
-            probing._abandon_all()
+            probe._abandon_all()
             os._exit(0)
         os.waitpid(child, 0)
-        assert Path(probe.folder).is_dir()
+        assert Path(running.folder).is_dir()
     finally:
-        probe.abandon()
+        running.abandon()

@@ -14,9 +14,9 @@ import clshade
 from clshade import oracle
 from clshade.checks import checking, compare
 from clshade.errors import InputError
-from clshade.frame import Frame
 from clshade.images import exr
 from clshade.oracle import coverage
+from clshade.pipeline.frame import Frame
 from clshade.scene.builtin import scenes
 from clshade.scene.model import Camera, Material, Mesh, Scene, Settings, Texture
 

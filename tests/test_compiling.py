@@ -13,12 +13,14 @@ import pyopencl as cl
 import pytest
 
 import clshade
-from clshade import Renderer, programs, runtimes
+from clshade import Renderer
 from clshade.base import console
-from clshade.device import Device
-from clshade.features import CHOICES, OPTIONAL, Features
-from clshade.slots import MARK
-from clshade.stages import Buffer, Stages
+from clshade.pipeline import programs
+from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.opencl import environment
+from clshade.pipeline.opencl.cache_slots import MARK
+from clshade.pipeline.opencl.device import Device
 
 SCENE = clshade.builtin("quads")
 SLOWLY = 0.06  # seconds
@@ -28,7 +30,7 @@ SLOWLY = 0.06  # seconds
 def calls(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
     """As if no program were built yet in this process, and each build and each kernel's first launch took a while: what
     was called, and whether the mark was there."""
-    mark = runtimes.prepare().folder / MARK
+    mark = environment.prepare().folder / MARK
     found: list[tuple[str, bool]] = []
     program, launch = cl.Program, cl.enqueue_nd_range_kernel
 
@@ -94,7 +96,7 @@ def test_what_takes_long_is_said_once(
     monkeypatch.setattr(programs, "_said", False)
     monkeypatch.setattr(programs, "_own", type(programs._own)())
     monkeypatch.setattr(programs, "SLOW", 0.24)
-    monkeypatch.setattr(runtimes, "prepare", lambda: slot)
+    monkeypatch.setattr(environment, "prepare", lambda: slot)
     slot: Any = SimpleNamespace(using=contextlib.nullcontext, seal=lambda: compiled)
     device: Any = SimpleNamespace(title="PoCL: CPU")
     line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == console.NORMAL else ""
@@ -131,7 +133,7 @@ def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]], opened: Device) -> None:
-    if runtimes.prepare().lock is None:
+    if environment.prepare().lock is None:
         pytest.skip("a folder that nobody finds again has no mark")
     with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
         for _ in range(2):
@@ -162,7 +164,7 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
     monkeypatch.setattr(programs, "_built", {})
     monkeypatch.setattr(programs, "_without_log", lambda *_: SimpleNamespace(all_kernels=list, binaries=[b""]))
     monkeypatch.setattr(programs, "_store", lambda *_: pytest.fail("it is not kept"))
-    monkeypatch.setattr(programs, "_stored_at", lambda *_: runtimes.prepare().folder / "none")
+    monkeypatch.setattr(programs, "_stored_at", lambda *_: environment.prepare().folder / "none")
     monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
     features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
     with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import clshade
-from clshade import cli, course, oracle, single
+from clshade import cli, course, oracle
 from clshade.checks import compare
 from clshade.images import exr
-from clshade.renderer import Renderer
+from clshade.pipeline import single_primitive
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings
 
@@ -256,8 +257,8 @@ def test_a_coefficient_of_0_is_left_out_of_the_kernel(monkeypatch, shader, name,
             built.append(features[term])
             raise Enough
 
-    monkeypatch.setattr("clshade.stages.build", build)
-    monkeypatch.setattr("clshade.single.build", build)
+    monkeypatch.setattr("clshade.pipeline.launches.build", build)
+    monkeypatch.setattr("clshade.pipeline.single_primitive.build", build)
     scene = course.arguments(surfaced(SCENE))
     light = {key: scene[key] for key in ("k_a", "k_d", "k_s", "n", "l_pos", "l_int")}
     corners = {"verts_p": [[1, 1], [9, 1], [1, 9]], "verts_n": np.eye(3), "verts_c": np.eye(3)}
@@ -271,7 +272,7 @@ def test_a_coefficient_of_0_is_left_out_of_the_kernel(monkeypatch, shader, name,
             partial(course.light, [0, 0, 0], [0, 0, 1], [1, 1, 1], [0, 0, 9], **chosen),
         ):
             course.release()
-            single._light_stages.cache_clear()
+            single_primitive._light_stages.cache_clear()
             with pytest.raises(Enough):
                 call()
             assert built.pop() == expected

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 from processes import ROOT
 
-from clshade.device import Device
+from clshade.pipeline.opencl.device import Device
 
 SMALL = ("render", "quads", "--resolution", "64,48", "--deterministic", "-o", "image")
 Damage = Callable[[Path], object]

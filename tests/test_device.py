@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from processes import OPEN, ROOT, python
 
-from clshade import device, probing
 from clshade.errors import DeviceError
-from clshade.probing import DeviceInfo
+from clshade.pipeline.opencl import device, probe
+from clshade.pipeline.opencl.probe import DeviceInfo
 
 PYOPENCL = importlib.util.find_spec("pyopencl")
 PYPI_POCL = PYOPENCL is not None and list(Path(PYOPENCL.origin or "").parent.glob(".libs/libpocl*"))
@@ -38,7 +38,7 @@ def probe_that(code: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         tried.append(info.index)
         return [sys.executable, "-S", "-c", code]
 
-    monkeypatch.setattr(probing, "probe_command", command)
+    monkeypatch.setattr(probe, "probe_command", command)
     return tried
 
 
@@ -129,7 +129,9 @@ kernel.set_args(cl.Buffer(opened.context, cl.mem_flags.READ_WRITE, 4))
 
 
 def test_importing_does_not_import_pyopencl(tmp_path: Path) -> None:
-    done = python("import sys, clshade.device; print('pyopencl' in sys.modules, 'numpy' in sys.modules)", tmp_path)
+    done = python(
+        "import sys, clshade.pipeline.opencl.device; print('pyopencl' in sys.modules, 'numpy' in sys.modules)", tmp_path
+    )
     assert done.stdout.split() == ["False", "False"], done.stderr
 
 
@@ -150,14 +152,14 @@ def test_a_device_that_aborts_gives_one_line(
     assert "SIGABRT" in message
     assert '"ld" doesn\'t exist' in message
     if opened.platform == POCL.platform:
-        assert all(word in message for word in ("apt install gcc", probing.GET_INTEL, "conda-forge"))
+        assert all(word in message for word in ("apt install gcc", probe.GET_INTEL, "conda-forge"))
     assert not list(fresh_cache.glob("probe-*"))
 
 
 @pytest.mark.parametrize(
     ("code", "fault"),
     [
-        (f"print('{probing.WRONG}')", "computes wrongly"),
+        (f"print('{probe.WRONG}')", "computes wrongly"),
         ("pass", "computes wrongly"),
         ("raise SystemExit('LogicError: clBuildProgram failed')", "fails at its first kernel (LogicError: clBuild"),
         ("raise SystemExit(7)", "(exit code 7)"),
@@ -165,12 +167,12 @@ def test_a_device_that_aborts_gives_one_line(
     ],
 )
 def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(probing, "PROBE_SECONDS", 0.3 if "sleep" in code else 30.0)
+    monkeypatch.setattr(probe, "PROBE_SECONDS", 0.3 if "sleep" in code else 30.0)
     probe_that(code, monkeypatch)
-    problem = probing.Probe(POCL).finish()
+    problem = probe.Probe(POCL).finish()
     assert problem.startswith(f"{POCL} ")
     assert fault in problem
-    assert probing.recall(POCL) is False
+    assert probe.recall(POCL) is False
 
 
 def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cache: Path) -> None:
@@ -184,7 +186,7 @@ def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cac
 def test_verdict_is_remembered_until_the_system_changes(
     opened: device.Device, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried = probe_that(f"print('{probing.RIGHT}')", monkeypatch)
+    tried = probe_that(f"print('{probe.RIGHT}')", monkeypatch)
     device.open_device(opened.index)
     device.open_device(opened.index, meanwhile=lambda _: pytest.fail("nothing is tried out here"))
     assert tried == [opened.index]
@@ -220,31 +222,31 @@ def test_verdict_is_remembered_until_the_system_changes(
 def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
     from dataclasses import replace
 
-    probing.remember(POCL, "")
-    assert probing.recall(POCL)
-    assert probing.recall(replace(POCL, driver="another")) is None
-    assert probing.recall(replace(POCL, platform_version="another")) is None
+    probe.remember(POCL, "")
+    assert probe.recall(POCL)
+    assert probe.recall(replace(POCL, driver="another")) is None
+    assert probe.recall(replace(POCL, platform_version="another")) is None
 
 
 def test_recalling_is_fast(fresh_cache: Path) -> None:
-    probing.remember(POCL, "")
+    probe.remember(POCL, "")
     times = []
     for _ in range(10):
         start = time.perf_counter()
-        assert probing.recall(POCL)
+        assert probe.recall(POCL)
         times.append(time.perf_counter() - start)
     assert min(times) < 0.005
 
 
 def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    code = f"import sys; print('{probing.RIGHT}')"
+    code = f"import sys; print('{probe.RIGHT}')"
     tried: list[str] = []
 
     def command(info: DeviceInfo) -> list[str]:
         tried.append(info.index)
         return [sys.executable, "-S", "-c", code if info == INTEL else "import os; os.abort()"]
 
-    monkeypatch.setattr(probing, "probe_command", command)
+    monkeypatch.setattr(probe, "probe_command", command)
     monkeypatch.setattr(device, "_enumerate", lambda name: [(info, info) for info in (INTEL, POCL)])
     monkeypatch.setattr(device, "_connect", lambda info, handle, profiling: info)
     meanwhile: list[Any] = []
@@ -271,7 +273,7 @@ def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -
     probe_that("import os; os.abort()", monkeypatch)
     with pytest.raises(DeviceError, match="crashes"):
         device.open_device("", meanwhile=fail)
-    probe_that(f"print('{probing.RIGHT}')", monkeypatch)
+    probe_that(f"print('{probe.RIGHT}')", monkeypatch)
     with pytest.raises(ValueError, match="from meanwhile"):
         device.open_device("", meanwhile=fail)
 
@@ -315,7 +317,7 @@ def test_no_pyopencl(tmp_path: Path) -> None:
 def test_install_advice(system: str, machine: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", system)
     monkeypatch.setattr("platform.machine", lambda: machine)
-    advice = probing.install_advice()
+    advice = probe.install_advice()
     assert all(word in advice for word in words)
     assert ("intel-opencl-rt" in advice) == (machine == "x86_64")
 
@@ -340,7 +342,7 @@ def test_format_devices_that_do_not_work() -> None:
     text = device.format_devices([])
     assert "No OpenCL device" in text
     assert "install" in text
-    broken = DeviceInfo("0:0", "NVIDIA CUDA", "X", is_cpu=False, problem=probing.complaint(NVIDIA, "computes wrongly"))
+    broken = DeviceInfo("0:0", "NVIDIA CUDA", "X", is_cpu=False, problem=probe.complaint(NVIDIA, "computes wrongly"))
     text = device.format_devices([broken])
     assert "does not work: " in text
     assert "update its driver" in text

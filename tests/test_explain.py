@@ -11,11 +11,12 @@ import pytest
 from devices import working_devices
 from test_cli import run
 
-from clshade import commands, packing, programs
+from clshade import commands
 from clshade.checks import explaining, timing
-from clshade.features import CHOICES, OPTIONAL, Features
-from clshade.frame import Frame, same_bits
-from clshade.renderer import Renderer
+from clshade.pipeline import packing, programs
+from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")

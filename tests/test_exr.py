@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import clipping
 from clshade.errors import InputError
 from clshade.images import exr
+from clshade.pipeline import clip
 from clshade.scene.camera import Camera
 from clshade.scene.camera_matrices import camera_matrices, camera_metadata
 from clshade.scene.geometry import camera_axes
@@ -244,7 +244,7 @@ def test_camera_matrices_put_points_where_the_renderer_does(camera):
     assert np.allclose((rows @ to_camera)[:, :3], inside, atol=1e-13)
     ndc = rows @ to_ndc
     found = ndc[:, :2] / ndc[:, 3:]
-    u, v = clipping.image_positions(inside, camera).T
+    u, v = clip.image_positions(inside, camera).T
     assert np.allclose(found[:, 0], u / camera.resolution[0], rtol=1e-11, atol=1e-11)
     assert np.allclose(found[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
 

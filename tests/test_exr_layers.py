@@ -15,9 +15,9 @@ import pytest
 from layer_scenes import CAMERA, dome, mixed, wedge
 
 import clshade
-from clshade.device import Device
-from clshade.frame import Frame
 from clshade.images import exr
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.opencl.device import Device
 from clshade.scene.camera_matrices import camera_matrices
 from clshade.scene.model import LAYERS, Scene
 

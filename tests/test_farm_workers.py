@@ -25,7 +25,7 @@ from clshade.farm import local, waiting
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from clshade.farm.local import ATTEMPTS, draw_locally
 from clshade.images import exr
-from clshade.renderer import Renderer
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clshade import layout, load, oracle, programs
+from clshade import load, oracle
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
-from clshade.device import Device
-from clshade.features import OPTIONAL
-from clshade.frame import Frame, same_bits
-from clshade.renderer import Renderer
+from clshade.pipeline import programs, struct_layout
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.renderer import Renderer
 from clshade.scene import model as scene_module
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
@@ -379,8 +380,8 @@ def test_lanes_change_no_bit(device, lanes):
 def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
     """Which also shows that no kernel has the host's number written in it."""
     plain = draw(device, blob_scene())
-    monkeypatch.setattr(layout, "TILE_SIZE", size)
-    monkeypatch.setitem(layout.CONSTANTS, "TILE_SIZE", size)
+    monkeypatch.setattr(struct_layout, "TILE_SIZE", size)
+    monkeypatch.setitem(struct_layout.CONSTANTS, "TILE_SIZE", size)
     monkeypatch.setattr(programs, "_built", {})
     frame = draw(device, blob_scene())
     assert len(programs._built) == 2  # of the geometry and of the pixels

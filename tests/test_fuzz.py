@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import oracle, packing, programs
+from clshade import oracle
 from clshade.checks import fuzz, mutations
 from clshade.checks.random_scenes import BLOCK, KINDS, kind_of, scene_of
 from clshade.checks.samples import samples
 from clshade.errors import InputError
-from clshade.features import OPTIONAL
-from clshade.frame import Frame
+from clshade.pipeline import packing, programs
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.formats import inert_pickle
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import clshade
-from clshade import cli, layout
+from clshade import cli
+from clshade.pipeline import struct_layout
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "clshade"
@@ -323,7 +324,7 @@ def test_literals_are_found():
 
 # Numbers of layout.py that stand for nothing else. Of TILE_SIZE (16) and SUBPIXEL_BITS (8) a kernel may well have other
 # uses; tests/test_frames.py changes the tile's size instead.
-SHARED = [value for value in layout.CONSTANTS.values() if value > 255]
+SHARED = [value for value in struct_layout.CONSTANTS.values() if value > 255]
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
@@ -331,7 +332,7 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
     assert len(SHARED) >= 4
     found = literals(path.read_text())
     assert not found & {float(value) for value in SHARED}
-    assert 1 << layout.SUBPIXEL_BITS not in found
+    assert 1 << struct_layout.SUBPIXEL_BITS not in found
 
 
 def guards_of(name: str) -> set[str]:
@@ -353,8 +354,8 @@ def test_every_feature_that_a_kernel_tests_is_guarded(path):
 
 
 def test_every_feature_is_guarded():
-    from clshade.features import CHOICES, OPTIONAL
-    from clshade.layer_tables import MACROS
+    from clshade.pipeline.features import CHOICES, OPTIONAL
+    from clshade.pipeline.layer_buffers import MACROS
 
     assert guards_of("features.clh") == {*CHOICES, *OPTIONAL}
     assert guards_of("surface_layers.cl") == {*MACROS.values(), "MIRRORED"}

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from devices import needs_float64
 
-from clshade import layout
 from clshade.oracle import texture
-from clshade.packing import texture_tables
-from clshade.programs import build
+from clshade.pipeline import struct_layout
+from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.packing import texture_tables
+from clshade.pipeline.programs import build
 from clshade.scene.model import Texture
-from clshade.stages import Buffer, Stages
 from kernels import OTHER_LANES, Probe, bits, float32, mask, split
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (16, 9), (1024, 1))  # columns, rows
@@ -212,8 +212,8 @@ def test_texels_across_the_seam(device, precision, lanes):
     sizes = np.repeat(rng.choice([1, 2, 3, 8, 1000, 32768], count // 16), 16)
     wraps, lookups = (np.repeat(a, 16) for a in which)
     features = {"FAST": int(precision == "fast"), "DOUBLE": int(precision == "float64")}
-    numbers = np.array([layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in WRAPS])[wraps]
-    modes = np.array([layout.CONSTANTS[f"LOOKUP_{name}"] for name in ("STANDARD", "COURSE")])[lookups]
+    numbers = np.array([struct_layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in WRAPS])[wraps]
+    modes = np.array([struct_layout.CONSTANTS[f"LOOKUP_{name}"] for name in ("STANDARD", "COURSE")])[lookups]
     arrays = (a.astype(np.int32) for a in (sizes, numbers, modes))
     found = Probe(device, FOOTPRINT, lanes=lanes, **features)("texels", high, low, *arrays, width=3, dtype=kind)
     for k in range(count):
@@ -245,8 +245,8 @@ def test_the_tables_hold_what_the_textures_say():
     for row, chosen in zip(table, TEXTURES[: len(KINDS) * 2], strict=True):
         rows, columns, _ = chosen.image.shape
         assert (row["offset"][0], row["width"], row["height"]) == (offset, columns, rows)
-        assert row["wrap"].tolist() == [layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in chosen.wrap]
-        assert row["lookup"] == layout.CONSTANTS[f"LOOKUP_{chosen.lookup.upper()}"]
+        assert row["wrap"].tolist() == [struct_layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in chosen.wrap]
+        assert row["lookup"] == struct_layout.CONSTANTS[f"LOOKUP_{chosen.lookup.upper()}"]
         assert np.array_equal(texels[offset : offset + rows * columns, :3], chosen.image.reshape(-1, 3))
         offset += rows * columns
     assert len(texels) == offset

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from stage_oracle import hull, narrowed, seen_from
 
-from clshade import layout
 from clshade.oracle import coverage
-from clshade.renderer import Renderer, render
-from clshade.sampling import positions
+from clshade.pipeline import struct_layout
+from clshade.pipeline.renderer import Renderer, render
+from clshade.pipeline.sample_pattern import positions
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
 from kernels import Pipeline, samples_at, vertices_at
 
-TILE = layout.TILE_SIZE
+TILE = struct_layout.TILE_SIZE
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
 
 
@@ -27,8 +27,8 @@ def triangles(seed: int, count: int = 1500) -> np.ndarray:
     xy = rng.uniform(-30, 200, (count, 1, 2)) * 256 + size * rng.uniform(-1, 1, (count, 3, 2))
     xy[::9, 2] = xy[::9, 1] + rng.uniform(-300, 300, (len(xy[::9]), 2))
     far = rng.uniform(-1, 1, (len(xy[::50]), 2))
-    xy[::50, 0] = 256 * layout.GUARD_PIXELS * far
-    return np.rint(np.clip(xy, -256 * layout.GUARD_PIXELS, 256 * layout.GUARD_PIXELS)).astype(np.int64)
+    xy[::50, 0] = 256 * struct_layout.GUARD_PIXELS * far
+    return np.rint(np.clip(xy, -256 * struct_layout.GUARD_PIXELS, 256 * struct_layout.GUARD_PIXELS)).astype(np.int64)
 
 
 def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:

@@ -7,13 +7,13 @@ import pytest
 from devices import needs_float64
 from stage_oracle import as_kernels_see, owners_of, seen_from
 
-from clshade import layout
 from clshade.oracle import coverage, transform
-from clshade.sampling import positions
+from clshade.pipeline import struct_layout
+from clshade.pipeline.sample_pattern import positions
 from kernels import OTHER_LANES, Pipeline, samples_at, vertices_at
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
-GUARD = layout.GUARD_PIXELS * 256
+GUARD = struct_layout.GUARD_PIXELS * 256
 
 
 def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> np.ndarray:

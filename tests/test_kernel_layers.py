@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from stage_oracle import as_kernels_see, owners_of
 
-from clshade import layout
 from clshade.oracle import coverage, shade
-from clshade.programs import build
-from clshade.stages import Buffer, Stages
+from clshade.pipeline import struct_layout
+from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.programs import build
 from kernels import OTHER_LANES, bits, image_of, mask
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
     """layout.SINGLE.Triangle rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
-    rows = np.zeros(len(xy), layout.SINGLE.Triangle)
+    rows = np.zeros(len(xy), struct_layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
     rows["inverse_area"], rows["orientation"] = 256.0 / np.abs(area), np.sign(area)

@@ -10,8 +10,8 @@ import pytest
 
 from clshade.checks import compare
 from clshade.oracle import OracleFrame, shade
-from clshade.programs import build
-from clshade.stages import Buffer, Stages
+from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.programs import build
 from kernels import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 
 HALF_ULP = 2.0**-24

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade import layout
 from clshade.oracle import transform
+from clshade.pipeline import struct_layout
 from clshade.scene import geometry
 from clshade.scene.camera import Camera
 from kernels import project
 
-GUARD = layout.GUARD_PIXELS
+GUARD = struct_layout.GUARD_PIXELS
 
 
 def cameras() -> list[Camera]:
@@ -60,7 +60,7 @@ def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
     snapped = np.stack([found["x"], found["y"]], axis=1)
     assert np.array_equal(snapped[inside], transform.snap(uv[inside]))
     beyond = before[:, None] & ~inside
-    limit = np.where(uv > 0.0, layout.SNAP_LIMIT, -layout.SNAP_LIMIT)
+    limit = np.where(uv > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
     assert np.array_equal(snapped[beyond], limit[beyond])
     assert not snapped[~before].any()
     assert not found["w"][~before].any()
@@ -105,7 +105,7 @@ def test_guard_band_ends_exactly_at_its_limit(device):
     points[:, 0] = (at - 16) / 8
     points[2, 0], points[3, 0] = np.nextafter(points[0, 0], np.inf), np.nextafter(points[1, 0], -np.inf)
     found = project(device, points, CAMERA, 0.1).projected.array["x"]
-    inside, limit = GUARD << layout.SUBPIXEL_BITS, layout.SNAP_LIMIT
+    inside, limit = GUARD << struct_layout.SUBPIXEL_BITS, struct_layout.SNAP_LIMIT
     # u itself is rounded: whether a step beyond shows in it is the oracle's to say.
     _, uv = oracle_of(points, CAMERA)
     beyond = np.abs(uv[:, 0]) > GUARD

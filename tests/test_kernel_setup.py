@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from stage_oracle import hull, narrowed, seen_from
 
-from clshade import layout
 from clshade.oracle import coverage, transform
-from clshade.sampling import positions
-from clshade.sorting import front_to_back
-from clshade.stages import Buffer, TriangleBuffers
+from clshade.pipeline import struct_layout
+from clshade.pipeline.depth_sort import front_to_back
+from clshade.pipeline.launches import Buffer, TriangleBuffers
+from clshade.pipeline.sample_pattern import positions
 from kernels import Pipeline, boxes_of, samples_at, vertices_at
 
 COLUMNS, ROWS = 61, 43
-LIMIT = layout.SNAP_LIMIT
+LIMIT = struct_layout.SNAP_LIMIT
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
 
 
@@ -28,7 +28,7 @@ def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     xy[::10, 2] = 2 * xy[::10, 1] - xy[::10, 0]  # on a line
     xy[5::100, 1] = xy[5::100, 0]  # repeated
     xy[1::7] = xy[1::7] // 128 * 128  # corners on pixel centers and edges
-    xy = np.clip(xy, -layout.GUARD_PIXELS * 256, layout.GUARD_PIXELS * 256)
+    xy = np.clip(xy, -struct_layout.GUARD_PIXELS * 256, struct_layout.GUARD_PIXELS * 256)
     return xy, np.exp2(rng.uniform(-3, 3, (count, 3)))
 
 
@@ -224,7 +224,7 @@ def test_setup_pieces(device):
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     face_count = 7
     made = TriangleBuffers(device, face_count, len(xy))
-    table = np.zeros(len(xy), layout.SINGLE.Piece)
+    table = np.zeros(len(xy), struct_layout.SINGLE.Piece)
     table["x"], table["y"] = xy[..., 0], xy[..., 1]
     table["w"] = 1.0 / z
     table["key_depth"] = z[:, 1]

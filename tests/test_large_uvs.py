@@ -11,8 +11,8 @@ from devices import needs_float64
 import clshade
 from clshade import oracle
 from clshade.checks import compare, compare_layers
-from clshade.frame import Frame
-from clshade.renderer import Renderer
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Texture
 

@@ -11,12 +11,13 @@ from devices import needs_float64
 from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
-from clshade import layer_tables, oracle, programs
+from clshade import oracle
 from clshade.checks import compare, compare_layers
-from clshade.features import OPTIONAL
-from clshade.frame import Frame, same_bits
-from clshade.layer_tables import MACROS, material_numbers
-from clshade.renderer import Renderer
+from clshade.pipeline import layer_buffers, programs
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.layer_buffers import MACROS, material_numbers
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
 from clshade.scene.model import LAYERS, Material, Mesh, Scene, Settings
@@ -263,7 +264,7 @@ def test_equal_materials_share_a_number():
 def test_many_materials_are_not_compared_in_pairs(monkeypatch):
     """Of 3000 scalars alone, none; of two textures of one size, one comparison."""
     compared = []
-    monkeypatch.setattr(layer_tables.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
+    monkeypatch.setattr(layer_buffers.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
     materials = [Material(kd=k / 3000, name=f"{k % 7}") for k in range(3000)]
     materials += [Material(texture=replace(CHECKERS, image=CHECKERS.image + np.float32(k))) for k in range(2)]
     scene = Scene(tuple(replace(wedge(), material=material) for material in materials), CAMERA)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade import layout
+from clshade.pipeline import struct_layout
 from clshade.scene import model
 from kernels import Probe
 
@@ -21,7 +21,8 @@ def struct_text(name: str, dtype: np.dtype) -> str:
 
 
 STRUCTS = {
-    kind: {n: t for n, t in s._asdict().items() if n != "real"} for kind, s in enumerate((layout.SINGLE, layout.DOUBLE))
+    kind: {n: t for n, t in s._asdict().items() if n != "real"}
+    for kind, s in enumerate((struct_layout.SINGLE, struct_layout.DOUBLE))
 }
 EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
 
@@ -30,7 +31,7 @@ EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
 def probes(device):
     """One with float32 reals, one with float64 reals."""
     text = "".join(struct_text(name, dtype) for name, dtype in STRUCTS[0].items())
-    values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(layout.CONSTANTS))
+    values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(struct_layout.CONSTANTS))
     text += f"kernel void constants(global const float *unused, global float *out) {{ {values} }}"
     return [Probe(device, text, DOUBLE=kind) for kind in STRUCTS]
 
@@ -49,11 +50,13 @@ def test_sizes_and_offsets(probes, kind, name):
 
 def test_constants(probes):
     """As float32, which holds every one of them exactly."""
-    assert single(probes[0], "constants", len(layout.CONSTANTS), np.float32) == list(layout.CONSTANTS.values())
+    assert single(probes[0], "constants", len(struct_layout.CONSTANTS), np.float32) == list(
+        struct_layout.CONSTANTS.values()
+    )
 
 
 def test_settings_allow_as_many_samples_as_the_structs_hold():
-    assert model.MAX_SAMPLES == layout.MOST_SAMPLES
+    assert model.MAX_SAMPLES == struct_layout.MOST_SAMPLES
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
@@ -64,6 +67,6 @@ def test_rows_keep_their_alignment(kind, name):
 
 
 def test_a_header_for_devices_without_double():
-    header = layout.header(with_double=False)
+    header = struct_layout.header(with_double=False)
     assert "double" not in header
-    assert header.count("} ") == layout.header().count("} ")
+    assert header.count("} ") == struct_layout.header().count("} ")

@@ -9,10 +9,11 @@ import pytest
 from devices import needs_float64
 
 import clshade
-from clshade import features, oracle
+from clshade import oracle
 from clshade.checks import compare
-from clshade.frame import Frame
-from clshade.renderer import Renderer
+from clshade.pipeline import features
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 

@@ -9,7 +9,7 @@ import pytest
 
 from clshade import oracle
 from clshade.checks.compare import assert_frame
-from clshade.renderer import Renderer, settle
+from clshade.pipeline.renderer import Renderer, settle
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture

@@ -11,7 +11,7 @@ from PIL import Image
 from scene_files import write
 
 from clshade.images.decode import srgb_to_linear
-from clshade.renderer import Renderer
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 

@@ -9,10 +9,10 @@ import weakref
 import numpy as np
 import pytest
 
-from clshade import layout
-from clshade.mipmaps import BAND, levels_below, smaller_levels
 from clshade.oracle import texture
-from clshade.packing import texture_tables
+from clshade.pipeline import struct_layout
+from clshade.pipeline.mipmaps import BAND, levels_below, smaller_levels
+from clshade.pipeline.packing import texture_tables
 from clshade.scene.model import Texture
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows
@@ -78,7 +78,7 @@ def test_bands_of_rows_change_no_bit(monkeypatch, size):
     image = image_of(size)
     found = smaller_levels(image)
     for band in (1, 1 << 40):
-        monkeypatch.setattr("clshade.mipmaps.BAND", band)
+        monkeypatch.setattr("clshade.pipeline.mipmaps.BAND", band)
         for level, same in zip(found, smaller_levels(image), strict=True):
             assert level.tobytes() == same.tobytes()
 
@@ -131,5 +131,5 @@ def test_levels_lie_behind_their_texture():
 
 def test_the_largest_texture_has_room_for_its_levels():
     table, texels = texture_tables([Texture(np.ones((1, 32768, 3), np.float32))], mipmaps=True)
-    assert table["levels"][0] == layout.MOST_LEVELS
+    assert table["levels"][0] == struct_layout.MOST_LEVELS
     assert len(texels) == 65535

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import clshade
-from clshade import packing
 from clshade.oracle import transform
 from clshade.oracle.normals import placed_normals
 from clshade.oracle.vectors import unit
-from clshade.renderer import Renderer
+from clshade.pipeline import packing
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene
 

@@ -14,7 +14,7 @@ from clshade import oracle
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.errors import DeviceError, InputError
-from clshade.renderer import Renderer
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
 from kernels import Probe

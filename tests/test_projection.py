@@ -9,7 +9,7 @@ import pytest
 from test_kernel_project import CAMERAS, around, cameras
 
 import clshade
-from clshade import layout, projection
+from clshade.pipeline import host_projection, struct_layout
 from kernels import project, view_of
 
 
@@ -21,9 +21,9 @@ def test_the_host_projects_as_the_kernel_does(device, camera, dtype):
     distance = np.linalg.norm(camera.lookat - camera.eye)
     near, scale = 1e-3 * distance, 2.0 ** -np.ceil(np.log2(distance))
     made = project(device, points, camera, near, scale)
-    vertices, relative = np.empty(len(points), layout.SINGLE.Vertex), np.empty((len(points), 4), np.float32)
+    vertices, relative = np.empty(len(points), struct_layout.SINGLE.Vertex), np.empty((len(points), 4), np.float32)
     view = view_of(device, camera, near, scale).array[0]
-    projection.project(points, view, camera.orthographic, vertices, relative)
+    host_projection.project(points, view, camera.orthographic, vertices, relative)
     assert vertices.tobytes() == made.projected.to_host().tobytes()
     assert relative.tobytes() == made.relative.to_host().tobytes()
 

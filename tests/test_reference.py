@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade import sampling
 from clshade.checks import reference as reference_module
 from clshade.checks import variants
 from clshade.checks.measuring import measure
@@ -16,7 +15,8 @@ from clshade.checks.reference import STEPS, _fits, averaged, reference, tiles
 from clshade.checks.tessellation import loglog_slope
 from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.images.metrics import rmse
-from clshade.renderer import render
+from clshade.pipeline import sample_pattern
+from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
@@ -84,7 +84,7 @@ def test_tiles_make_the_same_image(device, monkeypatch):
 def places(scale: int, samples: int) -> set[tuple[float, float]]:
     """Where in a pixel the samples lie of scale x scale pixels in its place."""
     cells = itertools.product(range(scale), repeat=2)
-    own = sampling.positions(samples) / 256.0
+    own = sample_pattern.positions(samples) / 256.0
     return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in own.tolist()}
 
 

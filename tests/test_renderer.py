@@ -15,13 +15,13 @@ import pytest
 from processes import PEAK
 
 import clshade
-from clshade import layout
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.memory import Pool
-from clshade.renderer import Renderer
+from clshade.pipeline import struct_layout
+from clshade.pipeline.buffer_pool import Pool
+from clshade.pipeline.launches import Buffer, Stages, _aligned
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
-from clshade.stages import Buffer, Stages, _aligned
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
 TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -123,7 +123,7 @@ def test_pieces_beyond_the_sort_keys_index_are_refused(device, monkeypatch):
     mesh = Mesh(np.array([[-9.0, -9, 5], [9, -9, -5], [0, 9, -5]]), np.array([[0, 1, 2], [0, 2, 1]]))
     with Renderer(Scene((mesh,), CAMERA), device=device) as renderer:
         assert renderer.render().stats["clipped"] == 2
-        monkeypatch.setattr(layout, "KEY_INDEX_BITS", 1)
+        monkeypatch.setattr(struct_layout, "KEY_INDEX_BITS", 1)
         with pytest.raises(InputError, match="at most 2 triangles, pieces of clipped ones included, found 2 and"):
             renderer.render()
 

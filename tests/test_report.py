@@ -26,7 +26,7 @@ from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.metrics import rmse
-from clshade.renderer import render, settle
+from clshade.pipeline.renderer import render, settle
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from processes import OPEN, ROOT, python
 
-from clshade import runtimes, slots
+from clshade.pipeline.opencl import cache_slots, environment
 
 CLAIM = (
     "import os; from clshade import runtimes; "
@@ -145,9 +145,11 @@ except DeviceError as error: print(error)
     done = python(code.replace("sys.argv[1]", repr(str(worker))), tmp_path, POCL_CACHE_DIR="/proc/x")
     assert done.stdout.splitlines()[0] == f"{worker} {worker}/pocl {worker}", done.stderr
     assert "too late" in done.stdout.splitlines()[1]
-    held = slots.lock_file(worker / "lock")
+    held = cache_slots.lock_file(worker / "lock")
     assert held is not None
-    done = python(f"from clshade.runtimes import isolate_cache; isolate_cache({str(worker)!r})", tmp_path)
+    done = python(
+        f"from clshade.pipeline.opencl.environment import isolate_cache; isolate_cache({str(worker)!r})", tmp_path
+    )
     os.close(held)
     assert "in use by another process" in done.stderr
 
@@ -168,13 +170,13 @@ def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, m
     system.mkdir()
     (system / "mesa.icd").write_text("libMesaOpenCL.so.1\n")
     (system / "broken.icd").write_text("/opt/anaconda1anaconda2/lib/libintelocl.so")
-    monkeypatch.setattr(runtimes, "SYSTEM_VENDORS", system)
-    monkeypatch.setattr(runtimes, "intel_library", lambda: library)
+    monkeypatch.setattr(environment, "SYSTEM_VENDORS", system)
+    monkeypatch.setattr(environment, "intel_library", lambda: library)
     monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
     for name in ("OCL_ICD_VENDORS", "CLSHADE_SET_OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"):
         monkeypatch.setenv(name, "")
     for _ in range(2):
-        runtimes.expose_runtimes()
+        environment.expose_runtimes()
         folder = Path(os.environ["OCL_ICD_VENDORS"])
         assert folder.parent == fresh_cache
         contents = {path.name: path.read_text().strip() for path in folder.iterdir()}
@@ -186,13 +188,13 @@ def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, m
         lambda: (shutil.rmtree(folder), folder.touch()),
     ):
         damage()
-        runtimes.expose_runtimes()
+        environment.expose_runtimes()
         assert {path.name: path.read_text().strip() for path in folder.iterdir()} == contents
         assert list(fresh_cache.glob("vendors-*")) == [folder]
     # Registered by the system already: nothing has to be done. The variable set above does not pass for the user's.
     (system / "intel.icd").write_text(str(library))
-    runtimes.expose_runtimes()
+    environment.expose_runtimes()
     assert "OCL_ICD_VENDORS" not in os.environ
     monkeypatch.setenv("OCL_ICD_VENDORS", "/users/own")
-    runtimes.expose_runtimes()
+    environment.expose_runtimes()
     assert os.environ["OCL_ICD_VENDORS"] == "/users/own"

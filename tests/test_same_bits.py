@@ -16,10 +16,10 @@ from devices import needs_float64
 from layer_scenes import mixed
 
 import clshade
-from clshade import layout, programs
-from clshade.features import OPTIONAL
-from clshade.frame import Frame
-from clshade.renderer import Renderer
+from clshade.pipeline import programs, struct_layout
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
 RESOLUTION = (161, 97)
@@ -160,7 +160,7 @@ def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, ba
     assert set(found.values()) == {found[None]}, found
     assert 0.1 < empty.mean() < 0.9
     if scene is knot:
-        assert empty[-layout.TILE_SIZE :, : layout.TILE_SIZE].all()
+        assert empty[-struct_layout.TILE_SIZE :, : struct_layout.TILE_SIZE].all()
         edges = empty[:, 1:] != empty[:, :-1]
         assert edges.any()  # tiles that are partly empty
 

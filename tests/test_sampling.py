@@ -9,12 +9,13 @@ import pytest
 from devices import needs_float64
 
 import clshade
-from clshade import oracle, programs, sampling
+from clshade import oracle
 from clshade.checks import compare
 from clshade.checks.cases.lit import CAMERA, LIGHTS, blob
 from clshade.errors import InputError
 from clshade.oracle.sampling import places
-from clshade.renderer import Renderer
+from clshade.pipeline import programs, sample_pattern
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
@@ -45,7 +46,7 @@ def draw(device, scene: Scene, **options):
 @pytest.mark.parametrize("samples", range(1, 65))
 def test_places(samples):
     """On the grid of 1/256 px, all different, the nearest to the center first; what the oracle makes of the same formula."""
-    found = sampling.positions(samples)
+    found = sample_pattern.positions(samples)
     assert found.shape == (samples, 2)
     assert found.min() >= 0
     assert found.max() <= 255
@@ -58,19 +59,19 @@ def test_places(samples):
 @pytest.mark.parametrize("samples", range(1, 65))
 def test_places_are_symmetric_about_the_center(samples):
     """So that a triangle that covers them all covers the center too: triangles are convex."""
-    found = sampling.positions(samples)
+    found = sample_pattern.positions(samples)
     assert {tuple(place) for place in found} == {tuple(place) for place in 256 - found}
 
 
 def test_one_sample_is_the_center():
-    assert sampling.positions(1).tolist() == [[128, 128]]
+    assert sample_pattern.positions(1).tolist() == [[128, 128]]
 
 
 @pytest.mark.parametrize("samples", [4, 16, 64])
 def test_every_column_and_nearly_every_row_of_strips_has_a_sample(samples):
     """Of S strips across each has exactly one sample; of S strips up the golden ratio's leave less than a third empty: three
     gaps at most occur between its multiples, the widest 1.9 times the mean one."""
-    x, y = sampling.positions(samples).T * samples // 256
+    x, y = sample_pattern.positions(samples).T * samples // 256
     assert sorted(x) == list(range(samples))
     assert len(set(y)) > samples * 2 // 3
 
@@ -211,7 +212,7 @@ def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
     frame = draw(device, scene, samples=8)
     owned = frame["id"] > 0
     assert np.array_equal(owned, np.isfinite(frame["Z"]))
-    x, y = sampling.positions(8)[0]
+    x, y = sample_pattern.positions(8)[0]
     columns, rows = scene.camera.resolution
     # The same camera, its image moved so that the pixels' centers are where the samples were.
     principal = scene.camera.principal

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import frame
 from clshade.base import atomic_files
 from clshade.errors import InputError, OutputError
-from clshade.frame import Frame
 from clshade.images import exr, png
+from clshade.pipeline import frame
+from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.model import Scene, Settings
 

@@ -15,7 +15,7 @@ from clshade.checks.selecting import Candidate, select
 from clshade.checks.variants import BASE
 from clshade.images import exr
 from clshade.images.metrics import rmse
-from clshade.renderer import render
+from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

@@ -17,7 +17,7 @@ from processes import ROOT
 import clshade
 from clshade import showing
 from clshade.errors import DeviceError, OutputError
-from clshade.frame import Frame
+from clshade.pipeline.frame import Frame
 from clshade.scene.model import Settings
 
 PNG = "image/png"
@@ -140,7 +140,7 @@ def drawn(monkeypatch):
         columns, rows = scene.camera.resolution
         return frame_of(np.ones((rows, columns, 4)))
 
-    monkeypatch.setattr("clshade.renderer.render", render)
+    monkeypatch.setattr("clshade.pipeline.renderer.render", render)
     return calls
 
 
@@ -174,7 +174,7 @@ def test_a_scene_that_cannot_be_drawn_is_text(monkeypatch, error):
     def render(*_, **__):
         raise error
 
-    monkeypatch.setattr("clshade.renderer.render", render)
+    monkeypatch.setattr("clshade.pipeline.renderer.render", render)
     bundle = clshade.builtin("quads")._repr_mimebundle_(include=None, exclude=None)
     assert list(bundle) == ["text/plain"]
     assert bundle["text/plain"].splitlines()[1:] == [f"not drawn: {str(error).replace(chr(10), ' ') or 'MemoryError'}"]

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from processes import python
 
-from clshade import runtimes, slots
-from clshade.slots import MARK, SEAL, Slot
+from clshade.pipeline.opencl import cache_slots, environment
+from clshade.pipeline.opencl.cache_slots import MARK, SEAL, Slot
 
 CODE = bytes(range(256)) * 40
 
 
 def take(folder: Path) -> Slot:
-    slot = slots.take(folder)
+    slot = cache_slots.take(folder)
     assert slot is not None
     return slot
 
@@ -160,7 +160,7 @@ def test_what_cannot_be_read(sealed, monkeypatch):
     def refuse(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(slots, "_digest", refuse)
+    monkeypatch.setattr(cache_slots, "_digest", refuse)
     assert take(sealed).emptied.endswith(" cannot be read (Permission denied)")
 
 
@@ -168,20 +168,20 @@ def test_it_is_said_in_a_line(sealed, capsys, monkeypatch):
     flip(sealed / "pocl/AB/phong.so")
     for name in ("POCL_CACHE_DIR", "CLSHADE_SET_POCL_CACHE_DIR"):  # which `_adopt` sets
         monkeypatch.setenv(name, "")
-    monkeypatch.setattr(runtimes, "_slot", None)
-    runtimes._adopt(take(sealed))
+    monkeypatch.setattr(environment, "_slot", None)
+    environment._adopt(take(sealed))
     said = f"clshade: warning: the kernel cache {sealed} is thrown away and compiled anew: phong.so is damaged\n"
     assert capsys.readouterr().err == said
     again = take_again(sealed)
     monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
     monkeypatch.setenv("CLSHADE_SET_POCL_CACHE_DIR", "")
-    runtimes._adopt(again)
+    environment._adopt(again)
     assert "compiled anew, but for POCL_CACHE_DIR, /users/own: a run that began" in capsys.readouterr().err
 
 
 def take_again(folder: Path) -> Slot:
     """After a run that died in it."""
-    runtimes._slot.release()
+    environment._slot.release()
     (folder / MARK).touch()
     return take(folder)
 
@@ -277,16 +277,16 @@ def test_a_slot_that_cannot_be_used_is_passed_over(tmp_path, monkeypatch, obstac
     elif obstacle == "link to nowhere":
         (tmp_path / "slot-0").symlink_to(tmp_path / "nowhere" / "there")
     else:
-        lock_file = slots.lock_file
+        lock_file = cache_slots.lock_file
 
         def refuse(path):
             if path.parent.name == "slot-0":
                 raise PermissionError(13, "Permission denied")
             return lock_file(path)
 
-        monkeypatch.setattr(slots, "lock_file", refuse)
+        monkeypatch.setattr(cache_slots, "lock_file", refuse)
     for _ in range(2):
-        slot = slots.claim(tmp_path)
+        slot = cache_slots.claim(tmp_path)
         assert slot.folder == tmp_path / "slot-1", "kept from run to run"
         slot.release()
     assert not list(tmp_path.glob("once-*"))
@@ -299,15 +299,15 @@ def test_a_damaged_slot_that_cannot_be_emptied_is_passed_over(sealed, monkeypatc
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(shutil, "rmtree", refuse)
-    assert slots.claim(sealed.parent).folder.name == "slot-1"
+    assert cache_slots.claim(sealed.parent).folder.name == "slot-1"
 
 
 def test_no_slots_are_tried_where_files_cannot_be_locked(tmp_path, monkeypatch):
     def refuse(path):
         raise OSError(37, "No locks available")
 
-    monkeypatch.setattr(slots, "lock_file", refuse)
-    slot = slots.claim(tmp_path)
+    monkeypatch.setattr(cache_slots, "lock_file", refuse)
+    slot = cache_slots.claim(tmp_path)
     assert slot.folder.name.startswith("once-")
     assert len(list(tmp_path.glob("slot-*"))) == 1
     with slot.using():
@@ -333,7 +333,7 @@ def test_private_folders_go_with_their_process_or_with_the_next(tmp_path):
     assert not run("").exists()
     left = run("os.kill(os.getpid(), signal.SIGKILL)")
     assert left.is_dir()
-    used = slots.private_folder(tmp_path, "once-")
+    used = cache_slots.private_folder(tmp_path, "once-")
     assert not left.exists()
     other = run("os.fork() or os._exit(0); os.wait()")
     assert used.is_dir(), "its process lives"
@@ -343,7 +343,7 @@ def test_private_folders_go_with_their_process_or_with_the_next(tmp_path):
 @pytest.mark.parametrize("locked", [False, True])
 def test_a_private_folder_that_another_process_removes_is_made_anew(tmp_path, monkeypatch, locked):
     """Between the making of the file to be locked and the locking; locked: or while it has the lock."""
-    lock_file, robbed = slots.lock_file, []
+    lock_file, robbed = cache_slots.lock_file, []
 
     def lock_too_late(path: Path) -> int | None:
         if robbed:
@@ -354,8 +354,8 @@ def test_a_private_folder_that_another_process_removes_is_made_anew(tmp_path, mo
             shutil.rmtree(path.parent)
             return None if locked else os.dup(file.fileno())
 
-    monkeypatch.setattr(slots, "lock_file", lock_too_late)
-    folder = slots.private_folder(tmp_path, "once-")
+    monkeypatch.setattr(cache_slots, "lock_file", lock_too_late)
+    folder = cache_slots.private_folder(tmp_path, "once-")
     assert folder.is_dir()
     assert robbed != [folder]
 
@@ -366,5 +366,5 @@ def test_private_folders_without_locks_go_when_they_are_old(tmp_path):
     for name in ("once-old", "other"):
         os.utime(tmp_path / name, (1, 1))
     (tmp_path / "once-link").symlink_to(tmp_path / "other")
-    used = slots.private_folder(tmp_path, "once-")
+    used = cache_slots.private_folder(tmp_path, "once-")
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["once-new", "once-link", "other", used.name])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clshade.layout import KEY_INDEX_BITS
-from clshade.sorting import front_to_back
+from clshade.pipeline.depth_sort import front_to_back
+from clshade.pipeline.struct_layout import KEY_INDEX_BITS
 
 # Values that 40 bits of a float64 tell apart, and ones they do not: 1, an ulp on both sides, and 2^-28 above.
 NEAR_ONE = (1.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 1.0 + 2.0**-40, 1.0 + 2.0**-28)

@@ -11,9 +11,9 @@ import clshade
 from clshade import cli
 from clshade.base.spelling import hint, nearest
 from clshade.errors import InputError
-from clshade.frame import Frame
 from clshade.images import exr
-from clshade.renderer import settle
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import settle
 from clshade.scene.builtin.scenes import BUILTINS, builtin
 from clshade.scene.model import Settings
 

@@ -16,8 +16,8 @@ from clshade.checks.cases import Bench, Case, Outcome, all_cases, flat
 from clshade.checks.cases import bench as bench_module
 from clshade.checks.cases.coverage import triangles_of_size
 from clshade.errors import InputError
-from clshade.frame import Frame
 from clshade.oracle import coverage
+from clshade.pipeline.frame import Frame
 
 CASES = {case.name: case for case in all_cases()}
 TRIANGLES = 2000

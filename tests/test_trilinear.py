@@ -13,14 +13,14 @@ import clshade
 from clshade import oracle
 from clshade.checks import compare
 from clshade.checks.cases import lit
-from clshade.device import Device
 from clshade.errors import InputError
-from clshade.features import OPTIONAL
-from clshade.frame import Frame, same_bits
-from clshade.mipmaps import smaller_levels
 from clshade.oracle import texture as reference
-from clshade.packing import texture_tables
-from clshade.renderer import Renderer
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.mipmaps import smaller_levels
+from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.packing import texture_tables
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Settings, Texture
 from kernels import OTHER_LANES, Probe

@@ -12,13 +12,13 @@ from speeds import made_up
 from test_bench_tables import small_speed
 from test_cli import needs_device, run
 
-from clshade import device as devices
 from clshade.base import text_tables
 from clshade.checks import bench, bench_tables, crews, report, results, stability
 from clshade.checks.cases import Outcome, all_cases
 from clshade.checks.timing import Spread
 from clshade.images import compare, exr, statistics
 from clshade.images.image_file import Picture
+from clshade.pipeline.opencl import device as devices
 
 LONG = "a_name_with_very_many_letters" * 8
 CELLS = st.text(alphabet="abc|. ", max_size=30).map(str.strip)

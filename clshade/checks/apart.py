@@ -11,8 +11,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..device import open_device
 from ..errors import ClshadeError
+from ..pipeline.opencl.device import open_device
 from .drawing import draw
 from .workloads import SCALING, WORKLOADS
 

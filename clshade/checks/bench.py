@@ -11,9 +11,9 @@ from typing import TextIO, TypeVar
 
 from ..base import atomic_files, text_tables
 from ..base.validation import Array
-from ..device import Device, open_device
 from ..errors import ClshadeError, InputError
-from ..renderer import render
+from ..pipeline.opencl.device import Device, open_device
+from ..pipeline.renderer import render
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from . import bench_tables, starting

@@ -15,8 +15,8 @@ import numpy as np
 
 from .. import oracle
 from ..base.validation import Array, refuse
-from ..frame import Frame
 from ..oracle import OracleFrame
+from ..pipeline.frame import Frame
 from . import compare
 from .defaults import PIXELS
 

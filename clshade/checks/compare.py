@@ -2,7 +2,7 @@
 AssertionError with the first bad pixel.
 
 A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the
-top, as `clshade.frame.Frame` has them. Shape, type and finiteness are checked before any value.
+top, as `clshade.pipeline.frame.Frame` has them. Shape, type and finiteness are checked before any value.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..device import Device
-from ..renderer import Renderer
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import Renderer
 from ..scene import adjust_camera
 from ..scene.camera import Camera
 from ..scene.model import Scene

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import programs
-from ..features import OPTIONAL
-from ..frame import Frame, same_bits
-from ..renderer import Renderer
+from ..pipeline import programs
+from ..pipeline.features import OPTIONAL
+from ..pipeline.frame import Frame, same_bits
+from ..pipeline.renderer import Renderer
 from ..scene.model import LAYERS, Scene
 from .timing import Spread, in_turns, spread
 

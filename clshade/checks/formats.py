@@ -14,10 +14,10 @@ import numpy as np
 
 from ..base.validation import Array
 from ..errors import OutputError
-from ..frame import Frame, default_tonemap
 from ..images import exr, png
 from ..images.metrics import rmse
 from ..images.tonemap import radiance
+from ..pipeline.frame import Frame, default_tonemap
 from .timing import Spread, in_turns, spread
 
 ROUNDS = 7  # files of each format

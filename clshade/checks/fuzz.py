@@ -12,12 +12,12 @@ import numpy as np
 
 from .. import oracle
 from ..base.validation import Array
-from ..device import Device
-from ..features import OPTIONAL
-from ..frame import Frame
 from ..oracle import OracleFrame
 from ..oracle.corners import held
-from ..renderer import Renderer
+from ..pipeline.features import OPTIONAL
+from ..pipeline.frame import Frame
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import Renderer
 from ..scene.model import Scene, Settings
 from . import compare, mutations
 from .compare_layers import assert_layers

@@ -12,8 +12,8 @@ from typing import Any, TextIO
 
 from ..base import console
 from ..base.atomic_files import naming, shown
-from ..device import Device, open_device
 from ..errors import InputError
+from ..pipeline.opencl.device import Device, open_device
 from . import fuzz
 from .fuzz import Tally
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..device import Device
-from ..frame import Frame
 from ..images.metrics import ImageError, image_error
-from ..renderer import Renderer
+from ..pipeline.frame import Frame
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import Renderer
 from ..scene import adjust_camera
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..device import Device
-from ..features import CHOICES, OPTIONAL, Features
-from ..programs import build_text
-from ..stages import Buffer
+from ..pipeline.features import CHOICES, OPTIONAL, Features
+from ..pipeline.launches import Buffer
+from ..pipeline.opencl.device import Device
+from ..pipeline.programs import build_text
 
 COPIED = 1 << 26  # bytes of each of the two arrays: more than caches hold
 CHAINS = 10  # independent, to keep the units busy for the four or five cycles that an fma takes

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..base.validation import Array
-from ..device import Device
 from ..images.metrics import rmse
-from ..renderer import Renderer
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 

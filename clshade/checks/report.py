@@ -9,8 +9,8 @@ from typing import TextIO
 
 from ..base import text_tables
 from ..base.atomic_files import shown
-from ..device import open_device
 from ..errors import InputError
+from ..pipeline.opencl.device import open_device
 from ..scene.model import Scene
 from . import report_figure, report_tables
 from .choosing import chosen

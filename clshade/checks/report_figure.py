@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.validation import Array
-from ..frame import default_tonemap
 from ..images import figures
 from ..images.tonemap import tonemap
+from ..pipeline.frame import default_tonemap
 from .labels import label_points
 from .study import SHOWN, Study
 

@@ -24,7 +24,7 @@ import numpy as np
 from .. import course
 from ..base.validation import Array, refuse
 from ..errors import ClshadeError
-from ..renderer import Renderer
+from ..pipeline.renderer import Renderer
 from ..scene.builtin.scenes import builtin
 from ..scene.camera import Camera
 from ..scene.geometry import camera_axes, vertex_normals

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ..device import Device, shared_device
 from ..images.metrics import rmse
-from ..renderer import Renderer, settle
+from ..pipeline.opencl.device import Device, shared_device
+from ..pipeline.renderer import Renderer, settle
 from ..scene.model import PRESETS, Scene, Settings
 from .choosing import chosen
 from .measuring import frame_ms, frame_times

@@ -13,8 +13,8 @@ from typing import TextIO
 from ..base import text_tables
 from ..base.atomic_files import shown
 from ..base.spelling import hint
-from ..device import Device, list_devices, open_device
 from ..errors import DeviceError, InputError
+from ..pipeline.opencl.device import Device, list_devices, open_device
 from . import curves, results
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result

@@ -10,8 +10,8 @@ from typing import Any
 
 from ..base.atomic_files import shown
 from ..base.validation import Array
-from ..device import Device
-from ..renderer import render
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import render
 from ..scene.model import Scene
 from .choosing import front
 from .formats import Kept, formats

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..device import Device
-from ..frame import Frame
 from ..images.metrics import rmse
-from ..renderer import render
+from ..pipeline.frame import Frame
+from ..pipeline.opencl.device import Device
+from ..pipeline.renderer import render
 from ..scene.builtin.scenes import builtin
 
 SHADERS = ("gouraud", "phong")

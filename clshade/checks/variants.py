@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..base.spelling import hint
-from ..device import Device
 from ..errors import InputError
-from ..features import texture_applies
+from ..pipeline.features import texture_applies
+from ..pipeline.opencl.device import Device
 from ..scene.model import Scene, Settings
 
 BASE = "standard"

@@ -12,7 +12,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from .. import device
+    from ..pipeline.opencl import device
 
     infos = device.list_devices()
     if arguments.json:

@@ -24,7 +24,7 @@ from .scene_options import (
 from .scene_outputs import output_stems
 
 if TYPE_CHECKING:
-    from ..frame import Frame
+    from ..pipeline.frame import Frame
 
 
 def _checked(text: str) -> int | str:
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thread) -> int:
     """Several scenes; one that is refused is told in a line, and the others are rendered all the same."""
-    from ..device import shared_device
+    from ..pipeline.opencl.device import shared_device
 
     shared_device(arguments.device, profiling=True)  # without a device none would be rendered: one line says so
     worst, all_stats = DONE, []
@@ -116,7 +116,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     """One scene, from its file to its images: the exit code, and all figures."""
     options = _render_options(arguments)
     scene = load_scene(arguments, name)
-    from .. import renderer
+    from ..pipeline import renderer
 
     found: dict[str, Any] = {}
     if arguments.budget is not None or arguments.tolerance is not None:
@@ -173,7 +173,7 @@ def _import_meanwhile(checked: bool) -> None:
 
 def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuses before the rendering what could not be saved after it."""
-    from ..frame import check_output
+    from ..pipeline.frame import check_output
 
     saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
     check_output(output, asked=("render", "--output"), **saving)
@@ -181,7 +181,7 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
 
 def summary(frame: Frame, output: str) -> str:
     """What was drawn, on what, how long each stage took, and the files: a few lines."""
-    from ..frame import output_paths
+    from ..pipeline.frame import output_paths
 
     stats = frame.stats
     times = dict(stats["times_ms"])

@@ -29,7 +29,7 @@ from distributed.versions import VersionMismatchWarning
 
 from ..base import console
 from ..errors import InputError, WorkerError
-from ..programs import kernel_folder
+from ..pipeline.programs import kernel_folder
 from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
 from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
 from .members import Members

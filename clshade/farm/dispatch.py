@@ -16,7 +16,7 @@ from distributed import CancelledError, Client, Future, KilledWorker
 from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
 
 from ..errors import ClshadeError, WorkerError
-from ..frame import output_paths
+from ..pipeline.frame import output_paths
 from .job import Drawn, Lost, Silent, Task
 from .members import Members
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses

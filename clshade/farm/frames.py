@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..base.input_files import quoted
 from ..errors import InputError
-from ..frame import output_paths
+from ..pipeline.frame import output_paths
 
 MOST = 1_000_000  # frames of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"

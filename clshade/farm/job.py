@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ClshadeError, WorkerError
-from ..frame import output_paths
-from ..renderer import Renderer
+from ..pipeline.frame import output_paths
+from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 

@@ -16,9 +16,9 @@ from ..base import console
 from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, refuse
 from ..errors import InputError
-from ..frame import SAVING, check_output
 from ..images import png
-from ..renderer import settle
+from ..pipeline.frame import SAVING, check_output
+from ..pipeline.renderer import settle
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from .frames import Pattern, parse_pattern

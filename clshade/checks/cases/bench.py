@@ -9,19 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from ... import oracle, packing
+from ... import oracle
 from ...base.validation import Array
-from ...device import Device
-from ...features import CHOICES, OPTIONAL, Features
-from ...frame import Frame
 from ...images import exr
-from ...layout import SINGLE
 from ...oracle import OracleFrame, shade
-from ...programs import build
-from ...renderer import Renderer
+from ...pipeline import packing
+from ...pipeline.features import CHOICES, OPTIONAL, Features
+from ...pipeline.frame import Frame
+from ...pipeline.launches import Buffer, Stages
+from ...pipeline.opencl.device import Device
+from ...pipeline.programs import build
+from ...pipeline.renderer import Renderer
+from ...pipeline.single_primitive import Lookup
+from ...pipeline.struct_layout import SINGLE
 from ...scene.model import Scene, Texture
-from ...single import Lookup
-from ...stages import Buffer, Stages
 from .. import compare
 
 LAYERS = ("Z", "id")

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ... import layout, oracle
+from ... import oracle
 from ...base.validation import Array
 from ...errors import InputError
-from ...features import OPTIONAL
-from ...frame import Frame, same_bits
+from ...pipeline import struct_layout
+from ...pipeline.features import OPTIONAL
+from ...pipeline.frame import Frame, same_bits
 from ...scene.model import Mesh
 from . import flat, lit
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
@@ -164,12 +165,12 @@ def image_sizes(bench: Bench) -> Outcome:
 
 @contextlib.contextmanager
 def _tile_size(size: int) -> Iterator[None]:
-    before = layout.TILE_SIZE
-    layout.TILE_SIZE = layout.CONSTANTS["TILE_SIZE"] = size
+    before = struct_layout.TILE_SIZE
+    struct_layout.TILE_SIZE = struct_layout.CONSTANTS["TILE_SIZE"] = size
     try:
         yield
     finally:
-        layout.TILE_SIZE = layout.CONSTANTS["TILE_SIZE"] = before
+        struct_layout.TILE_SIZE = struct_layout.CONSTANTS["TILE_SIZE"] = before
 
 
 def tiles_and_lanes(bench: Bench) -> Outcome:

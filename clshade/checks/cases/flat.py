@@ -8,9 +8,9 @@ from fractions import Fraction
 import numpy as np
 
 from ...base.validation import Array
-from ...frame import Frame
-from ...layout import SUBPIXEL_BITS
 from ...oracle import coverage
+from ...pipeline.frame import Frame
+from ...pipeline.struct_layout import SUBPIXEL_BITS
 from ...scene.camera import Camera
 from ...scene.model import Material, Mesh, Scene
 from .bench import Bench, Outcome

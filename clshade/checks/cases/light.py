@@ -10,8 +10,8 @@ import numpy as np
 
 from ...base.validation import Array
 from ...errors import InputError
-from ...features import OPTIONAL
 from ...oracle import shade
+from ...pipeline.features import OPTIONAL
 from ...scene.model import Material
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, expected_light, worst

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...frame import Frame
+from ...pipeline.frame import Frame
 from ...scene.builtin import scenes
 from ...scene.model import Mesh, Scene
 from . import flat, lit

@@ -10,7 +10,7 @@ import numpy as np
 from ... import oracle
 from ...base.validation import Array
 from ...errors import InputError
-from ...frame import Frame
+from ...pipeline.frame import Frame
 from ...scene.model import PointLight, Scene
 from .. import compare
 from . import lit

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base.validation import Array
-from .layout import GUARD_PIXELS, SUBPIXEL_BITS
-from .scene.camera import Camera
+from ..base.validation import Array
+from ..scene.camera import Camera
+from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
 
 
 @dataclass(frozen=True)

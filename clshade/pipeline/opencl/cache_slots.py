@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .base import interrupts
-from .errors import DeviceError
+from ...base import interrupts
+from ...errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a throw-away one
 LEFT_SECONDS = 24 * 3600.0  # a folder that nothing locks was left by a process that was killed

@@ -15,13 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from . import runtimes
-from .base import console
-from .base.atomic_files import write_bytes
-from .device import Device
-from .errors import ClshadeError, DeviceError
+from ..base import console
+from ..base.atomic_files import write_bytes
+from ..errors import ClshadeError, DeviceError
 from .features import Features
-from .layout import header
+from .opencl import environment
+from .opencl.device import Device
+from .struct_layout import header
 
 # Exact division and square root where the device has them optional; contraction is off by a pragma in every source.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
@@ -30,7 +30,7 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
 def kernel_folder() -> Path:
     """The folder of the kernel sources: inside an installed package, or the top-level one of a checkout."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parent.parent
     for folder in (package / "kernels", package.parent / "kernels"):
         if (folder / "features.clh").is_file():
             return folder
@@ -108,7 +108,7 @@ class FirstUse:
 def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
     """Around what makes the runtime compile a program or a kernel, or load one that it has kept (`stored`, as far as we
     know), until that has run: counts the time, says what takes long, and watches over the cache."""
-    slot = runtimes.prepare()
+    slot = environment.prepare()
     use, start = FirstUse(), time.perf_counter()
     timer = None if stored or _said else threading.Timer(max(SLOW - waited(), 0.0), _say, (device,))
     if timer is not None:
@@ -213,7 +213,7 @@ def _stored_at(device: Device, source: str, options: list[str]) -> Path:
     where = os.environ.get("POCL_CACHE_DIR", "") if device.keeps_programs else ""
     parts = (source, *options, device.platform, device.name, device.version, device.driver, where)
     name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
-    return runtimes.prepare().folder / "binaries" / name
+    return environment.prepare().folder / "binaries" / name
 
 
 def _load(device: Device, path: Path) -> Any:
@@ -234,4 +234,4 @@ def _store(binary: bytes, path: Path) -> None:
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)
-        runtimes.prepare().seal()
+        environment.prepare().seal()

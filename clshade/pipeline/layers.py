@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .base.validation import Array
-from .layer_tables import MACROS, LayerTables
-from .memory import Pool
-from .scene.camera import Camera
-from .stages import Buffer, Stages
+from ..base.validation import Array
+from ..scene.camera import Camera
+from .buffer_pool import Pool
+from .launches import Buffer, Stages
+from .layer_buffers import MACROS, LayerTables
 
 if TYPE_CHECKING:
     from .renderer import Attributes

@@ -8,17 +8,17 @@ from functools import cache
 
 import numpy as np
 
-from . import layout, packing
-from .base.validation import Array
-from .binning import TileLists
-from .device import Device
+from ..base.validation import Array
+from ..scene.model import Material, Texture
+from . import packing, struct_layout
+from .depth_sort import front_to_back
 from .features import Features, derive_alone
+from .launches import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
+from .opencl.device import Device
 from .programs import build
-from .scene.model import Material, Texture
-from .sorting import front_to_back
-from .stages import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
+from .tile_lists import TileLists
 
-_SUBPIXELS = 1 << layout.SUBPIXEL_BITS
+_SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
 _ONES = np.ones(3)
 _ORIGIN = np.zeros(3)
 
@@ -58,7 +58,7 @@ class _Lit:
         scale = packing.scale_for(reach(around))
         self.relative = np.zeros((1, 4), np.float32)
         self.relative[0, :3] = packing.to_real((around.point - around.eye) * scale)
-        lights = np.zeros(max(self.count, 1), layout.SINGLE.Light)
+        lights = np.zeros(max(self.count, 1), struct_layout.SINGLE.Light)
         if self.count:
             lights["position"] = packing.relative_lights(around.positions[shining], around.eye, scale)
             lights["intensity"] = packing.to_real(around.intensities[shining] / self.unit)
@@ -134,7 +134,7 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
     polygon = [[Fraction(x) for x in (*uv, *row)] for uv, row in zip(corners.tolist(), np.eye(3).tolist(), strict=True)]
     for axis in (0, 1):
         for side in (1, -1):
-            distance = [layout.GUARD_PIXELS + side * corner[axis] for corner in polygon]
+            distance = [struct_layout.GUARD_PIXELS + side * corner[axis] for corner in polygon]
             kept = []
             for i, (corner, d) in enumerate(zip(polygon, distance, strict=True)):
                 following, d_following = polygon[i + 1 - len(polygon)], distance[i + 1 - len(polygon)]
@@ -149,14 +149,14 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
 
 def _pieces(corners: Array) -> Array:
     """layout.SINGLE.Piece rows of a triangle (3, 2) in image coordinates: itself, or what the guard band leaves of it."""
-    if (np.abs(corners) <= layout.GUARD_PIXELS).all():
-        table = np.zeros(1, layout.SINGLE.Piece)
+    if (np.abs(corners) <= struct_layout.GUARD_PIXELS).all():
+        table = np.zeros(1, struct_layout.SINGLE.Piece)
         snapped = np.rint(corners * _SUBPIXELS)
         table["x"], table["y"], table["weights"] = snapped[:, 0], snapped[:, 1], np.eye(3).reshape(-1)
     else:
         polygon = _clipped(corners)
         fan = [[polygon[0], polygon[i], polygon[i + 1]] for i in range(1, len(polygon) - 1)]
-        table = np.zeros(len(fan), layout.SINGLE.Piece)
+        table = np.zeros(len(fan), struct_layout.SINGLE.Piece)
         for row, piece in zip(table, fan, strict=True):
             row["x"], row["y"] = ([round(corner[axis] * _SUBPIXELS) for corner in piece] for axis in (0, 1))
             row["weights"] = [float(weight) for corner in piece for weight in corner[2:]]
@@ -212,10 +212,10 @@ def _draw(
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
     stages = scene_stages(device, _features(shader, around, bool((np.abs(attributes[1]) > 1.0).any())))
     lit = _Lit(device, around, attributes[1])
-    table = np.zeros(1, layout.SINGLE.Image)
+    table = np.zeros(1, struct_layout.SINGLE.Image)
     table["columns"], table["rows"] = columns, rows = resolution
-    table["tiles_x"] = -(-columns // layout.TILE_SIZE)
-    table["tiles"] = tiles = -(-columns // layout.TILE_SIZE) * -(-rows // layout.TILE_SIZE)
+    table["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
+    table["tiles"] = tiles = -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
     table["lights"], table["unscale"], table["light_unit"] = lit.count, 1.0, lit.unit
     image, made = Buffer(device, table), TriangleBuffers(device, 1, len(pieces))
     on_device = Buffer(device, pieces)

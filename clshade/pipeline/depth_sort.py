@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .base.validation import Array
-from .layout import KEY_INDEX_BITS
+from ..base.validation import Array
+from .struct_layout import KEY_INDEX_BITS
 
 _INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)
 

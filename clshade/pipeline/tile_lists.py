@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .stages import Buffer, Stages, TriangleBuffers
+from .launches import Buffer, Stages, TriangleBuffers
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _MOST_CHUNKS = 16

@@ -18,9 +18,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import runtimes
-from .base import atomic_files, interrupts
-from .errors import DeviceError, OutputError
+from ...base import atomic_files, interrupts
+from ...errors import DeviceError, OutputError
+from . import environment
 
 PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
 VERDICT_VERSION = 1  # to be raised when the probe changes
@@ -110,10 +110,10 @@ def complaint(info: DeviceInfo, fault: str) -> str:
 
 def probe_command(info: DeviceInfo) -> list[str]:
     """The command line that runs `device.probe_child`, with the module search path of this process."""
-    path = [*sys.path, str(Path(__file__).resolve().parent.parent)]
+    path = [*sys.path, str(Path(__file__).resolve().parents[3])]
     code = (
         f"import sys; sys.path[:] = {path!r}\n"
-        "from clshade.device import probe_child\n"
+        "from clshade.pipeline.opencl.device import probe_child\n"
         "try: probe_child(*sys.argv[1:])\n"
         "except Exception as error: sys.exit(f'{type(error).__name__}: {error}')"
     )
@@ -159,7 +159,7 @@ class Probe:
         self.info, self.owner = info, os.getpid()
         self.process: subprocess.Popen[str] | None = None
         self.folder = ""
-        root = runtimes.cache_root()
+        root = environment.cache_root()
         _sweep(root)
         _running.add(self)
         self.started = time.monotonic()
@@ -237,8 +237,8 @@ def _verdict_file(info: DeviceInfo) -> Path:
     spec = importlib.util.find_spec("pyopencl")
     package = os.path.dirname(spec.origin) if spec is not None and spec.origin else ""
     identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.driver, package]
-    text = json.dumps([*identity, runtimes.fingerprint(package)])
-    return runtimes.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
+    text = json.dumps([*identity, environment.fingerprint(package)])
+    return environment.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
 
 def remember(info: DeviceInfo, problem: str) -> None:

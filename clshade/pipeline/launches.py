@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from . import layout, projection
-from .base.validation import Array
-from .device import Device
-from .errors import DeviceError
+from ..base.validation import Array
+from ..errors import DeviceError
+from . import host_projection, struct_layout
 from .features import Features
+from .opencl.device import Device
 from .programs import Program, build, first_use
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
@@ -146,7 +146,7 @@ class Stages:
 
     def __init__(self, device: Device, *programs: Program) -> None:
         self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
-        self.structs = layout.DOUBLE if self._features["DOUBLE"] else layout.SINGLE
+        self.structs = struct_layout.DOUBLE if self._features["DOUBLE"] else struct_layout.SINGLE
         self._programs = {name: program for program in programs for name in program.kernels}
         self._dummy = Buffer(device, np.zeros(64, np.uint8))
 
@@ -196,7 +196,7 @@ class Stages:
             return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
         orthographic = bool(self._features["ORTHOGRAPHIC"])
         with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
-            projection.project(positions.array, view.array[0], orthographic, projected, relative)
+            host_projection.project(positions.array, view.array[0], orthographic, projected, relative)
         return None
 
     def setup(
@@ -213,7 +213,7 @@ class Stages:
         local = 1 if self.device.is_cpu else 64
         means = None
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
-            means = Buffer(self.device, projection.mean_depths(vertices.projected.array, faces.array))
+            means = Buffer(self.device, host_projection.mean_depths(vertices.projected.array, faces.array))
         inputs = (faces, vertices.projected, *sides, means, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
@@ -270,7 +270,7 @@ class Stages:
     def _draw(self, name: str, arguments: tuple, tiles: int) -> cl.Event:
         if self.lanes > 1:
             return self._launch(name, (4 * self.device.compute_units,), (1,), *arguments)
-        items = layout.TILE_SIZE**2
+        items = struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
     def phong(self, surface: tuple, tile: tuple, tiles: int) -> cl.Event:
@@ -316,14 +316,14 @@ class Stages:
         self, surface: tuple, owners: Buffer, mirrored: Buffer | None, outputs: tuple, tiles: int
     ) -> cl.Event:
         """outputs: normals, points, albedos, texture coordinates, weights; None where not asked for."""
-        items = 1 if self.lanes > 1 else layout.TILE_SIZE**2
+        items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
 
 
 class VertexBuffers:
     """What `project` writes per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
 
-    def __init__(self, device: Device, count: int, structs: layout.Structs = layout.SINGLE) -> None:
+    def __init__(self, device: Device, count: int, structs: struct_layout.Structs = struct_layout.SINGLE) -> None:
         self.projected = Buffer.empty(device, count, structs.Vertex)
         self.relative = Buffer.empty(device, (count, 4), structs.real)
 
@@ -331,7 +331,9 @@ class VertexBuffers:
 class TriangleBuffers:
     """What `setup` and `setup_pieces` write: triangles and sort keys, room for `faces` and `pieces` of them."""
 
-    def __init__(self, device: Device, faces: int, pieces: int, structs: layout.Structs = layout.SINGLE) -> None:
+    def __init__(
+        self, device: Device, faces: int, pieces: int, structs: struct_layout.Structs = struct_layout.SINGLE
+    ) -> None:
         self.piece_capacity = pieces
         self.triangles = Buffer.empty(device, faces + pieces, structs.Triangle)
         self.bounds = Buffer.empty(device, faces + pieces, structs.Bounds)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .base.validation import Array
+from ..base.validation import Array
+from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, uses_normal_indices
-from .scene.model import Material, Scene, Settings, Texture
 
 if TYPE_CHECKING:
     from .packing import Gatherer

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import clipping
-from .base.validation import Array
-from .layout import MOST_DEPTH, Structs
-from .scene.camera import Camera
+from ..base.validation import Array
+from ..scene.camera import Camera
+from . import clip
+from .struct_layout import MOST_DEPTH, Structs
 
 
 def piece_table(
@@ -27,7 +27,7 @@ def piece_table(
     coordinates of the corners, u, v and what rounding leaves of them, or None. near: scene units. scale: of depths.
     depth_test: sorted by their nearest corner, else by the mean depth of the face that they are of.
     """
-    cut = clipping.clip(points, camera, near)
+    cut = clip.clip(points, camera, near)
     table = np.zeros(len(cut.source), structs.Piece)
     z = points[..., 2]
     if depth_test:
@@ -37,7 +37,7 @@ def piece_table(
     z_scaled = np.minimum(cut.points[..., 2] * scale, MOST_DEPTH)
     w = -z_scaled if camera.orthographic else 1.0 / z_scaled
     table["w"], table["w_low"] = w, w - w.astype(structs.real)
-    snapped = clipping.snap(clipping.image_positions(cut.points, camera))
+    snapped = clip.snap(clip.image_positions(cut.points, camera))
     table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
     table["face"] = faces[cut.source]
     table["weights"] = cut.weights.reshape(-1, 9)

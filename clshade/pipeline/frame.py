@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .base.spelling import hint
-from .base.validation import Array, choice, flag, known, refuse
-from .base.validation import path as checked_path
-from .layer_tables import material_numbers
-from .scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
+from ..base.spelling import hint
+from ..base.validation import Array, choice, flag, known, refuse
+from ..base.validation import path as checked_path
+from ..scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
+from .layer_buffers import material_numbers
 
 if TYPE_CHECKING:
-    from .checks.checking import Check
+    from ..checks.checking import Check
 
 
 OTHER_FORMATS = (
@@ -133,7 +133,7 @@ class Frame:
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """The EXR's header besides its channels; `deterministic` leaves times out."""
-        from .scene.camera_matrices import camera_metadata
+        from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
@@ -155,7 +155,7 @@ class Frame:
 
     def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""
-        from .images.tonemap import tonemap as apply
+        from ..images.tonemap import tonemap as apply
 
         return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
 
@@ -166,7 +166,7 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the tone-mapped image, large ones reduced."""
-        from .showing import encoded
+        from ..showing import encoded
 
         return encoded(self.to_png8())
 
@@ -175,14 +175,14 @@ class Frame:
 
         tonemap, exposure: see `save`. Raises OutputError where no program shows images.
         """
-        from .showing import show_frame
+        from ..showing import show_frame
 
         show_frame(self, tonemap, exposure)
 
     def plot_layers(self) -> Any:
         """A matplotlib figure of the image, its coverage and all layers, each as what it holds: ids in colors of their own,
         normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
-        from .showing import plot_layers
+        from ..showing import plot_layers
 
         return plot_layers(self)
 
@@ -214,8 +214,8 @@ class Frame:
         deterministic: bool = False,
     ) -> list[str]:
         """The same, for callers that do the warning: its lines are returned."""
-        from .base import atomic_files
-        from .images import exr, png
+        from ..base import atomic_files
+        from ..images import exr, png
 
         for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
             flag("Frame.save", name, value)
@@ -265,9 +265,9 @@ def check_output(
     asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
-    from .base import atomic_files
-    from .images import exr
-    from .images.tonemap import checked
+    from ..base import atomic_files
+    from ..images import exr
+    from ..images.tonemap import checked
 
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)

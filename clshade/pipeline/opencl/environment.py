@@ -18,10 +18,10 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import slots
-from .base import console
-from .errors import DeviceError
-from .slots import Slot, unusable
+from ...base import console
+from ...errors import DeviceError
+from . import cache_slots
+from .cache_slots import Slot, unusable
 
 ROOM = 64 << 20  # bytes: PoCL ends the process, without a word, when it cannot write what it compiles
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
@@ -88,7 +88,7 @@ def _temporary_cache_home(instead: str) -> Path:
         kept = hasattr(os, "getuid") and _is_private(folder)
         if not kept:
             found = f"{instead}; {folder}: not private"
-            folder = slots.private_folder(parent, f"clshade-{user}-")
+            folder = cache_slots.private_folder(parent, f"clshade-{user}-")
         fault = _fault(folder)
         if not fault:
             if not kept:
@@ -161,7 +161,7 @@ def isolate_cache(folder: str | os.PathLike[str]) -> Path:
         if _started_in == os.getpid():
             raise DeviceError("isolate_cache came too late: OpenCL has started in this process")
         try:
-            slot = slots.take(path)
+            slot = cache_slots.take(path)
         except OSError as error:
             raise unusable(path, error) from None
         if slot is None:
@@ -270,7 +270,7 @@ def prepare(name: str = "") -> Slot:
     before importing pyopencl. `name`: the device asked for, as for `device.open_device`."""
     global _prepared
     with _guard:
-        slot = _slot or _adopt(slots.claim(cache_root()))
+        slot = _slot or _adopt(cache_slots.claim(cache_root()))
         if not _prepared:
             expose_runtimes()
             # pyopencl looks this up unguarded when its cache fails; empty: it warns and goes on without the cache.

@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from . import layout
-from .base.validation import Array
+from ..base.validation import Array
+from ..scene.geometry import vertex_normals
+from ..scene.model import Material, Mesh, Scene, Settings, Texture
+from . import struct_layout
 from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
-from .layer_tables import LayerTables, layer_tables
-from .layout import Structs
+from .layer_buffers import LayerTables, layer_tables
 from .mipmaps import levels_below
-from .scene.geometry import vertex_normals
-from .scene.model import Material, Mesh, Scene, Settings, Texture
+from .struct_layout import Structs
 
 Real = type[np.floating]
 
 _WRAPS = {
-    "repeat": layout.CONSTANTS["WRAP_REPEAT"],
-    "clamp": layout.CONSTANTS["WRAP_CLAMP"],
-    "mirror": layout.CONSTANTS["WRAP_MIRROR"],
+    "repeat": struct_layout.CONSTANTS["WRAP_REPEAT"],
+    "clamp": struct_layout.CONSTANTS["WRAP_CLAMP"],
+    "mirror": struct_layout.CONSTANTS["WRAP_MIRROR"],
 }
 WHITE = Texture(np.ones((1, 1, 3)))  # a color times its texel is the color, bit for bit
-_LOOKUPS = {"standard": layout.CONSTANTS["LOOKUP_STANDARD"], "course": layout.CONSTANTS["LOOKUP_COURSE"]}
+_LOOKUPS = {"standard": struct_layout.CONSTANTS["LOOKUP_STANDARD"], "course": struct_layout.CONSTANTS["LOOKUP_COURSE"]}
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _shifted(parts: list[tuple[Array, int]]) -> Array:
 
 
 def material_table(
-    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = layout.SINGLE
+    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = struct_layout.SINGLE
 ) -> Array:
     """Rows of structs.Material. Coefficients beyond a real saturate."""
     table = np.zeros(len(materials), structs.Material)
@@ -203,7 +203,7 @@ def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
 def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
     """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32; with `mipmaps` the
     smaller levels of each follow it, opaque ones."""
-    table = np.zeros(len(textures), layout.SINGLE.Texture)
+    table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
     offset, parts = 0, []
     for row, texture in zip(table, textures, strict=True):
         height, width, _ = texture.image.shape
@@ -340,7 +340,7 @@ class Gatherer:
 
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
     """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
-    structs = layout.DOUBLE if settings.precision == "float64" else layout.SINGLE
+    structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
     gatherer = Gatherer(scene, structs, forced)
     positions, faces = gatherer.positions()
     features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)

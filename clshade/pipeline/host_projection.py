@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import layout
-from .base.validation import Array
+from ..base.validation import Array
+from . import struct_layout
 
 _HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number
 
 
 def _snap(pixels: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        inside = np.abs(pixels) <= layout.GUARD_PIXELS
-    snapped = (np.where(inside, pixels, 0.0) * (1 << layout.SUBPIXEL_BITS) + _HALF_ULP) - _HALF_ULP
-    return np.where(inside, snapped, np.where(pixels > 0.0, layout.SNAP_LIMIT, -layout.SNAP_LIMIT)).astype(np.int32)
+        inside = np.abs(pixels) <= struct_layout.GUARD_PIXELS
+    snapped = (np.where(inside, pixels, 0.0) * (1 << struct_layout.SUBPIXEL_BITS) + _HALF_ULP) - _HALF_ULP
+    return np.where(
+        inside, snapped, np.where(pixels > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
+    ).astype(np.int32)
 
 
 def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
@@ -29,7 +31,7 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
     vertices["depth"] = z
     seen = np.flatnonzero(z >= view["near"])
     x, y, z = x[seen], y[seen], z[seen]
-    depth = np.minimum(z * view["scale"], layout.MOST_DEPTH)
+    depth = np.minimum(z * view["scale"], struct_layout.MOST_DEPTH)
     with np.errstate(over="ignore", invalid="ignore"):
         if orthographic:
             across, up, w = x / view["plane_width"], y / view["plane_height"], -depth
@@ -41,7 +43,7 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
         vertices["y"][seen] = _snap((up + view["principal"][1]) * view["rows"])
     high = w.astype(np.float32)
     vertices["w"][seen], vertices["w_low"][seen] = high, (w - high).astype(np.float32)
-    relative[:, :3] = np.clip(d * view["scale"], -layout.MOST_LENGTH, layout.MOST_LENGTH)
+    relative[:, :3] = np.clip(d * view["scale"], -struct_layout.MOST_LENGTH, struct_layout.MOST_LENGTH)
     relative[:, 3] = 0.0
 
 

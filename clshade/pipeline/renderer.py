@@ -12,21 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import layout, packing, programs, sampling
-from .base.validation import Array, known, refuse
-from .binning import TileLists
-from .device import Device, shared_device
-from .errors import ClshadeError, DeviceError, InputError
+from ..base.validation import Array, known, refuse
+from ..errors import ClshadeError, DeviceError, InputError
+from ..scene.camera import Camera
+from ..scene.geometry import camera_axes
+from ..scene.model import Scene, Settings
+from . import packing, programs, sample_pattern, struct_layout
+from .buffer_pool import Pool
+from .clipped_triangles import piece_table
+from .depth_sort import front_to_back
 from .features import ignored
 from .frame import Frame
+from .launches import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
 from .layers import Layers
-from .memory import Pool
-from .pieces import piece_table
-from .scene.camera import Camera
-from .scene.geometry import camera_axes
-from .scene.model import Scene, Settings
-from .sorting import front_to_back
-from .stages import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
+from .opencl.device import Device, shared_device
+from .tile_lists import TileLists
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
@@ -228,9 +228,9 @@ class Renderer:
         with self._image.writing() as table:
             image = table[0]
             image["columns"], image["rows"] = columns, rows
-            image["tiles_x"] = -(-columns // layout.TILE_SIZE)
-            image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // layout.TILE_SIZE)
-            places = sampling.positions(self.settings.samples)
+            image["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
+            image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // struct_layout.TILE_SIZE)
+            places = sample_pattern.positions(self.settings.samples)
             image["samples"] = len(places)
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
@@ -262,8 +262,8 @@ class Renderer:
         if counters["to_clip"]:
             start = _clock()
             count = self._clip(camera, int(counters["to_clip"]))
-            if self._face_count + count > 1 << layout.KEY_INDEX_BITS:
-                limit = f"at most {1 << layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
+            if self._face_count + count > 1 << struct_layout.KEY_INDEX_BITS:
+                limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(self.device, self._face_count, count + count // 2, self._structs)

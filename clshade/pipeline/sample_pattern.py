@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from .layout import SUBPIXEL_BITS
+from .struct_layout import SUBPIXEL_BITS
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
 _GRID = 1 << SUBPIXEL_BITS

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from . import runtimes
-from .base import console
-from .errors import DeviceError
-from .probing import (
+from ...base import console
+from ...errors import DeviceError
+from . import environment
+from .probe import (
     GET_INTEL,
     RIGHT,
     RUNTIMES,
@@ -69,7 +69,7 @@ class Device:
 
 def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
     """Every device found, with pyopencl's object, in the order of the ICD loader."""
-    runtimes.prepare(name)
+    environment.prepare(name)
     try:
         import pyopencl as cl
     except ImportError as error:
@@ -78,7 +78,7 @@ def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
     # Its caches lie outside of the slots, and neither is checked for damage nor needed: `programs` has one of its own.
     if "PYOPENCL_NO_CACHE" not in os.environ:
         cl._PYOPENCL_NO_CACHE = True  # type: ignore[attr-defined]
-    runtimes.starting()
+    environment.starting()
     found: list[tuple[DeviceInfo, Any]] = []
     try:
         platforms = cl.get_platforms()
@@ -193,7 +193,9 @@ def open_device(
     name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     handles = dict(_enumerate(name))
     if not handles:
-        hint = f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if runtimes.is_users("OCL_ICD_VENDORS") else ""
+        hint = (
+            f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if environment.is_users("OCL_ICD_VENDORS") else ""
+        )
         raise DeviceError(f"no OpenCL device found{hint}: install {install_advice()}")
     chosen = candidates(list(handles), name)
     if not chosen:

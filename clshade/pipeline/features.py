@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import InputError
-from .scene.model import Material, Mesh, Scene, Settings
+from ..errors import InputError
+from ..scene.model import Material, Mesh, Scene, Settings
 
 # Choices of the settings and of the camera; each has its own meaning whether 0 or 1.
 CHOICES = (

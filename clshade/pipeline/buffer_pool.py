@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from .device import Device
-from .stages import Buffer
+from .launches import Buffer
+from .opencl.device import Device
 
 
 class Pool:

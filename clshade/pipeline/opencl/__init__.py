@@ -1,0 +1,1 @@
+"""Finds, opens and tries OpenCL devices, and keeps what was compiled for them."""
