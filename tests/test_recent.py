@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clshade.recent import Recent, same
+from clshade.course.content_cache import Recent, same
 
 
 def make_recent(**limits):

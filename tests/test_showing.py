@@ -15,10 +15,10 @@ from PIL import Image
 from processes import ROOT
 
 import clshade
-from clshade import showing
 from clshade.errors import DeviceError, OutputError
 from clshade.pipeline.frame import Frame
 from clshade.scene.model import Settings
+from clshade.view import notebook
 
 PNG = "image/png"
 
@@ -199,7 +199,7 @@ print(json.dumps(clshade.builtin("quads")._repr_mimebundle_()))
 
 def test_a_scene_on_the_device(opened):
     bundle = clshade.builtin("quads")._repr_mimebundle_()
-    assert max(decoded(bundle[PNG]).shape) <= showing.SCENE_SIDE
+    assert max(decoded(bundle[PNG]).shape) <= notebook.SCENE_SIDE
     assert decoded(bundle[PNG]).std() > 10
 
 

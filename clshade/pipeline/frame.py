@@ -166,7 +166,7 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the tone-mapped image, large ones reduced."""
-        from ..showing import encoded
+        from ..view.notebook import encoded
 
         return encoded(self.to_png8())
 
@@ -175,14 +175,14 @@ class Frame:
 
         tonemap, exposure: see `save`. Raises OutputError where no program shows images.
         """
-        from ..showing import show_frame
+        from ..view.notebook import show_frame
 
         show_frame(self, tonemap, exposure)
 
     def plot_layers(self) -> Any:
         """A matplotlib figure of the image, its coverage and all layers, each as what it holds: ids in colors of their own,
         normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
-        from ..showing import plot_layers
+        from ..view.notebook import plot_layers
 
         return plot_layers(self)
 

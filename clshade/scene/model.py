@@ -325,7 +325,7 @@ class Scene:
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """For notebooks: a line of text, and the scene drawn small. What draws is named, not imported: a scene knows
         nothing of it until it is shown."""
-        return import_module("clshade.showing").scene_bundle(self)
+        return import_module("clshade.view.notebook").scene_bundle(self)
 
 
 @dataclass(frozen=True)

@@ -31,18 +31,18 @@ from typing import Any
 
 import numpy as np
 
-from . import course_arguments as checked
-from .base.validation import Array, choice, coefficient, refuse, vector
-from .pipeline.opencl.device import Device, shared_device
-from .pipeline.renderer import Renderer
-from .pipeline.single_primitive import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
-from .recent import Recent
-from .scene.camera import Camera
-from .scene.formats import course_values
-from .scene.formats.course_npy import only_mesh
-from .scene.formats.course_npy import save_course as save
-from .scene.geometry import vertex_normals
-from .scene.model import SHADERS, Material, Mesh, PointLight, Scene
+from ..base.validation import Array, choice, coefficient, refuse, vector
+from ..pipeline.opencl.device import Device, shared_device
+from ..pipeline.renderer import Renderer
+from ..pipeline.single_primitive import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
+from ..scene.camera import Camera
+from ..scene.formats import course_values
+from ..scene.formats.course_npy import only_mesh
+from ..scene.formats.course_npy import save_course as save
+from ..scene.geometry import vertex_normals
+from ..scene.model import SHADERS, Material, Mesh, PointLight, Scene
+from . import arguments as checked
+from .content_cache import Recent
 
 __all__ = [
     "arguments",

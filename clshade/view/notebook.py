@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .base.validation import Array
-from .errors import OutputError
-from .images import png
-from .scene.model import Scene
+from ..base.validation import Array
+from ..errors import OutputError
+from ..images import png
+from ..scene.model import Scene
 
 if TYPE_CHECKING:
-    from .pipeline.frame import Frame
+    from ..pipeline.frame import Frame
 
 FRAME_SIDE = 1024  # pixels of a frame's longer side in a notebook, at most: the file holds every picture that it shows
 SCENE_SIDE = 256  # of a scene, which is drawn to be shown
@@ -35,7 +35,7 @@ def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
     """MIME type -> content: a line of text, and the scene drawn small where a device is found. Never raises."""
-    from .pipeline.renderer import render
+    from ..pipeline.renderer import render
 
     text = repr(scene)
     longer = max(scene.camera.resolution)
@@ -69,10 +69,10 @@ def show_frame(frame: Frame, tonemap: str | None, exposure: float) -> None:
 
 def plot_layers(frame: Frame) -> Any:
     """A matplotlib figure of a frame's image, coverage and layers."""
-    from .images.exr import flatten
-    from .images.layer_plots import plot_thumbnails
-    from .images.thumbnails import Thumbnail, thinned, thumbnails
-    from .pipeline.frame import default_tonemap
+    from ..images.exr import flatten
+    from ..images.layer_plots import plot_thumbnails
+    from ..images.thumbnails import Thumbnail, thinned, thumbnails
+    from ..pipeline.frame import default_tonemap
 
     pictures = thumbnails(flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")

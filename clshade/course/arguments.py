@@ -12,12 +12,12 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from .base.spelling import hint
-from .base.validation import Array, coefficient, refuse
-from .errors import InputError
-from .scene.camera import MAX_RESOLUTION
-from .scene.formats import course_values as values
-from .scene.model import Material, Texture
+from ..base.spelling import hint
+from ..base.validation import Array, coefficient, refuse
+from ..errors import InputError
+from ..scene.camera import MAX_RESOLUTION
+from ..scene.formats import course_values as values
+from ..scene.model import Material, Texture
 
 _NAMES = {"verts": "verts", "colors": "verts_colors", "faces": "faces", "uvs": "uvs", "uv_faces": "uvs_faces"}
 
