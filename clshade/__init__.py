@@ -24,7 +24,7 @@ _HOMES = {
     "render": "pipeline.renderer",
     "Renderer": "pipeline.renderer",
     "Frame": "pipeline.frame",
-    "check": "checks.checking",
+    "check": "measure.check.check",
     "course": "",  # a module of this name
     "errors": "",
     "exr": "",
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from . import errors as errors
     from . import exr as exr
     from . import farm as farm
-    from .checks.checking import check as check
+    from .measure.check.check import check as check
     from .pipeline.frame import Frame as Frame
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render

@@ -15,9 +15,9 @@ import numpy as np
 import pyopencl as cl
 
 from clshade import course, oracle
-from clshade.checks import compare
-from clshade.checks.cases import lit
-from clshade.checks.compare_layers import assert_layers
+from clshade.measure.check import oracle_bounds
+from clshade.measure.check.layer_bounds import assert_layers
+from clshade.measure.stability.cases import lit
 from clshade.pipeline import launches, programs, tile_lists
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
@@ -123,8 +123,8 @@ def draw(form: str) -> float:
             for _ in range(2 if scene.background is None else 1):  # the second frame finds all memory used
                 frame = renderer.render()
             expected = oracle.render(frame.scene, frame.settings)
-            worst = max(worst, compare.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
-            ties = compare.assert_same_ids(frame, expected, frame.scene, frame.settings)
+            worst = max(worst, oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
+            ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
             layers = oracle.render_layers(frame.scene, frame.settings)
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     course.shared_device = lambda: device  # type: ignore[assignment]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from clshade.checks import peaks, speed
-from clshade.checks.workloads import full_screen, knot, thing
+from clshade.measure.bench import device_peaks, results
+from clshade.measure.bench.workloads import full_screen, knot, thing
 
 SMALL = {
     "object": lambda: thing(128, level=3),
@@ -13,5 +13,5 @@ SMALL = {
 }
 
 
-def made_up(*results, **more):
-    return speed.Speed("a device", "a machine", peaks.Peaks(1e9, 1e10), tuple(results), **more)
+def made_up(*measured, **more):
+    return results.Speed("a device", "a machine", device_peaks.Peaks(1e9, 1e10), tuple(measured), **more)

@@ -6,9 +6,9 @@ from functools import cache
 
 import pytest
 
-from clshade.checks import study
-from clshade.checks.tessellation import tessellation
-from clshade.checks.variants import BASE, base_settings, named, variants_for
+from clshade.measure.report import study
+from clshade.measure.report.tessellation import tessellation
+from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline.opencl.device import Device
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Scene

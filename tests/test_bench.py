@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from speeds import made_up
 
-from clshade.checks import bench, bench_tables, children, peaks, starting
-from clshade.checks.drawing import LIGHT_FLOPS, PIXEL_FLOPS, Drawn, draw
-from clshade.checks.peers import PEERS
-from clshade.checks.workloads import SCALING, WORKLOADS, Workload, knot, thing
+from clshade.measure.bench import bench, children, device_peaks, starting, tables
+from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, Drawn, draw
+from clshade.measure.bench.peers import PEERS
+from clshade.measure.bench.workloads import SCALING, WORKLOADS, Workload, knot, thing
 from clshade.pipeline.renderer import render
 
 # Workloads
@@ -76,22 +76,24 @@ def test_a_scene_too_large_for_the_device_is_reported(opened):
     assert result.drawn is None
     assert "the device allows 4096" in result.failed
     assert not made_up(result).passed
-    assert any(result.failed in line for line in bench_tables.lines(made_up(result)))
+    assert any(result.failed in line for line in tables.lines(made_up(result)))
 
 
 @pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
 def test_peaks(opened, changes):
-    found = peaks.peaks(replace(opened, **changes))
+    found = device_peaks.peaks(replace(opened, **changes))
     assert found.copy > 1e7  # a device that copies 10 MB a second is none
     assert found.flops > 1e7
-    assert peaks.best(peaks.Peaks(1.0, 5.0), peaks.Peaks(2.0, 3.0)) == (2.0, 5.0)
+    assert device_peaks.best(device_peaks.Peaks(1.0, 5.0), device_peaks.Peaks(2.0, 3.0)) == (2.0, 5.0)
 
 
 def test_a_process_of_its_own_tells_its_memory(opened):
     drawn = children.draw_apart("pixels-fixed", opened.index, 1)
     assert drawn.resolution == (16, 16)
     assert drawn.peak_mib is None or 20.0 < drawn.peak_mib < 4096.0  # Python with NumPy takes 20 MiB
-    with pytest.raises(children.ChildError, match=r"clshade\.checks\.apart: no OpenCL device matches 'nothing'"):
+    with pytest.raises(
+        children.ChildError, match=r"clshade\.measure\.bench\.apart: no OpenCL device matches 'nothing'"
+    ):
         children.draw_apart("pixels-fixed", "nothing", 1)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from speeds import SMALL, made_up
 
-from clshade.checks import bench, bench_tables, workloads
-from clshade.checks.peers import MissingPeer, agreement, gl, open_peer, write
-from clshade.checks.peers.agreement import TEXTURED, TOLERANCE
-from clshade.checks.peers.arrays import mesh_arrays
-from clshade.checks.workloads import Workload, thing
 from clshade.errors import InputError
+from clshade.measure.bench import bench, tables, workloads
+from clshade.measure.bench.peers import MissingPeer, agreement, gl, open_peer, write
+from clshade.measure.bench.peers.agreement import TEXTURED, TOLERANCE
+from clshade.measure.bench.peers.arrays import mesh_arrays
+from clshade.measure.bench.workloads import Workload, thing
 from clshade.pipeline.renderer import render
 from clshade.scene.model import Material, Mesh
 
@@ -202,5 +202,5 @@ def test_a_peer_that_draws_something_else_has_no_ratio_and_fails(opened, monkeyp
     assert not found.passed
     (verdict,) = found.verdicts()
     assert (verdict.value, verdict.kept) == (None, None)
-    assert "numpy draws another picture" in bench_tables.progress(result)
-    assert any("NO" in line for line in bench_tables.lines(found))
+    assert "numpy draws another picture" in tables.progress(result)
+    assert any("NO" in line for line in tables.lines(found))

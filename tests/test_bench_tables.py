@@ -12,14 +12,14 @@ import pytest
 from speeds import SMALL, made_up
 from test_cli import assert_refused, run
 
-from clshade.checks import bench, bench_figure, bench_tables, scaling, speed, starting, workloads
-from clshade.checks.drawing import Drawn
-from clshade.checks.peers import PEERS, agreement
-from clshade.checks.peers.agreement import TOLERANCE
-from clshade.checks.timing import Spread
-from clshade.checks.workloads import SCALING, Limit, Workload
 from clshade.errors import ClshadeError
 from clshade.images import png
+from clshade.measure.bench import bench, figure, results, scaling, starting, tables, workloads
+from clshade.measure.bench.frame_timing import Drawn
+from clshade.measure.bench.peers import PEERS, agreement
+from clshade.measure.bench.peers.agreement import TOLERANCE
+from clshade.measure.bench.workloads import SCALING, Limit, Workload
+from clshade.measure.timing import Spread
 
 # Exponents
 
@@ -75,12 +75,12 @@ def test_series_are_drawn_from_small_to_large():
 
 def compared(peer, ours, theirs, same=True):
     found = agreement.Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
-    return speed.Compared(peer, f"{peer} 1", Spread(ours, ours, ours), Spread(theirs, theirs, theirs), 5, found)
+    return results.Compared(peer, f"{peer} 1", Spread(ours, ours, ours), Spread(theirs, theirs, theirs), 5, found)
 
 
 def small_speed():
     workload = Workload("w", "", lambda: None, ratios={"llvmpipe": 5.0}, limits=(Limit("ms", "ms a frame", 1.0),))
-    result = speed.Result(workload, drawn_with(), (compared("llvmpipe", 2.0, 12.0), compared("numpy", 2.0, 30.0)))
+    result = results.Result(workload, drawn_with(), (compared("llvmpipe", 2.0, 12.0), compared("numpy", 2.0, 30.0)))
     started = starting.Started(Spread(0.4, 0.5, 0.6), Spread(3.0, 4.0, 5.0), 5)
     points = tuple(drawn_with(n, 1.0 + n, peak=100.0 + n) for n in (10, 100, 1000))
     return made_up(
@@ -96,12 +96,12 @@ def test_verdicts():
     assert found["start-up", "s with an empty cache"] == (4.0, False)
     assert found["scaling-triangles", "exponent of time beyond the fixed cost"][1]
     assert len(found) == 7
-    least = speed.Verdict("", "", 150.0, 150.0, True)
+    least = results.Verdict("", "", 150.0, 150.0, True)
     assert [least.kept, least._replace(value=149.0).kept, least._replace(value=None).kept] == [True, False, None]
 
 
 def test_the_tables_hold_what_was_found():
-    lines = bench_tables.lines(small_speed())
+    lines = tables.lines(small_speed())
     # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 a second; 1e7 operations half of 1e10.
     expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % -"
     first, second = (
@@ -110,12 +110,10 @@ def test_the_tables_hold_what_was_found():
         if line.startswith("w  ") and "llvmpipe" not in line and "numpy" not in line and "%" in line
     )
     assert f"{first} {second.removeprefix('w ')}" == expected
-    for block in bench_tables.markdown(small_speed()).split("\n\n"):
+    for block in tables.markdown(small_speed()).split("\n\n"):
         if block.startswith("|"):
             assert len({line.count("|") for line in block.splitlines()}) == 1, block
-    rows = list(
-        csv.DictReader(io.StringIO(bench_tables.tables.as_csv(bench_tables.CSV, bench_tables.csv_rows(small_speed()))))
-    )
+    rows = list(csv.DictReader(io.StringIO(tables.tables.as_csv(tables.CSV, tables.csv_rows(small_speed())))))
     assert [(row["workload"], row["peer"]) for row in rows] == [
         ("w", ""),
         *[("triangles-fixed", ""), ("triangles-10", ""), ("triangles-100", ""), ("triangles-1000", "")],
@@ -131,10 +129,10 @@ def test_the_tables_hold_what_was_found():
 def test_the_figure(tmp_path, part):
     found = small_speed()
     if part == "frames":
-        found = made_up(speed.Result(found.results[0].workload, drawn_with()))
+        found = made_up(results.Result(found.results[0].workload, drawn_with()))
     if part == "series":
         found = replace(found, results=())
-    bench_figure.plot(found, tmp_path / "a.png")
+    figure.plot(found, tmp_path / "a.png")
     assert png.read(tmp_path / "a.png").std() > 20.0
 
 
@@ -180,7 +178,7 @@ def test_what_fails_late_loses_nothing(opened, monkeypatch):
     assert found.failed == ("start-up: no more processes", "scaling: no more processes")
     assert found.results[0].drawn is not None
     assert not found.passed
-    assert set(found.failed) <= set(bench_tables.lines(found))
+    assert set(found.failed) <= set(tables.lines(found))
 
 
 @pytest.mark.usefixtures("small_workloads")

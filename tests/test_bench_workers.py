@@ -11,18 +11,18 @@ import pytest
 from devices import working_devices
 
 from clshade import cli
-from clshade.checks import crews
 from clshade.errors import InputError
+from clshade.measure.bench import workers
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 
 
 @needs_device
 def test_two_processes_against_one(tmp_path, monkeypatch):
-    monkeypatch.setattr(crews, "RESOLUTION", (32, 24))
+    monkeypatch.setattr(workers, "RESOLUTION", (32, 24))
     out = io.StringIO()
     prefix = str(tmp_path / "crews")
-    assert crews.run((2,), frames=4, rounds=1, scene="quads", out=prefix, stream=out)
+    assert workers.run((2,), frames=4, rounds=1, scene="quads", out=prefix, stream=out)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         f"crews.{kind}" for kind in ("csv", "json", "md", "png")
     ]
@@ -38,22 +38,22 @@ def test_other_bits_fail(tmp_path, monkeypatch):
     def fake(scene, frames, options, turn):
         return 2.0 / options[1], 5.0, "one" if options == ("--workers", 1) else "another"
 
-    monkeypatch.setattr(crews, "_draw", fake)
+    monkeypatch.setattr(workers, "_draw", fake)
     out = io.StringIO()
-    assert not crews.run((4,), rounds=2, stream=out)
+    assert not workers.run((4,), rounds=2, stream=out)
     rows = [line.split() for line in out.getvalue().splitlines() if re.match(r"\d+ process(es)? ", line)]
     assert rows[1][:2] == ["4", "processes"]
     assert rows[1][-3:] == ["4", "5", "NO"]  # times as fast, ms a frame, same files
 
 
 def test_bits_that_change_from_turn_to_turn_fail(monkeypatch):
-    monkeypatch.setattr(crews, "_draw", lambda scene, frames, options, turn: (1.0, 1.0, str(turn)))
-    assert not crews.run((1,), rounds=2, stream=io.StringIO())
+    monkeypatch.setattr(workers, "_draw", lambda scene, frames, options, turn: (1.0, 1.0, str(turn)))
+    assert not workers.run((1,), rounds=2, stream=io.StringIO())
 
 
 def test_refusals(tmp_path, capsys):
     with pytest.raises(InputError, match="above 0"):
-        crews.run((0,))
+        workers.run((0,))
     for further in (("quads",), ("--scaling",), ("--peers", "none")):
         assert cli.main(["bench", *further, "--workers", "2"]) == 2
         assert "either --workers" in capsys.readouterr().err

@@ -12,9 +12,9 @@ from test_cli import run
 
 import clshade
 from clshade import oracle
-from clshade.checks import checking, compare
 from clshade.errors import InputError
 from clshade.images import exr
+from clshade.measure.check import check, oracle_bounds
 from clshade.oracle import coverage
 from clshade.pipeline.frame import Frame
 from clshade.scene.builtin import scenes
@@ -150,7 +150,7 @@ def test_one_changed_pixel_of_all_is_found():
 def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
     """And not one elsewhere: what it says is a lower bound."""
     frame = teapot_frame()
-    looked_at = checking._sample(checking._strata(frame).ravel(), 400, 0)
+    looked_at = check._sample(check._strata(frame).ravel(), 400, 0)
     assert len(looked_at) == len(set(looked_at.tolist())) == 400
     covered = np.flatnonzero(frame.alpha.ravel() > 0)
     inside, outside = np.intersect1d(covered, looked_at)[99], np.setdiff1d(covered, looked_at)[99]
@@ -224,7 +224,7 @@ def test_a_highlights_gate_may_be_decided_either_way():
     for highlight, excepted in ((1e-3, True), (9e-4, False)):
         jump = expected.jump.copy()
         jump[30 * 80 + 40] = highlight
-        found = checking._Found(frame, replace(expected, jump=jump), rows, columns)
+        found = check._Found(frame, replace(expected, jump=jump), rows, columns)
         assert found.gates.sum() == int(excepted)
         assert bool(found.counted.max() <= 1.0) is excepted
 
@@ -233,10 +233,10 @@ def test_a_highlights_gate_may_be_decided_either_way():
 
 
 def test_the_same_seed_gives_the_same_pixels():
-    strata = checking._strata(teapot_frame()).ravel()
-    first = checking._sample(strata, 300, 7)
-    assert np.array_equal(first, checking._sample(strata, 300, 7))
-    assert not np.array_equal(first, checking._sample(strata, 300, 8))
+    strata = check._strata(teapot_frame()).ravel()
+    first = check._sample(strata, 300, 7)
+    assert np.array_equal(first, check._sample(strata, 300, 7))
+    assert not np.array_equal(first, check._sample(strata, 300, 8))
 
 
 def test_edges_and_highlights_have_their_share():
@@ -248,8 +248,8 @@ def test_edges_and_highlights_have_their_share():
     assert counts["highlights"] >= 80
     assert counts["background"] >= 10
     limit = np.quantile(frame.rgb.max(axis=-1)[frame.alpha > 0], 0.9)
-    strata = checking._strata(frame)
-    assert (frame.rgb.max(axis=-1)[strata == checking.STRATA.index("highlights")] >= limit).all()
+    strata = check._strata(frame)
+    assert (frame.rgb.max(axis=-1)[strata == check.STRATA.index("highlights")] >= limit).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 17, 4799, 4800, 10**9])
@@ -331,7 +331,7 @@ def test_check_prints_its_error_and_writes_it_into_the_header(tmp_path, capsys):
     assert header["checkWrongPixels"] == 0
     assert 0.0 < header["checkErrorBounds"] < 32.0
     assert 0.0 < header["checkErrorRelative"] < 1e-4
-    assert 0.0 <= header["checkDepthRoundings"] <= compare.DEPTH_ROUNDINGS
+    assert 0.0 <= header["checkDepthRoundings"] <= oracle_bounds.DEPTH_ROUNDINGS
 
 
 @needs_device
@@ -369,7 +369,7 @@ def test_a_number_after_check_is_no_scene(capsys, value):
 
 @needs_device
 def test_a_failed_check_is_an_exit_code(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compare, "HALF_ULP", 2.0**-40)
+    monkeypatch.setattr(oracle_bounds, "HALF_ULP", 2.0**-40)
     code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--check")
     assert code == 1
     assert "FAILED" in out

@@ -15,8 +15,8 @@ from PIL import Image
 
 import clshade
 from clshade import cli, course, oracle
-from clshade.checks import compare
 from clshade.images import exr
+from clshade.measure.check import oracle_bounds
 from clshade.pipeline import single_primitive
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin.scenes import builtin
@@ -49,7 +49,7 @@ def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray,
     chosen = Settings.from_preset("course", shader=shader, layers=("Z", "id"))
     with Renderer(scene, device=device, settings=chosen) as renderer:
         frame = renderer.render()
-    compare.assert_frame(frame, oracle.render(scene, chosen), scene, chosen)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, chosen), scene, chosen)
     assert image.shape == (*frame.alpha.shape, 3)
     assert image.dtype == np.float64
     assert image.flags.c_contiguous
@@ -71,7 +71,7 @@ def test_any_number_of_lights(shader, count):
     scene = replace(surfaced(SCENE, n=20), lights=LIGHTS[:count])
     image = course.render_object(**reference.scene_arguments(scene, shader=shader))
     expected = oracle.render(scene, Settings.from_preset("course", shader=shader))
-    compare.assert_colors_within(image[::-1].astype(np.float32), expected)
+    oracle_bounds.assert_colors_within(image[::-1].astype(np.float32), expected)
 
 
 @pytest.mark.parametrize("shader", SHADERS)
@@ -353,7 +353,7 @@ def test_square_arrays_are_columns():
     scene = Scene((mesh,), camera, lights, np.array([1.0, 2, 3]), np.array([0.5, 0.25, 2]), "course")
     expected = oracle.render(scene, Settings.from_preset("course"))
     error = np.abs(image[::-1] - expected.rgb)
-    assert (error <= 32 * compare.color_bound(expected) + 1e-30).all()
+    assert (error <= 32 * oracle_bounds.color_bound(expected) + 1e-30).all()
     four = {name: np.concatenate([square[name], square[name][:, :1]], axis=1) for name in ("verts", "verts_colors")}
     assert (course.render_object(**reference.quad_arguments(**{**square, **four}, k_s=0.5, n=20)) == image).all()
     rows = {name: four[name].T for name in four}

@@ -12,7 +12,8 @@ from devices import working_devices
 from test_cli import run
 
 from clshade import commands
-from clshade.checks import explaining, timing
+from clshade.measure import timing
+from clshade.measure.report import feature_savings
 from clshade.pipeline import packing, programs
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
 from clshade.pipeline.frame import Frame, same_bits
@@ -162,7 +163,7 @@ def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
 
 
 def test_what_is_left_out_and_what_it_saves(device):
-    found = explaining.explain(plain_scene(), frames=3, device=device, shader="phong")
+    found = feature_savings.explain(plain_scene(), frames=3, device=device, shader="phong")
     assert found.passed
     assert set(found.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
     assert found.needed == ("LIT", "DIFFUSE")
@@ -182,7 +183,7 @@ def test_what_is_left_out_and_what_it_saves(device):
 
 @pytest.mark.long
 def test_what_each_costs_alone(device):
-    found = explaining.explain(plain_scene(), frames=3, each=True, device=device)
+    found = feature_savings.explain(plain_scene(), frames=3, each=True, device=device)
     assert found.passed
     assert set(found.alone) == set(found.left_out)
     assert found.alone["OWNERS"].bytes == found.lean.bytes + 61 * 47 * 4
@@ -194,14 +195,14 @@ def test_what_each_costs_alone(device):
 
 
 def test_images_that_differ_are_a_failure(device, monkeypatch):
-    monkeypatch.setattr(explaining, "same_bits", lambda *_: False)
-    found = explaining.explain(plain_scene(), frames=1, device=device)
+    monkeypatch.setattr(feature_savings, "same_bits", lambda *_: False)
+    found = feature_savings.explain(plain_scene(), frames=1, device=device)
     assert not found.passed
     assert "FAILED" in "\n".join(found.lines())
 
 
 def test_where_everything_is_needed_nothing_is_saved(device):
-    found = explaining.explain(rich_scene(), device=device, layers=("Z",), texture_filter="trilinear")
+    found = feature_savings.explain(rich_scene(), device=device, layers=("Z",), texture_filter="trilinear")
     assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
     assert "saved: nothing" in "\n".join(found.lines())
 
@@ -210,7 +211,7 @@ def test_work_that_the_view_and_the_settings_do_without(device):
     scene = plain_scene()
     spare = replace(scene.meshes[0], verts=np.concatenate([scene.meshes[0].verts, np.zeros((7, 3))]), uvs=None)
     scene = replace(scene, meshes=(spare, scene.meshes[1]), lights=(*scene.lights, PointLight((0, 0, 1), (0, 0, 0))))
-    unneeded = explaining.explain(scene, frames=1, device=device).unneeded
+    unneeded = feature_savings.explain(scene, frames=1, device=device).unneeded
     assert unneeded["vertices"] == "7 of 187 in no face"
     assert unneeded["lights"] == "1 of 3 of intensity 0"
     assert unneeded["clipping"].startswith("60 of 60 triangles")
@@ -218,14 +219,14 @@ def test_work_that_the_view_and_the_settings_do_without(device):
     assert unneeded["shading"].endswith(f"of {61 * 47:,} pixels show no triangle")
     assert "perspective division" not in unneeded
     away = replace(scene, camera=replace(scene.camera, lookat=np.array([0.0, 0.0, -9.0])))
-    unneeded = explaining.explain(away, frames=1, device=device).unneeded
+    unneeded = feature_savings.explain(away, frames=1, device=device).unneeded
     assert "60 behind the eye, of 60" in unneeded["triangles"]
     assert unneeded["tiles"] == "12 of 12 hold no triangle"
 
 
 def test_what_the_course_preset_does_without(device):
     frame = draw(device, plain_scene(), shader="phong")
-    found = explaining.explain(plain_scene(), frames=1, device=device, preset="course", shader="nolight").unneeded
+    found = feature_savings.explain(plain_scene(), frames=1, device=device, preset="course", shader="nolight").unneeded
     assert found["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
     covered = np.count_nonzero(frame.alpha)
     assert found["perspective division"] == f"interpolation affine, {covered:,} pixels"
@@ -243,14 +244,14 @@ def test_empty_tiles_are_counted(device):
 
 
 def test_no_more_frames_than_there_is_time_for(device, monkeypatch):
-    monkeypatch.setattr(explaining, "SECONDS", 0.0)
-    assert explaining.explain(plain_scene(), device=device).frames == timing.FEWEST
+    monkeypatch.setattr(feature_savings, "SECONDS", 0.0)
+    assert feature_savings.explain(plain_scene(), device=device).frames == timing.FEWEST
 
 
 def test_programs_are_counted(device):
-    explaining.explain(plain_scene(), frames=1, device=device)
+    feature_savings.explain(plain_scene(), frames=1, device=device)
     before = programs.built()
-    found = explaining.explain(plain_scene(), frames=1, device=device)
+    found = feature_savings.explain(plain_scene(), frames=1, device=device)
     assert programs.built() == before  # the second time nothing is built
     assert found.compiled[0] + found.loaded[0] == len(before)
     assert all(program.seconds > 0.0 for program in before)
@@ -325,9 +326,9 @@ def test_explain_each_tells_what_each_costs_alone(tmp_path, capsys):
 
 @needs_device
 def test_images_that_differ_are_an_exit_code(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(explaining, "same_bits", lambda *_: False)
+    monkeypatch.setattr(feature_savings, "same_bits", lambda *_: False)
     assert run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")[0] == commands.FAILED
 
 
 def test_every_feature_has_a_name_for_people():
-    assert set(explaining.WORK) == set(OPTIONAL)
+    assert set(feature_savings.WORK) == set(OPTIONAL)

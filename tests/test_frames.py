@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from clshade import load, oracle
-from clshade.checks import compare
-from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
 from clshade.pipeline import programs, struct_layout
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
@@ -48,7 +48,7 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
     """Ids exact, depths within 4 ulp, colors within DESIGN's bound. Returns the largest error, in bounds."""
     expected = oracle.render(frame.scene, frame.settings)
-    return compare.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
+    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
 
 
 # Against the oracle
@@ -119,7 +119,7 @@ def test_the_comparison_notices_another_scene(device):
     for wrong, message in ((moved, "colors off"), (lifted, "ids differ")):
         expected = oracle.render(wrong, frame.settings)
         with pytest.raises(AssertionError, match=message):
-            compare.assert_frame(frame, expected, wrong, frame.settings)
+            oracle_bounds.assert_frame(frame, expected, wrong, frame.settings)
 
 
 # A scene of its own: what follows shares few feature masks
@@ -292,9 +292,9 @@ def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
         near = (frame["id"] > 0) & (frame["id"] <= 250)
         assert near.mean() > 0.3
         expected = oracle.render(frame.scene, frame.settings)
-        ties = compare.assert_same_ids(frame, expected, frame.scene, frame.settings)
-        compare.assert_colors_within(frame.rgb, expected, skip=ties)
-        compare.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # 1e100 deep is beyond float32
+        ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
+        oracle_bounds.assert_colors_within(frame.rgb, expected, skip=ties)
+        oracle_bounds.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # 1e100 deep is beyond float32
 
 
 # Light and background

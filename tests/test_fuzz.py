@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from clshade import oracle
-from clshade.checks import fuzz, mutations
-from clshade.checks.random_scenes import BLOCK, KINDS, kind_of, scene_of
-from clshade.checks.samples import samples
 from clshade.errors import InputError
+from clshade.measure.fuzz import file_mutations, fuzz
+from clshade.measure.fuzz.random_scenes import BLOCK, KINDS, kind_of, scene_of
+from clshade.measure.fuzz.seed_files import samples
 from clshade.pipeline import packing, programs
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
@@ -300,13 +300,13 @@ def test_every_sample_is_valid(tmp_path):
     for index, sample in enumerate(samples()):
         folder = tmp_path / str(index)
         folder.mkdir()
-        assert mutations.load_problem(folder, sample) == "", index
+        assert file_mutations.load_problem(folder, sample) == "", index
         if "a.exr" in sample.files:
             continue
         options = {"texture": folder / sample.texture} if sample.texture else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            scene = mutations.load(folder / next(iter(sample.files)), **sample.options, **options)
+            scene = file_mutations.load(folder / next(iter(sample.files)), **sample.options, **options)
         assert scene.face_count > 0
 
 
@@ -323,7 +323,7 @@ def test_many_files():
 def test_damage_is_done_and_refused(monkeypatch):
     """Damaged files differ from the samples, and most but not all of them are refused."""
     every, refused = samples(), 0
-    good = mutations.load
+    good = file_mutations.load
 
     def counted(path, **options):
         nonlocal refused
@@ -333,8 +333,8 @@ def test_damage_is_done_and_refused(monkeypatch):
             refused += 1
             raise
 
-    monkeypatch.setattr(mutations, "load", counted)
-    same = sum(mutations.mutated(k).files == every[k % len(every)].files for k in range(200))
+    monkeypatch.setattr(file_mutations, "load", counted)
+    same = sum(file_mutations.mutated(k).files == every[k % len(every)].files for k in range(200))
     assert same < 10
     assert fuzz.file_failures(range(200)) == []
     assert 60 < refused < 185
@@ -352,7 +352,7 @@ def test_damage_is_done_and_refused(monkeypatch):
     ],
 )
 def test_wrong_answers_of_a_loader_are_found(monkeypatch, planted, message):
-    monkeypatch.setattr(mutations, "load", lambda path, **options: planted(path))
+    monkeypatch.setattr(file_mutations, "load", lambda path, **options: planted(path))
     (failure,) = fuzz.file_failures([3])
     assert message in failure.reason
     assert str(failure).startswith("file 3: a.npy: ")
@@ -360,23 +360,23 @@ def test_wrong_answers_of_a_loader_are_found(monkeypatch, planted, message):
 
 def test_what_is_slow_large_or_hangs_is_found(monkeypatch):
     scene = scene_of(1).scene
-    monkeypatch.setattr(mutations, "load", lambda path, **options: scene)
-    assert mutations.problem(3) == ""
+    monkeypatch.setattr(file_mutations, "load", lambda path, **options: scene)
+    assert file_mutations.problem(3) == ""
     times, sizes = iter([0.0, 5.1]), iter([0, 2 << 30])
     with monkeypatch.context() as patch:
-        patch.setattr(mutations.time, "process_time", lambda: next(times))
-        assert "took 5.1 s" in mutations.problem(3)
+        patch.setattr(file_mutations.time, "process_time", lambda: next(times))
+        assert "took 5.1 s" in file_mutations.problem(3)
     with monkeypatch.context() as patch:
-        patch.setattr(mutations, "_peak", lambda: next(sizes))
-        assert "took 2048 MiB" in mutations.problem(3)
+        patch.setattr(file_mutations, "_peak", lambda: next(sizes))
+        assert "took 2048 MiB" in file_mutations.problem(3)
 
     def hangs(path, **options):
         while True:
             pass
 
-    monkeypatch.setattr(mutations, "load", hangs)
-    monkeypatch.setattr(mutations, "HANGS", 0.05)
-    assert "took more than 0.05 s" in mutations.problem(3)
+    monkeypatch.setattr(file_mutations, "load", hangs)
+    monkeypatch.setattr(file_mutations, "HANGS", 0.05)
+    assert "took more than 0.05 s" in file_mutations.problem(3)
 
 
 def test_pickles_that_take_long_are_found(monkeypatch):
@@ -387,13 +387,13 @@ def test_pickles_that_take_long_are_found(monkeypatch):
         return at
 
     def depth(number):
-        data = next(iter(mutations.mutated(number).files.values()))
+        data = next(iter(file_mutations.mutated(number).files.values()))
         return data.count(b"\x86r") if b"}K\x01r" in data else 0
 
     numbers = [number for number in range(3000) if 22 <= depth(number) <= 24]
     assert fuzz.file_failures(numbers) == []
     monkeypatch.setattr(inert_pickle, "_updated", careless)
-    monkeypatch.setattr(mutations, "SECONDS", 0.02)
+    monkeypatch.setattr(file_mutations, "SECONDS", 0.02)
     found = fuzz.file_failures(numbers)
     assert found  # not all: one may be damaged in other ways, too
     assert {failure.number for failure in found} <= set(numbers)
@@ -403,8 +403,8 @@ def test_pickles_that_take_long_are_found(monkeypatch):
 def test_flaws_of_scenes_are_seen():
     scene = scene_of(1).scene
     mesh = scene.meshes[0]
-    assert mutations.flaw(scene) == ""
+    assert file_mutations.flaw(scene) == ""
     for name, value in (("verts", np.full((3, 3), np.nan)), ("faces", np.array([[0, 1, 3]]))):
         broken = replace(mesh)
         object.__setattr__(broken, name, value)
-        assert name in mutations.flaw(replace(scene, meshes=(broken,)))
+        assert name in file_mutations.flaw(replace(scene, meshes=(broken,)))

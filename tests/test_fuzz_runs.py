@@ -9,9 +9,9 @@ import re
 import pytest
 
 from clshade import cli
-from clshade.checks import fuzz, fuzz_run, mutations
-from clshade.checks.fuzz import Tally
 from clshade.errors import InputError, OutputError
+from clshade.measure.fuzz import campaign, file_mutations, fuzz
+from clshade.measure.fuzz.fuzz import Tally
 
 
 def test_run_and_exit_codes(monkeypatch, capsys, opened):
@@ -20,7 +20,7 @@ def test_run_and_exit_codes(monkeypatch, capsys, opened):
     printed = capsys.readouterr().out
     assert "5 files (seed 0): 0 failed" in printed
     assert re.search(r"3 scenes \(seed 0\): 0 failed, .* s; .* pixels, .* covered; excepted: 0 ", printed)
-    monkeypatch.setattr(mutations, "problem", lambda number, seed: "planted" if number == 8 else "")
+    monkeypatch.setattr(file_mutations, "problem", lambda number, seed: "planted" if number == 8 else "")
     assert cli.main(["fuzz", "--scenes", "0", "--files", "5", "--first", "6"]) == 1
     assert "file 8: planted\n5 files (seed 0): 1 failed" in capsys.readouterr().out
 
@@ -33,7 +33,7 @@ def test_seeds_that_are_none_are_refused(capsys, text):
 
 def test_the_counts_are_printed_to_a_stream():
     stream = io.StringIO()
-    assert fuzz_run.run(scenes=0, files=2, seed=5, stream=stream)
+    assert campaign.run(scenes=0, files=2, seed=5, stream=stream)
     assert stream.getvalue().startswith("2 files (seed 5): 0 failed, ")
 
 
@@ -49,13 +49,13 @@ def looked_at(monkeypatch):
         return [fuzz.Failure("scene", number, "planted")] if (number, seed) == (3, 2) else []
 
     monkeypatch.setattr(fuzz, "scene_failures", failures)
-    monkeypatch.setattr(fuzz_run, "STEP", 4)
+    monkeypatch.setattr(campaign, "STEP", 4)
     return seen
 
 
 def run(log, **options):
     stream = io.StringIO()
-    passed = fuzz_run.run(scenes=10, files=0, seed=range(1, 4), log=str(log), stream=stream, **options)
+    passed = campaign.run(scenes=10, files=0, seed=range(1, 4), log=str(log), stream=stream, **options)
     return passed, stream.getvalue()
 
 

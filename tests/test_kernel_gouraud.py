@@ -7,7 +7,7 @@ import pytest
 import stage_oracle
 from stage_oracle import EXPONENTS, options, patches
 
-from clshade.checks import compare
+from clshade.measure.check import oracle_bounds
 from clshade.pipeline.launches import Buffer
 from kernels import OTHER_LANES, Pipeline, bits, four
 
@@ -61,7 +61,7 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
     rgb = np.nan_to_num(found[..., :3].reshape(1, -1, 3))
     for n in EXPONENTS:
         skip = ~stage_oracle.only(frame, inputs, n) | ~written[face][None]
-        assert compare.assert_colors_within(rgb, frame, skip=skip) < 8.0
+        assert oracle_bounds.assert_colors_within(rgb, frame, skip=skip) < 8.0
 
 
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])

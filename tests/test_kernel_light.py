@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from clshade.checks import compare
+from clshade.measure.check import oracle_bounds
 from clshade.oracle import OracleFrame, shade
 from clshade.pipeline.launches import Buffer, Stages
 from clshade.pipeline.programs import build
@@ -145,7 +145,7 @@ def test_light_at_random_points(device, n):
         r_v = np.array([shade.angles(p, m, EYE, light)[1] for light in l_pos])
         steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
     assert steep.mean() < 0.05
-    assert compare.assert_colors_within(found[None], expected, skip=steep) < 8.0
+    assert oracle_bounds.assert_colors_within(found[None], expected, skip=steep) < 8.0
 
 
 def one(device, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), intensity=(1, 1, 1), **options) -> list[float]:

@@ -9,7 +9,7 @@ import pytest
 import stage_oracle
 from stage_oracle import EXPONENTS, options, patches
 
-from clshade.checks import compare
+from clshade.measure.check import oracle_bounds
 from kernels import OTHER_LANES, Pipeline, bits
 
 FILES = ("setup.cl", "bin.cl", "phong.cl")
@@ -52,7 +52,7 @@ def test_pixels_equal_the_reflection_model(device, inputs, ways):
     for n in EXPONENTS:
         chosen = stage_oracle.only(expected, inputs, n)
         assert chosen.sum() > 500
-        assert compare.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0  # measured: 1.8 at n = 1
+        assert oracle_bounds.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0  # measured: 1.8 at n = 1
     # Highlights of the sharpest material show, so that the above looked at some.
     sharp = stage_oracle.only(expected, inputs, EXPONENTS[-1]) & (expected.rgb > expected.budget / 4).all(axis=-1)
     assert sharp.any()
@@ -65,7 +65,7 @@ def test_the_comparison_notices_another_exponent_and_a_moved_light(device, input
     lights["position"][0, 0] += 1e-3
     for wrong in (stage_oracle.with_exponent(inputs, 20.01), replace(inputs, lights=lights)):
         with pytest.raises(AssertionError, match="colors off"):
-            compare.assert_colors_within(rgba[..., :3], oracle_of(wrong, owners, STANDARD))
+            oracle_bounds.assert_colors_within(rgba[..., :3], oracle_of(wrong, owners, STANDARD))
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
@@ -107,9 +107,9 @@ def test_an_overflow_saturates_and_is_counted(device, inputs, unit):
     pipeline = Pipeline(device, FILES, RESOLUTION, image=image, **options(PHONG=1, **STANDARD))
     given.set_up(pipeline)
     rgba, owners = pipeline.draw(**given.arrays())
-    full = rgba[..., :3] == compare.FLOAT32_MAX
+    full = rgba[..., :3] == oracle_bounds.FLOAT32_MAX
     assert np.isfinite(rgba).all()
     expected = oracle_of(bright, owners, STANDARD).rgb
-    assert full[expected > 1.01 * compare.FLOAT32_MAX].all()
-    assert not full[expected < 0.99 * compare.FLOAT32_MAX].any()
+    assert full[expected > 1.01 * oracle_bounds.FLOAT32_MAX].all()
+    assert not full[expected < 0.99 * oracle_bounds.FLOAT32_MAX].any()
     assert 100 < pipeline.counters["saturated"] == full.any(axis=-1).sum() < (owners >= 0).sum()

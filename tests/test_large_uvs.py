@@ -10,7 +10,7 @@ from devices import needs_float64
 
 import clshade
 from clshade import oracle
-from clshade.checks import compare, compare_layers
+from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -43,9 +43,9 @@ def assert_equals_oracle(frame: Frame) -> None:
     """The image and, where there is one sample, the layers."""
     scene, settings = frame.scene, frame.settings
     expected = oracle.render(scene, settings)
-    compare.assert_frame(frame, expected, scene, settings)
-    ties = compare.assert_same_ids(frame, expected, scene, settings)
-    compare_layers.assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
+    oracle_bounds.assert_frame(frame, expected, scene, settings)
+    ties = oracle_bounds.assert_same_ids(frame, expected, scene, settings)
+    layer_bounds.assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
     assert frame.alpha.mean() > 0.15
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clshade import oracle
-from clshade.checks.compare import assert_frame
+from clshade.measure.check.oracle_bounds import assert_frame
 from clshade.pipeline.renderer import Renderer, settle
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera

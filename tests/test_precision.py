@@ -11,9 +11,9 @@ from devices import needs_float64
 
 import clshade
 from clshade import oracle
-from clshade.checks import compare
-from clshade.checks.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.errors import DeviceError, InputError
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
@@ -105,7 +105,7 @@ def test_built_in_scenes(device, name, precision, shader):
     kind = np.float64 if precision == "float64" else np.float32
     assert frame.rgba.dtype == frame["Z"].dtype == kind
     expected = oracle.render(scene, frame.settings)
-    compare.assert_frame(frame, expected, scene, frame.settings)
+    oracle_bounds.assert_frame(frame, expected, scene, frame.settings)
     assert clshade.check(frame, "all").passed
     alone = draw(device, scene, shader=shader)
     assert np.array_equal(frame.alpha, alone.alpha)
@@ -119,7 +119,7 @@ def test_weighted_samples(device, precision):
     scene = clshade.builtin("box_room")
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
     frame = draw(device, scene, precision=precision, samples=4, resolve="weighted")
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -144,7 +144,7 @@ def lit(n: float) -> Scene:
 def test_exponents(device, precision, n):
     scene = lit(n)
     frame = draw(device, scene, precision=precision)
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_float64_does_not_pass_for_float32(device):
@@ -153,7 +153,7 @@ def test_float64_does_not_pass_for_float32(device):
     frame = draw(device, scene)
     expected = oracle.render(scene, frame.settings)
     with pytest.raises(AssertionError, match="colors off by more than 1 bounds"):
-        compare.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
+        oracle_bounds.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
 
 
 @pytest.mark.parametrize("lanes", [1, pytest.param(8, marks=pytest.mark.long)])
@@ -173,9 +173,9 @@ def test_large_texture_coordinates_in_float64(device):
     scene = scene_of(blob(40, 2, uvs=uvs, material=Material(texture=Texture(image))))
     frame = draw(device, scene, shader="nolight", precision="float64")
     expected = oracle.render(scene, frame.settings)
-    allowed = compare.allowed(scene, frame.settings)
+    allowed = oracle_bounds.allowed(scene, frame.settings)
     assert 1e-10 < allowed * 1e-12 < 1e-8
-    assert 1.0 < compare.assert_frame(frame, expected, scene, frame.settings).bounds < allowed / 3.0
+    assert 1.0 < oracle_bounds.assert_frame(frame, expected, scene, frame.settings).bounds < allowed / 3.0
     single = draw(device, scene, shader="nolight")
     off = np.abs(single.rgb - expected.rgb).max(axis=-1)[single["id"] == frame["id"]]
     assert off.max() > 10.0 * allowed * 1e-12
@@ -188,7 +188,7 @@ def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
     for options in ({"preset": "course"}, {"texture_at": "vertex", "interpolation": "perspective"}):
         frame = draw(device, scene, precision="float64", **options)
         assert frame.alpha.any()
-        compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+        oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clshade.checks import reference as reference_module
-from clshade.checks import variants
-from clshade.checks.measuring import measure
-from clshade.checks.reference import STEPS, _fits, averaged, reference, tiles
-from clshade.checks.tessellation import loglog_slope
-from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.images.metrics import rmse
+from clshade.measure.report import reference_image as reference_module
+from clshade.measure.report import variants
+from clshade.measure.report.measure import measure
+from clshade.measure.report.reference_image import STEPS, _fits, averaged, reference, tiles
+from clshade.measure.report.tessellation import loglog_slope
+from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin

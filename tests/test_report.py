@@ -16,16 +16,17 @@ from studies import SMALL, small_study, sphere
 from test_cli import assert_refused, run
 
 from clshade.base import text_tables
-from clshade.checks import labels, report, report_figure, report_tables, study, timing, variants
-from clshade.checks.formats import formats
-from clshade.checks.labels import Box, placed
-from clshade.checks.measuring import measure
-from clshade.checks.reference import reference
-from clshade.checks.tessellation import loglog_slope, tessellation
-from clshade.checks.variants import BASE, base_settings, named, variants_for
 from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.metrics import rmse
+from clshade.measure import timing
+from clshade.measure.report import figure, labels, report, study, tables, variants
+from clshade.measure.report.format_errors import formats
+from clshade.measure.report.labels import Box, placed
+from clshade.measure.report.measure import measure
+from clshade.measure.report.reference_image import reference
+from clshade.measure.report.tessellation import loglog_slope, tessellation
+from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline.renderer import render, settle
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
@@ -158,7 +159,7 @@ def test_the_tables_fit_a_terminal(found):
     """Also with names without end, and times of minutes."""
     long = [replace(each, variant=replace(each.variant, name="many_letters" * 9)) for each in found.measured]
     slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
-    lines = "\n".join(report_tables.lines(replace(found, measured=tuple(slow)))).splitlines()
+    lines = "\n".join(tables.lines(replace(found, measured=tuple(slow)))).splitlines()
     assert max(map(len, lines)) <= 100
     for word in ("many_letters", "half of them", "arithmetic", "upload ms", "slope", "write ms"):
         assert any(word in line for line in lines)
@@ -177,7 +178,7 @@ def test_pictures_are_those_of_the_variants(found):
         drawn = render(scene, settings=each.settings).rgb
         assert rmse(found.pictures[each.name], found.reference.rgb) == each.error
         assert (found.pictures[each.name] == drawn).all()
-    off = report_figure.difference(found.reference.rgb + [0.0, 0.25, -0.5], found.reference.rgb)
+    off = figure.difference(found.reference.rgb + [0.0, 0.25, -0.5], found.reference.rgb)
     assert off == pytest.approx(np.full(SMALL[::-1], 0.5))
 
 
@@ -200,11 +201,11 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     written: list[str] = []
     original = labels.label_points
     monkeypatch.setattr(
-        report_figure,
+        figure,
         "label_points",
         lambda axes, x, y, names, lines: written.extend(names) or original(axes, x, y, names, lines),
     )
-    report_figure.plot(several, tmp_path / "a.png")
+    figure.plot(several, tmp_path / "a.png")
     assert written == [f"variant-{k}" for k in range(10)]
     assert png.read(tmp_path / "a.png").std() > 20.0
 
@@ -241,7 +242,7 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
 @pytest.fixture
 def no_figure(monkeypatch):
     """Drawing it takes seconds."""
-    monkeypatch.setattr(report_figure, "plot", lambda study, path: path.touch())
+    monkeypatch.setattr(figure, "plot", lambda study, path: path.touch())
 
 
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
@@ -255,7 +256,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
     parser = argparse.ArgumentParser()
     command.add_options(parser)
     for each in variants_for(scene, base, device):
-        options = report_tables.render_options(each.settings(base), scene)
+        options = tables.render_options(each.settings(base), scene)
         arguments = parser.parse_args([name, *options])
         kept = command._render_options(arguments)
         kept.pop("device")
@@ -263,7 +264,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
         assert settings == each.settings(base), each.name
         assert again.camera.resolution == (48, 36)
     standard = [] if own.preset == "standard" else ["--preset", "standard"]
-    assert report_tables.render_options(Settings(), scene)[2:] == standard
+    assert tables.render_options(Settings(), scene)[2:] == standard
 
 
 @pytest.mark.usefixtures("no_figure")

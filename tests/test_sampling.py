@@ -10,9 +10,9 @@ from devices import needs_float64
 
 import clshade
 from clshade import oracle
-from clshade.checks import compare
-from clshade.checks.cases.lit import CAMERA, LIGHTS, blob
 from clshade.errors import InputError
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, blob
 from clshade.oracle.sampling import places
 from clshade.pipeline import programs, sample_pattern
 from clshade.pipeline.renderer import Renderer
@@ -172,7 +172,7 @@ def test_frames(device, name, options):
     scene = clshade.builtin(name)
     scene = replace(scene, camera=scene.camera.with_resolution((83, 59)))
     frame = draw(device, scene, **options)
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
     assert clshade.check(frame, 500).passed
     partly = (frame.alpha > 0.0) & (frame.alpha < 1.0)
     assert partly.any() or name == "teapot"  # its table fills the image
@@ -187,7 +187,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
     colors = rng.uniform(size=(9000, 3))
     scene = flat(points, np.arange(9000).reshape(-1, 3), colors=colors)
     frame = draw(device, scene, shader="nolight", samples=samples, visibility="painter")
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
     assert frame.stats["between_samples"] > 0
 
 
@@ -195,7 +195,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
 def test_odd_sizes(device, resolution):
     scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
     frame = draw(device, scene, samples=9)
-    compare.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
@@ -266,7 +266,7 @@ def test_weighted_over_nothing_is_premultiplied(device):
         scene = replace(flat(points, faces, material=Material(color=color)), background=None)
         frame = draw(device, scene, shader="nolight", samples=16, resolve="weighted")
         expected = oracle.render(scene, frame.settings)
-        compare.assert_frame(frame, expected, scene, frame.settings)
+        oracle_bounds.assert_frame(frame, expected, scene, frame.settings)
         assert np.allclose(expected.rgb, color * expected.alpha[..., None], rtol=1e-12)
         assert np.allclose(frame.rgb, color * frame.alpha[..., None], rtol=1e-5)
 

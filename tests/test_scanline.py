@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from clshade import oracle
-from clshade.checks import scanline
 from clshade.errors import InputError
+from clshade.measure.bench import scanline
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

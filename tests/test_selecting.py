@@ -9,12 +9,12 @@ import pytest
 from studies import small_study, sphere
 from test_cli import assert_refused, run
 
-from clshade.checks import reference as reference_module
-from clshade.checks import selecting, study
-from clshade.checks.selecting import Candidate, select
-from clshade.checks.variants import BASE
 from clshade.images import exr
 from clshade.images.metrics import rmse
+from clshade.measure.report import auto_settings, study
+from clshade.measure.report import reference_image as reference_module
+from clshade.measure.report.auto_settings import Candidate, select
+from clshade.measure.report.variants import BASE
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
@@ -28,9 +28,9 @@ def found(device) -> study.Study:
 @pytest.fixture
 def quick(monkeypatch):
     """Three variants, and a reference of 16 samples."""
-    monkeypatch.setattr(selecting, "SHORT", (BASE, "samples-4", "gouraud"))
+    monkeypatch.setattr(auto_settings, "SHORT", (BASE, "samples-4", "gouraud"))
     monkeypatch.setattr(reference_module, "STEPS", ((2, 4), (2, 1), (1, 1)))
-    monkeypatch.setattr(selecting, "FRAMES", 2)
+    monkeypatch.setattr(auto_settings, "FRAMES", 2)
 
 
 @pytest.mark.usefixtures("quick")
@@ -56,7 +56,7 @@ def test_a_real_study_chooses(device):
     """All of SHORT, a reference of 256 samples; no budget can be kept so surely that it could be asserted."""
     scene = builtin("icosphere", level=2)
     best = select(scene, budget=1e6, device=device, resolution=(48, 36))
-    assert set(best.tried) == {"unchanged", *selecting.SHORT} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
+    assert set(best.tried) == {"unchanged", *auto_settings.SHORT} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
     assert best.used.name == "shaded-16"
     tolerance = 2.0 * best.used.error
     kept = select(scene, tolerance=tolerance, device=device, resolution=(48, 36))
@@ -67,13 +67,13 @@ def test_a_real_study_chooses(device):
 @pytest.fixture
 def unmeasured(monkeypatch, found):
     """Every variant costs and errs the same; the reference's settings are kept."""
-    monkeypatch.setattr(selecting, "_tried", lambda scene, each, *_: Candidate(each, 1.0, 0.5))
-    monkeypatch.setattr(selecting, "_timed", lambda scene, tried, *_: tried)
+    monkeypatch.setattr(auto_settings, "_tried", lambda scene, each, *_: Candidate(each, 1.0, 0.5))
+    monkeypatch.setattr(auto_settings, "_timed", lambda scene, tried, *_: tried)
 
     def reference_of(scene, base, device, fixed):
         return replace(found.reference, settings=reference_module.best_settings(base, device, fixed))
 
-    monkeypatch.setattr(selecting, "reference", reference_of)
+    monkeypatch.setattr(auto_settings, "reference", reference_of)
 
 
 @pytest.mark.usefixtures("unmeasured")
@@ -92,10 +92,10 @@ def test_a_preset_stays(device, given):
     chosen = select(**given, budget=1e6, device=device, near=0.25)
     course = Settings.from_preset("course", near=0.25)
     assert chosen.settings == chosen.used.variant.settings(course)
-    for name in selecting.preset_fields():
+    for name in auto_settings.preset_fields():
         assert getattr(chosen.settings, name) == getattr(chosen.reference.settings, name) == getattr(course, name)
-    assert selecting.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
-    assert set(chosen.kept) == {*selecting.preset_fields(), "near"}
+    assert auto_settings.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
+    assert set(chosen.kept) == {*auto_settings.preset_fields(), "near"}
     assert "unchanged" in chosen.tried
     assert "gouraud" in chosen.tried
     assert not {"course", "vertex-texture", BASE} & set(chosen.tried)
@@ -104,10 +104,10 @@ def test_a_preset_stays(device, given):
 def test_only_what_may_be_chosen_is_timed(found):
     one = found.measured[0].variant
     tried = [Candidate(one, *each) for each in ((2.0, 0.5), (5.0, 0.1), (9.0, 0.02), (100.0, 0.01))]
-    assert selecting.worth_timing(tried, 5.0, None) == tried[:3]
-    assert selecting.worth_timing(tried, 0.1, None) == tried[:1]
-    assert selecting.worth_timing(tried, None, 0.1) == tried[1:3]
-    assert selecting.worth_timing(tried, None, 0.001) == tried[3:]
+    assert auto_settings.worth_timing(tried, 5.0, None) == tried[:3]
+    assert auto_settings.worth_timing(tried, 0.1, None) == tried[:1]
+    assert auto_settings.worth_timing(tried, None, 0.1) == tried[1:3]
+    assert auto_settings.worth_timing(tried, None, 0.001) == tried[3:]
 
 
 @pytest.mark.usefixtures("quick")

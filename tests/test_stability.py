@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from clshade import cli
-from clshade.checks import curves, results, stability
-from clshade.checks.cases import Bench, Case, Outcome, all_cases, flat
-from clshade.checks.cases import bench as bench_module
-from clshade.checks.cases.coverage import triangles_of_size
 from clshade.errors import InputError
+from clshade.measure.stability import curves, results, stability
+from clshade.measure.stability.cases import Bench, Case, Outcome, all_cases, flat
+from clshade.measure.stability.cases import bench as bench_module
+from clshade.measure.stability.cases.coverage import triangles_of_size
 from clshade.oracle import coverage
 from clshade.pipeline.frame import Frame
 

@@ -11,9 +11,9 @@ import pytest
 
 import clshade
 from clshade import oracle
-from clshade.checks import compare
-from clshade.checks.cases import lit
 from clshade.errors import InputError
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
@@ -44,7 +44,7 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 
 def assert_equals_oracle(frame: Frame) -> float:
     expected = oracle.render(frame.scene, frame.settings)
-    return compare.assert_frame(frame, expected, frame.scene, frame.settings).bounds
+    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds
 
 
 # The level of detail

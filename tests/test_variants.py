@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from studies import SMALL, sphere
 
-from clshade.checks import variants
-from clshade.checks.variants import BASE, base_settings, named, possible, variants_for
 from clshade.errors import InputError
+from clshade.measure.report import variants
+from clshade.measure.report.variants import BASE, base_settings, named, possible, variants_for
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

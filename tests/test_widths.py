@@ -13,11 +13,13 @@ from test_bench_tables import small_speed
 from test_cli import needs_device, run
 
 from clshade.base import text_tables
-from clshade.checks import bench, bench_tables, crews, report, results, stability
-from clshade.checks.cases import Outcome, all_cases
-from clshade.checks.timing import Spread
 from clshade.images import compare, exr, statistics
 from clshade.images.image_file import Picture
+from clshade.measure.bench import bench, tables, workers
+from clshade.measure.report import report
+from clshade.measure.stability import results, stability
+from clshade.measure.stability.cases import Outcome, all_cases
+from clshade.measure.timing import Spread
 from clshade.pipeline.opencl import device as devices
 
 LONG = "a_name_with_very_many_letters" * 8
@@ -127,14 +129,14 @@ def test_bench():
         peak_mib=123456.7,
     )
     found = replace(found, results=(replace(result, workload=named, drawn=slow), result))
-    assert_fits(bench_tables.lines(found))
-    assert_fits([text_tables.wrapped(line, 9) for line in bench_tables.facts(made_up())])
+    assert_fits(tables.lines(found))
+    assert_fits([text_tables.wrapped(line, 9) for line in tables.facts(made_up())])
 
 
 def test_bench_of_workers(monkeypatch):
-    monkeypatch.setattr(crews, "_draw", lambda scene, frames, options, turn: (12345.678, 98765.432, "same"))
+    monkeypatch.setattr(workers, "_draw", lambda scene, frames, options, turn: (12345.678, 98765.432, "same"))
     out = io.StringIO()
-    crews.run((2, 4, 256), scheduler="tcp://host:8786", rounds=2, stream=out)
+    workers.run((2, 4, 256), scheduler="tcp://host:8786", rounds=2, stream=out)
     assert_fits(out.getvalue().partition("\n")[2])  # the first line is the machine's name
 
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..base.spelling import hint
-from ..checks.defaults import PIXELS
 from ..errors import InputError
+from ..measure.defaults import PIXELS
 
 
 def whole(text: str) -> int:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..base import console, text_tables
 from ..base.atomic_files import folder_made, shown
-from ..checks.defaults import PIXELS
 from ..errors import ClshadeError
+from ..measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
 from .scene_options import (
@@ -120,13 +120,13 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
     found: dict[str, Any] = {}
     if arguments.budget is not None or arguments.tolerance is not None:
-        from ..checks.selecting import select
+        from ..measure.report.auto_settings import select
 
         found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": found["chosen"].settings}
     frame = renderer.render(scene, **options)
     if arguments.check is not None:
-        from ..checks.checking import check
+        from ..measure.check.check import check
 
         check(frame, arguments.check)
     warming.join()
@@ -135,7 +135,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
-        from ..checks.explaining import explain
+        from ..measure.report.feature_savings import explain
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
@@ -166,7 +166,7 @@ def _print_json(stats: Any, arguments: argparse.Namespace) -> None:
 
 def _import_meanwhile(checked: bool) -> None:
     if checked:
-        from ..checks import checking  # noqa: F401
+        from ..measure.check import check  # noqa: F401
     import OpenEXR  # noqa: F401
     import PIL.Image  # noqa: F401
 

@@ -18,7 +18,7 @@ from ..scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
 from .layer_buffers import material_numbers
 
 if TYPE_CHECKING:
-    from ..checks.checking import Check
+    from ..measure.check.check import Check
 
 
 OTHER_FORMATS = (

@@ -1,0 +1,163 @@
+"""`bench`: how fast frames are, stage by stage, beside other renderers of the same picture."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TextIO, TypeVar
+
+from ...base import atomic_files, text_tables
+from ...base.validation import Array
+from ...errors import ClshadeError, InputError
+from ...pipeline.opencl.device import Device, open_device
+from ...pipeline.renderer import render
+from ...scene.camera import Camera
+from ...scene.model import Scene
+from ..defaults import BENCH_FRAMES
+from ..report.study import machine
+from ..timing import Spread, in_turns, spread
+from . import starting, tables
+from .children import draw_apart
+from .device_peaks import best, peaks
+from .frame_timing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
+from .peers import DEFAULT, PEERS, YARDSTICKS, Peer, open_peer
+from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
+from .results import Compared, Result, Speed
+from .scaling import Series, scaling
+from .starting import Started, start_up
+from .workloads import WORKLOADS, Workload, pick
+
+T = TypeVar("T")
+NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
+
+
+def listing() -> str:
+    """All workloads and peers, and what they are."""
+    rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
+    peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
+    return "\n".join([*(text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
+
+
+def run(
+    device: str | None = None,
+    *,
+    names: Sequence[str] = (),
+    peers_named: Sequence[str] = DEFAULT,
+    frames: int = BENCH_FRAMES,
+    with_scaling: bool = False,
+    out: str | None = None,
+    stream: TextIO | None = None,
+) -> bool:
+    """Measures, prints the tables, writes the files. True if every workload was drawn, and every peer that
+    is here draws the same pictures.
+
+    names: of workloads; default all. peers_named: empty for none. frames: of each, fewer where they take
+    more than drawing.SECONDS. with_scaling: draw growing scenes and images too. out: what the files' names begin with;
+    None: no files. Raises InputError, DeviceError and OutputError.
+    """
+    stream = stream or sys.stdout
+    if frames < 1:
+        raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
+    # Scaling alone is asked for without naming workloads.
+    chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
+    others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
+    if out is not None:
+        for path in tables.paths(out):
+            atomic_files.check(path)
+    opened = open_device(device, profiling=True)
+    say = partial(print, file=stream, flush=True)
+    found = measure_all(opened, chosen, others, frames, with_scaling, say)
+    say("\n".join(["", *tables.lines(found)]))
+    if out is not None:
+        from . import figure
+
+        written = tables.write(found, out)
+        figure.plot(found, written[-1])
+        say("\n".join(["", *(f"wrote {path}" for path in written)]))
+    return found.passed
+
+
+def measure_all(
+    device: Device, names: Sequence[str], others: Sequence[str], frames: int, with_scaling: bool, say: Callable
+) -> Speed:
+    """Workloads and peers by name; a line to `say` as soon as each is measured."""
+    found = Speed(device.title, machine(), peaks(device), ())
+    say("\n".join(text_tables.wrapped(fact, 9) for fact in tables.facts(found)))
+    results = []
+    for workload in (each for each in WORKLOADS if each.name in names):
+        results.append(measure(workload, device, others, frames))
+        say(tables.progress(results[-1]))
+
+    def draw_point(name: str) -> Drawn:
+        drawn = draw_apart(name, device.index, frames)
+        say(f"{name}: {drawn.ms:.2f} ms")
+        return drawn
+
+    started: Started | None = None
+    series: tuple[Series, ...] = ()
+    failed = []
+    try:
+        started = start_up(device.index) if starting.NAME in names else None
+    except ClshadeError as error:
+        failed.append(f"{starting.NAME}: {error}")
+    try:
+        series = scaling(draw_point) if with_scaling else ()
+    except ClshadeError as error:
+        failed.append(f"scaling: {error}")
+    most = best(found.peaks, peaks(device))
+    return replace(found, peaks=most, results=tuple(results), started=started, series=series, failed=tuple(failed))
+
+
+def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
+    """Our frames alone, then in turns with each peer's that can draw the workload and that is named."""
+    try:
+        if workload.apart:
+            return Result(workload, draw_apart(workload.name, device.index, frames))
+        scene = workload.make()
+        drawn = draw(scene, device, frames)
+    except ClshadeError as error:
+        return Result(workload, None, failed=str(error))
+    compared, missing = [], []
+    for name in (name for name in workload.peers if name in names):
+        try:
+            compared.append(compare(name, scene, device, frames))
+        except ClshadeError as error:
+            missing.append((name, str(error)))
+    return Result(workload, drawn, tuple(compared), tuple(missing))
+
+
+def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
+    """Raises MissingPeer where the peer is not there, another ClshadeError where it or clshade can't draw the scene."""
+    peer = open_peer(name, scene)
+    try:
+        theirs, first = _timed(peer.draw, scene.camera)
+        same = _agreement(peer, theirs, device)
+        path = cameras(scene.camera)
+
+        def turn(draw_one: Callable[[Camera], object], number: int) -> float:
+            return _timed(draw_one, path[number % PATH])[1]
+
+        with warm_renderer(peer.scene, device) as renderer:
+            draws = [partial(turn, renderer.render), *([] if peer.once else [partial(turn, peer.draw)])]
+            times = list(zip(*in_turns(draws, frames, SECONDS), strict=True))
+        alone = Spread(first, first, first)
+        return Compared(
+            name, peer.title, spread(times[0]), alone if peer.once else spread(times[1]), len(times[0]), same
+        )
+    finally:
+        peer.close()
+
+
+def _timed(draw_one: Callable[[Camera], T], camera: Camera) -> tuple[T, float]:
+    start = time.perf_counter()
+    drawn = draw_one(camera)
+    return drawn, (time.perf_counter() - start) * 1e3
+
+
+def _agreement(peer: Peer, theirs: Array, device: Device) -> Agreement:
+    frame = render(peer.scene, device=device, layers=("id",))
+    textured = any(mesh.material.texture is not None for mesh in peer.scene.meshes)
+    return agreement(frame.rgb, frame["id"], theirs, TEXTURED if textured else TOLERANCE)

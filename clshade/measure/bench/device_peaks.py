@@ -1,0 +1,90 @@
+"""What a device can do at most: how fast it copies memory and multiplies and adds in float32, measured."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...pipeline.features import CHOICES, OPTIONAL, Features
+from ...pipeline.launches import Buffer
+from ...pipeline.opencl.device import Device
+from ...pipeline.programs import build_text
+
+COPIED = 1 << 26  # bytes of each of the two arrays: more than caches hold
+CHAINS = 10  # independent, to keep the units busy for the four or five cycles that an fma takes
+FMAS = 1 << 14  # of each chain
+ITEMS = {True: 64, False: 2048}  # work-items per compute unit of a CPU, of others
+ROUNDS = 7
+
+# Vectors of as many float32 as the device handles together, at least 4: GPUs copy best 16 bytes at a time.
+SOURCE = """
+kernel void copy(global const VECTOR *from, global VECTOR *to)
+{
+    size_t i = get_global_id(0);
+    to[i] = from[i];
+}
+
+kernel void fmas(global VECTOR *result, float factor, int count)
+{
+    VECTOR STARTS;
+    for (int i = 0; i < count; ++i) {
+        STEPS;
+    }
+    result[get_global_id(0)] = SUM;
+}
+"""
+
+
+def _source(width: int) -> str:
+    """The kernels with vectors of that width, each chain a variable: arrays would stay in memory."""
+    chains = [f"x{k}" for k in range(CHAINS)]
+    parts = {
+        "VECTOR": f"float{width}",
+        "STARTS": ", ".join(f"{x} = (float{width})({k}.0f)" for k, x in enumerate(chains)),
+        "STEPS": "; ".join(f"{x} = fma({x}, (float{width})(factor), (float{width})(1.0f))" for x in chains),
+        "SUM": " + ".join(chains),
+    }
+    text = SOURCE
+    for name, part in parts.items():
+        text = text.replace(name, part)
+    return text
+
+
+class Peaks(NamedTuple):
+    """copy: bytes a second, read and written ones both counted. flops: float32 operations a second, an fma counted as 2."""
+
+    copy: float
+    flops: float
+
+
+def best(*found: Peaks) -> Peaks:
+    """The most of several, for what else the machine does meanwhile only makes them less."""
+    return Peaks(*map(max, zip(*found, strict=True)))
+
+
+def peaks(device: Device) -> Peaks:
+    """Measured on a device whose queue carries times: the best of some rounds."""
+    width = max(device.lanes, 4)
+    program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), _source(width))
+    items = ITEMS[device.is_cpu] * device.compute_units
+    source, target, sums = (
+        Buffer.empty(device, (n, width), np.float32) for n in (*(COPIED // (4 * width),) * 2, items)
+    )
+    with source.writing() as rows:
+        rows[:] = 1.0
+    copy = program["copy"], (COPIED // (4 * width),), (source.memory, target.memory)
+    fmas = program["fmas"], (items,), (sums.memory, np.float32(0.5), np.int32(FMAS))
+    return Peaks(
+        2.0 * COPIED / _best_seconds(device, *copy), 2.0 * items * width * CHAINS * FMAS / _best_seconds(device, *fmas)
+    )
+
+
+def _best_seconds(device: Device, kernel: Any, size: tuple[int, ...], arguments: tuple) -> float:
+    local = (1 if device.is_cpu else 64,)
+    seconds = []
+    for _ in range(ROUNDS):
+        event = kernel(device.queue, size, local, *arguments)
+        event.wait()
+        seconds.append((event.profile.end - event.profile.start) / 1e9)
+    return min(seconds)

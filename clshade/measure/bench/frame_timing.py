@@ -1,0 +1,123 @@
+"""Frames of a scene that stays on the device, one after the other: what each stage and the whole take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import Renderer
+from ...scene import adjust_camera
+from ...scene.camera import Camera
+from ...scene.model import Scene
+from ..defaults import BENCH_FRAMES
+from ..timing import Spread, in_turns, spread
+
+SECONDS = 20.0  # for the frames of one workload, or of one and a peer's
+PATH = 20  # steps of the camera's path, which then begins again
+STEP = 0.05  # degrees
+
+# Operations of Phong's model at a pixel, an fma counted as two, everything else, roots and quotients too, as one: weights
+# of three corners in perspective 21, point and normal 30, their unit vectors 20, the coefficients 15. And for each light:
+# direction 13, cosine 6, mirrored direction and its distance from the eye's 16, power by two polynomials 24, sums 12.
+PIXEL_FLOPS, LIGHT_FLOPS = 86, 71
+
+NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What drawing took. pixels: all and covered ones. stages: name -> median ms; `host` is the rest of the frame.
+
+    bytes: what no renderer that holds the scene as this one does can avoid: positions, faces and attributes read once, the
+    float32 image written once. flops: the reflection model at the covered pixels, see PIXEL_FLOPS.
+    peak_mib: the most memory that the process has taken, where it was one of its own.
+    """
+
+    resolution: tuple[int, int]
+    triangles: int
+    covered: int
+    frames: int
+    frame_ms: Spread
+    stages: dict[str, float]
+    bytes: int
+    flops: int
+    peak_mib: float | None = None
+
+    @property
+    def ms(self) -> float:
+        return self.frame_ms.median
+
+    @property
+    def figures(self) -> dict[str, float | None]:
+        """Rates: of triangles and covered pixels in millions, bytes and flops in 1e9 a second."""
+        return {
+            "ms": self.ms,
+            "mtri_s": self.triangles / self.ms / 1e3,
+            "mpix_s": self.covered / self.ms / 1e3,
+            "gb_s": self.bytes / self.ms / 1e6,
+            "gflops": self.flops / self.ms / 1e6,
+            "peak_mib": self.peak_mib,
+        }
+
+    def stats(self) -> dict[str, Any]:
+        """As JSON takes it; `from_stats` makes it again."""
+        return {**asdict(self), "frame_ms": self.frame_ms._asdict()}
+
+    @classmethod
+    def from_stats(cls, stats: dict[str, Any]) -> Drawn:
+        lists = {"resolution": tuple(stats["resolution"]), "frame_ms": Spread(**stats["frame_ms"])}
+        return cls(**{**stats, **lists})
+
+
+def cameras(camera: Camera) -> list[Camera]:
+    """Of frames one after the other; after the last comes the first."""
+    return [adjust_camera.moved(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
+
+
+@contextmanager
+def warm_renderer(scene: Scene, device: Device) -> Iterator[Renderer]:
+    """With programs and memory as they stay from the second frame on: runtimes may compile at the first."""
+    with Renderer(scene, device=device) as renderer:
+        for _ in range(2):
+            renderer.render()
+        yield renderer
+
+
+def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: float = SECONDS) -> Drawn:
+    """frames: fewer where they take more than `seconds`. Raises DeviceError where the scene does not fit."""
+    with warm_renderer(scene, device) as renderer:
+        frame = renderer.render()
+        covered, stats = int(np.count_nonzero(frame.alpha)), frame.stats
+        del frame  # its memory serves the next
+        path = cameras(scene.camera)
+
+        def next_frame(number: int) -> tuple[float, dict[str, float]]:
+            start = time.perf_counter()
+            frame = renderer.render(path[number % PATH])
+            return (time.perf_counter() - start) * 1e3, frame.stats["times_ms"]
+
+        turns = [one for (one,) in in_turns([next_frame], frames, seconds)]
+    return Drawn(
+        resolution=scene.camera.resolution,
+        triangles=scene.face_count,
+        covered=covered,
+        frames=len(turns),
+        frame_ms=spread([ms for ms, _ in turns]),
+        stages=_stages([stages for _, stages in turns], [ms for ms, _ in turns]),
+        bytes=stats["bytes"]["scene"] + stats["bytes"]["image"],
+        flops=covered * (PIXEL_FLOPS + LIGHT_FLOPS * len(scene.lights)),
+    )
+
+
+def _stages(times: Sequence[dict[str, float]], frames: Sequence[float]) -> dict[str, float]:
+    """Medians of the stages' times, and of what each frame takes besides."""
+    names = [name for name in times[0] if name not in NOT_STAGES]
+    found = {name: float(np.median([each.get(name, 0.0) for each in times])) for name in names}
+    rest = [ms - sum(each.get(name, 0.0) for name in names) for each, ms in zip(times, frames, strict=True)]
+    return {**found, "host": float(np.median(rest))}

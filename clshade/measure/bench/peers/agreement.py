@@ -1,0 +1,79 @@
+"""Whether two renderers show the same thing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ....base.validation import Array
+
+# Of the largest value in our image. Inside a triangle two renderers in float32 differ by where they snap its corners, up to
+# 1/256 of a pixel (a highlight changes by up to 0.1 of its height from pixel to pixel: 4e-4), and by powers and reciprocal
+# roots that are good to about 1e-5.
+TOLERANCE = 1e-3
+# Besides, a texture's bilinear weights have 8 bits where OpenGL's implementations are coarse: 1/512 of the step between
+# texels, which is at most the largest value.
+TEXTURED = TOLERANCE + 1.0 / 256.0
+LEAST = 0.999  # of the pixels that are not inside of a triangle: a sliver between two roundings shows in one image only
+BAND = 256  # rows compared together: large images are compared within memory
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """interior: share of the covered pixels whose 3x3 neighborhood shows one triangle. largest: difference of a channel
+    there, of the image's largest value. tolerance: what that may be. others: share of the other pixels, background
+    included, whose color lies within the range of our image's colors in their 3x3 neighborhood, and the tolerance.
+    """
+
+    interior: float
+    largest: float
+    tolerance: float
+    others: float
+
+    @property
+    def same(self) -> bool:
+        return self.largest <= self.tolerance and self.others >= LEAST
+
+    def stats(self) -> dict[str, Any]:
+        return {**vars(self), "same": self.same}
+
+
+def agreement(ours: Array, ids: Array, theirs: Array, tolerance: float = TOLERANCE) -> Agreement:
+    """ours, theirs: (M, N, 3 or more). ids: (M, N), of the triangles in ours, 0 for the background.
+
+    Where triangles are smaller than pixels hardly any pixel is inside of one; the ranges then tell the more.
+    """
+    scale = max(float(np.abs(ours[row : row + BAND, :, :3]).max()) for row in range(0, len(ours), BAND)) or 1.0
+    covered = exact = within = 0
+    largest = 0.0
+    for row in range(0, len(ours), BAND):
+        above, rows = min(row, 1), min(BAND, len(ours) - row)
+        wide, own = slice(row - above, row + rows + 1), slice(above, above + rows)
+        inside, apart, near = (each[own] for each in _compared(ours[wide], ids[wide], theirs[wide], tolerance * scale))
+        covered += int(np.count_nonzero(ids[row : row + rows]))
+        exact += int(inside.sum())
+        within += int((near & ~inside).sum())
+        largest = max(largest, float(apart[inside].max(initial=0.0)))
+    others = ids.size - exact
+    return Agreement(exact / max(covered, 1), largest / scale, tolerance, within / others if others else 1.0)
+
+
+def _compared(ours: Array, ids: Array, theirs: Array, margin: float) -> tuple[Array, Array, Array]:
+    """For each pixel: whether it is inside of a triangle; the difference; whether it is within the neighbors' range."""
+    ours, theirs = (np.asarray(each[..., :3], np.float32) for each in (ours, theirs))
+    inside = (ids > 0) & (_around(np.minimum, ids) == _around(np.maximum, ids))
+    apart = np.nan_to_num(np.abs(theirs - ours).max(axis=2), nan=np.inf)
+    low, high = _around(np.minimum, ours) - np.float32(margin), _around(np.maximum, ours) + np.float32(margin)
+    return inside, apart, ((theirs >= low) & (theirs <= high)).all(axis=2)
+
+
+def _around(pick: np.ufunc, image: Array) -> Array:
+    """The least or largest of each 3x3 neighborhood, as far as it is in the image."""
+    for axis in (0, 1):
+        ends = [(1, 1) if k == axis else (0, 0) for k in range(image.ndim)]
+        wide = np.pad(image, ends, mode="edge")
+        parts = [np.take(wide, range(k, k + image.shape[axis]), axis=axis) for k in range(3)]
+        image = pick(pick(parts[0], parts[1]), parts[2])
+    return image

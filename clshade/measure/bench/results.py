@@ -1,0 +1,144 @@
+"""What `bench` found, and how it stands to the bars."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from ..timing import Spread
+from .device_peaks import Peaks
+from .frame_timing import Drawn
+from .peers.agreement import Agreement
+from .scaling import EXPONENT, Series
+from .starting import EMPTY, NAME, WARM, Started
+from .workloads import Workload
+
+
+class Verdict(NamedTuple):
+    """A figure and its bar, the least or the most that it may be. value: None where it could not be found."""
+
+    workload: str
+    what: str
+    value: float | None
+    bar: float
+    at_least: bool
+
+    @property
+    def kept(self) -> bool | None:
+        if self.value is None:
+            return None
+        return self.value >= self.bar if self.at_least else self.value <= self.bar
+
+    def stats(self) -> dict[str, Any]:
+        return {**self._asdict(), "kept": self.kept}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A peer's frames, drawn in turns with ours: milliseconds of both. rounds: how many; of a peer that draws once, ours."""
+
+    peer: str
+    title: str
+    ours: Spread
+    theirs: Spread
+    rounds: int
+    agreement: Agreement
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times as fast we are; None where the pictures differ."""
+        return self.theirs.median / self.ours.median if self.agreement.same else None
+
+    def stats(self) -> dict[str, Any]:
+        return {
+            "peer": self.peer,
+            "title": self.title,
+            "ours_ms": self.ours._asdict(),
+            "theirs_ms": self.theirs._asdict(),
+            "rounds": self.rounds,
+            "ratio": self.ratio,
+            "picture": self.agreement.stats(),
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """One workload. drawn: None where it cannot be drawn here, for the reason in `failed`. missing: peer -> why."""
+
+    workload: Workload
+    drawn: Drawn | None
+    compared: tuple[Compared, ...] = ()
+    missing: tuple[tuple[str, str], ...] = ()
+    failed: str = ""
+
+    def verdicts(self) -> list[Verdict]:
+        name = self.workload.name
+        figures = self.drawn.figures if self.drawn else {}
+        ratios = [
+            Verdict(name, f"times as fast as {each.peer}", each.ratio, self.workload.ratios[each.peer], True)
+            for each in self.compared
+            if each.peer in self.workload.ratios
+        ]
+        limits = (
+            Verdict(name, each.label, figures.get(each.figure), each.value, each.at_least)
+            for each in self.workload.limits
+        )
+        return [*ratios, *limits]
+
+    def stats(self) -> dict[str, Any]:
+        return {
+            "workload": self.workload.name,
+            "about": self.workload.about,
+            "drawn": self.drawn and {**self.drawn.stats(), **self.drawn.figures},
+            "peers": [each.stats() for each in self.compared],
+            "missing": dict(self.missing),
+            "failed": self.failed,
+        }
+
+
+@dataclass(frozen=True)
+class Speed:
+    """All of one run. device, machine: in words. failed: what else than a workload could not be measured, and why."""
+
+    device: str
+    machine: str
+    peaks: Peaks
+    results: tuple[Result, ...]
+    started: Started | None = None
+    series: tuple[Series, ...] = ()
+    failed: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether all could be drawn, and every peer drew the same picture."""
+        return not self.failed and all(
+            not result.failed and all(each.agreement.same for each in result.compared) for result in self.results
+        )
+
+    def verdicts(self) -> list[Verdict]:
+        found = [verdict for result in self.results for verdict in result.verdicts()]
+        if self.started:
+            found.append(Verdict(NAME, "s with a warm cache", self.started.warm.median, WARM, False))
+            found.append(Verdict(NAME, "s with an empty cache", self.started.empty.median, EMPTY, False))
+        for series in self.series:
+            for what, exponent in series.exponents().items():
+                found.append(Verdict(f"scaling-{series.name}", f"exponent of {what}", exponent, EXPONENT, False))
+        return found
+
+    def missing(self) -> list[str]:
+        """What peers are not there, and why; each once."""
+        return list(dict.fromkeys(why for result in self.results for _, why in result.missing))
+
+    def stats(self) -> dict[str, Any]:
+        """The figures, as JSON takes them."""
+        return {
+            "device": self.device,
+            "machine": self.machine,
+            "copy_bytes_s": self.peaks.copy,
+            "float32_flops": self.peaks.flops,
+            "workloads": [each.stats() for each in self.results],
+            "start_up": self.started and self.started.stats(),
+            "scaling": [each.stats() for each in self.series],
+            "bars": [each.stats() for each in self.verdicts()],
+            "failed": list(self.failed),
+        }

@@ -1,0 +1,172 @@
+"""The scenes that `bench` draws, all made in code, each with the bars that it has to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.spelling import hint
+from ...errors import InputError
+from ...scene.builtin.scenes import Resolution, builtin
+from ...scene.model import Mesh, PointLight, Scene
+
+EXPONENT = 20.0  # of the highlight, everywhere
+HD, UHD = (1920, 1080), (3840, 2160)
+FIVE = {"llvmpipe": 5.0}
+
+
+class Limit(NamedTuple):
+    """A bar that is no ratio: a figure of `Result.figures`, how it is called, and the most, or the least, that it may be."""
+
+    figure: str
+    label: str
+    value: float
+    at_least: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Workload:
+    """One scene to draw again and again.
+
+    make: gives the scene, resolution included. ratios: how many times as fast as a peer, by the peer's name, it has to be
+    at least. peers: all that can draw it, by name. limits: other bars.
+    apart: draw it in a process of its own, whose peak of memory is measured too.
+    """
+
+    name: str
+    about: str
+    make: Callable[[], Scene]
+    peers: tuple[str, ...] = ("llvmpipe", "opengl", "numpy")
+    ratios: dict[str, float] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
+    apart: bool = False
+
+
+def _lights(count: int = 3) -> tuple[PointLight, ...]:
+    """Lights on a circle before the scene, one after the other in another hue, of the same intensity in all."""
+    turn = 2.0 * np.pi * np.arange(count) / count
+    hue = turn[:, None] + 2.0 * np.pi * np.arange(3) / 3.0
+    places = np.stack([6.0 * np.cos(turn), 3.0 + 3.0 * np.sin(turn), np.full(count, 7.0)], axis=1)
+    return tuple(PointLight(place, (0.6 + 0.4 * np.cos(h)) * 3.0 / count) for place, h in zip(places, hue, strict=True))
+
+
+def phong_mesh(mesh: Mesh, **changes: Any) -> Mesh:
+    """The mesh without texture, with the highlight of all workloads; changes: of its material."""
+    return replace(mesh, material=replace(mesh.material, **{"texture": None, "n": EXPONENT, **changes}))
+
+
+def thing(size: int, level: int = 13, lights: int = 3, textured: bool = False) -> Scene:
+    """The course's object, 64 level^2 triangles, filling a third of a square image."""
+    scene = builtin("course", level=level, resolution=(size, size))
+    (mesh,) = scene.meshes
+    if textured:
+        texture = replace(mesh.material.texture, lookup="standard")  # type: ignore[type-var]
+        mesh = phong_mesh(replace(mesh, colors=None), texture=texture)
+    else:
+        mesh = phong_mesh(replace(mesh, uvs=None, uv_faces=None))
+    camera = replace(scene.camera, focal=1.2 * scene.camera.focal)
+    return replace(scene, meshes=(mesh,), camera=camera, lights=_lights(lights), preset="standard")
+
+
+def knot(triangles: int, resolution: Resolution = HD) -> Scene:
+    """The built-in torus knot, which fills a quarter of the image."""
+    scene = builtin("torus_knot", triangles=triangles, resolution=resolution)
+    return replace(scene, meshes=tuple(map(phong_mesh, scene.meshes)))
+
+
+def full_screen(count: int, resolution: Resolution = HD) -> Scene:
+    """Quads that each cover the screen, in random order of depth."""
+    scene = builtin("quads", count=count, resolution=resolution)
+    return replace(scene, meshes=tuple(map(phong_mesh, scene.meshes)), lights=_lights())
+
+
+def empty(size: int) -> Scene:
+    """A background and nothing else."""
+    return replace(thing(size, level=2), meshes=())
+
+
+TIME = Limit("ms", "ms a frame", 1200.0)
+MEMORY = Limit("peak_mib", "MiB at most in memory", 4096.0)
+FILL_RATE = Limit("mpix_s", "Mpix/s lit", 150.0, at_least=True)
+
+WORKLOADS = (
+    Workload(
+        "object-512",
+        "10,816 triangles over a third of 512x512",
+        partial(thing, 512),
+        peers=("llvmpipe", "opengl", "numpy", "scanline"),
+        ratios={**FIVE, "scanline": 10_000.0},
+    ),
+    Workload("object-2048", "the same at 2048x2048", partial(thing, 2048), ratios=FIVE),
+    Workload("object-4096", "the same at 4096x4096", partial(thing, 4096), ratios=FIVE),
+    Workload("knot-1080", "torus knot of a million triangles, 1920x1080", partial(knot, 10**6), ratios=FIVE),
+    Workload("knot-2160", "the same at 3840x2160", partial(knot, 10**6, UHD), ratios=FIVE),
+    Workload("quads", "32 full-screen quads in random order, 1920x1080", partial(full_screen, 32), ratios=FIVE),
+    Workload(
+        "textured",
+        "the object with a texture, 1024x1024",
+        partial(thing, 1024, textured=True),
+        peers=("llvmpipe", "opengl"),
+        ratios=FIVE,
+    ),
+    *(
+        Workload(
+            f"lights-{count}",
+            f"the object under {count} light{'s' * (count > 1)}, 1024x1024",
+            partial(thing, 1024, lights=count),
+            ratios=FIVE,
+        )
+        for count in (1, 8, 64)
+    ),
+    Workload(
+        "large",
+        "two triangles over all of 2048x2048",
+        partial(full_screen, 1, (2048, 2048)),
+        ratios=FIVE,
+        limits=(FILL_RATE,),
+    ),
+    Workload(
+        "empty",
+        "no triangle at all, 4096x4096",
+        partial(empty, 4096),
+        peers=("write",),
+        ratios={"write": 1.0 / 1.5},
+    ),
+    Workload(
+        "knot-16M",
+        "torus knot of 16,777,216 triangles, 1920x1080",
+        partial(knot, 1 << 24),
+        peers=(),
+        limits=(TIME, MEMORY),
+        apart=True,
+    ),
+)
+
+FEW_TRIANGLES = 1000  # that take no time beside the pixels they cover
+TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
+SIDES = (256, 512, 1024, 2048, 4096)
+FIXED_SIDE = 16  # of an image whose pixels take no time
+
+# What --scaling draws: name -> workload. `-fixed` is the same picture of few triangles, or in few pixels.
+SCALING = {
+    each.name: each
+    for each in (
+        Workload("triangles-fixed", "few triangles, 1920x1080", partial(knot, FEW_TRIANGLES), apart=True),
+        *(Workload(f"triangles-{n}", f"{n:,} triangles, 1920x1080", partial(knot, n), apart=True) for n in TRIANGLES),
+        Workload("pixels-fixed", "the object at 16x16", partial(thing, FIXED_SIDE), apart=True),
+        *(Workload(f"pixels-{n}", f"the object at {n}x{n}", partial(thing, n), apart=True) for n in SIDES),
+    )
+}
+
+
+def pick(names: Collection[str], known: Collection[str], what: str) -> list[str]:
+    """The names, each once; all known ones without any. Raises InputError, which names the nearest, for an unknown one."""
+    for name in names:
+        if name not in known:
+            near = hint(name, known)
+            raise InputError(f"bench: {what}: expected names of {', '.join(known)}, found {name!r}{near}")
+    return list(dict.fromkeys(names)) or list(known)

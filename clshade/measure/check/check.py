@@ -1,0 +1,276 @@
+"""The error of one image: some of its pixels, or all, computed again in float64 by the oracle.
+
+Errors are largest where few pixels are, so the sample is stratified: silhouettes, highlights, edges between faces, the
+rest of the surfaces, the background. What is found is a lower bound of the image's largest error, except where all
+pixels are looked at.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ... import oracle
+from ...base.validation import Array, refuse
+from ...oracle import OracleFrame
+from ...pipeline.frame import Frame
+from ..defaults import PIXELS
+from . import oracle_bounds
+
+STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
+SHARES = (16, 4, 5, 3, 3, 1)  # of the sample, in proportion; what a stratum is too small for goes to the others
+BRIGHTEST = 0.05  # of the covered pixels are taken for highlights
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What `check` found.
+
+    pixels, of: how many were looked at, of how many.
+    bounds: the largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B, or 1e-12 * kappa * B of float64.
+    allowed: how many of them a color may be off: 32 of float32, 1 of float64, see `compare.allowed`.
+    error: the largest |value - oracle| / B, B the light that the point could at most send.
+    rms: root of the mean square of the same; of the image only where all pixels were looked at.
+    kappa: how far rounding errors were amplified by the geometry, at the pixel of `bounds`.
+    worst: row (from the top) and column of that pixel.
+    strata: stratum -> (pixels looked at, their largest error in bounds).
+    wrong: pixels whose owner or coverage is not the oracle's, or whose values are not finite.
+    ties: pixels with another owner at a depth within 2^-38 of its own, which either may own; not counted as
+        wrong. With several samples also pixels of the same id, if of any: those whose color is off, where one
+        of the samples has two nearest faces as close as that; nor do they count in `bounds`.
+    gates: pixels more bounds off than allowed, by no more than a highlight that may be decided either way; not counted in
+        `bounds`.
+    depth: the largest relative error of Z, in 2^-24; 8 are allowed (2^-53 and 16 of float64). None without the layer Z.
+    ids: whether owners were compared; without the layer id only coverage is.
+    precision: of the frame.
+    seconds: what the check took.
+    image: (M, N) float32, the error of each pixel in bounds, infinity where it is wrong, 0 for ties; None unless all
+        pixels were looked at.
+    """
+
+    pixels: int
+    of: int
+    bounds: float
+    allowed: float
+    error: float
+    rms: float
+    kappa: float
+    worst: tuple[int, int]
+    strata: dict[str, tuple[int, float]]
+    wrong: int
+    ties: int
+    gates: int
+    depth: float | None
+    depth_allowed: int
+    ids: bool
+    precision: str
+    seconds: float
+    image: Array | None = field(repr=False)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no pixel looked at is wrong and all errors are within what is allowed."""
+        depth_is_right = self.depth is None or self.depth <= self.depth_allowed
+        return self.wrong == 0 and self.bounds <= self.allowed and depth_is_right
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pixel was looked at."""
+        return self.pixels == self.of
+
+    @property
+    def unit(self) -> str:
+        """What a bound is, but for kappa and the light."""
+        return "1e-12" if self.precision == "float64" else "sqrt(max(n,1)) * 2^-24"
+
+    def lines(self) -> list[str]:
+        """What was found, for the terminal."""
+        what = "ids and coverage" if self.ids else "coverage (ids: no such layer)"
+        owned = f"{what}: {self.wrong:,} wrong" + (f", {self.ties:,} ties" if self.ties else "")
+        row, column = self.worst
+        at = f"row {row}, column {column}" if self.bounds > 0.0 else "no pixel"
+        gates = f", {self.gates:,} at a highlight's gate not counted" if self.gates else ""
+        depth = [f"Z: {self.depth:.3g} of {self.depth_allowed} roundings"] if self.depth is not None else []
+        strata = ", ".join(f"{name} {worst:.2g} ({count:,})" for name, (count, worst) in self.strata.items() if count)
+        return [
+            f"{self.pixels:,} of {self.of:,} pixels computed again in float64, {self.seconds * 1e3:.0f} ms: "
+            + ("within bounds" if self.passed else "FAILED"),
+            f"largest error {self.bounds:.3g} of {self.allowed:g} bounds, {self.error:.2g} of the light, "
+            f"kappa {self.kappa:.3g}, at {at}{gates}",
+            f"by stratum {strata}",
+            "; ".join([owned, *depth]),
+            "every pixel was looked at" if self.complete else "a lower bound: pixels not looked at may be worse",
+        ]
+
+    def stats(self) -> dict[str, Any]:
+        """The figures, as JSON takes them."""
+        figures = {name: value for name, value in vars(self).items() if name != "image"}
+        figures["strata"] = {name: {"pixels": n, "bounds": worst} for name, (n, worst) in self.strata.items()}
+        return {**figures, "passed": self.passed, "lower_bound": not self.complete}
+
+    def metadata(self) -> dict[str, Any]:
+        """Header attributes of the EXR."""
+        of_what = "largest error" if self.complete else "lower bound of the largest error"
+        found = {
+            "check": f"{of_what}: {self.pixels} of {self.of} pixels computed again in float64; "
+            + f"{self.allowed:g} bounds allowed, a bound is {self.unit} * kappa of the light",
+            "checkPixels": self.pixels,
+            "checkErrorBounds": self.bounds,
+            "checkErrorRelative": self.error,
+            "checkKappa": self.kappa,
+            "checkWrongPixels": self.wrong,
+        }
+        return found if self.depth is None else {**found, "checkDepthRoundings": self.depth}
+
+
+def check(frame: Frame, pixels: int | str = PIXELS, *, seed: int = 0) -> Check:
+    """The error of this very image against the float64 oracle.
+
+    frame: a rendered frame; its layers `id` and `Z`, where it has them, are checked too.
+    pixels: how many to look at, a sample in which edges and highlights have their share; or "all". The same seed
+        gives the same pixels.
+    What is found is kept in `frame.check`, and `frame.save` writes it into the EXR's header; with "all" also the error
+    of each pixel, as layer `error`. Raises InputError for refused arguments.
+    """
+    start = time.perf_counter()
+    if not isinstance(frame, Frame):
+        raise refuse("check", "frame", "a Frame", frame)
+    count = frame.alpha.size
+    if pixels != "all":
+        if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 1:
+            raise refuse("check", "pixels", 'a whole number from 1 on, or "all"', pixels)
+        count = min(int(pixels), count)
+    strata = _strata(frame)
+    index = np.arange(frame.alpha.size) if count == frame.alpha.size else _sample(strata.ravel(), count, seed)
+    rows, columns = np.divmod(index, frame.alpha.shape[1])
+    expected = oracle.sample(frame.scene, frame.settings, rows, columns)
+    found = _Found(frame, expected, rows, columns)
+    worst = int(np.argmax(found.counted)) if len(index) else 0
+    per_stratum = {}
+    for number, name in enumerate(STRATA):
+        mine = strata[rows, columns] == number
+        per_stratum[name] = (int(mine.sum()), float(found.counted[mine].max(initial=0.0)))
+    image = None
+    if count == frame.alpha.size:
+        with np.errstate(over="ignore"):
+            image = np.where(found.wrong, np.inf, found.error).astype(np.float32).reshape(frame.alpha.shape)
+    frame.check = Check(
+        pixels=len(index),
+        of=frame.alpha.size,
+        bounds=float(found.counted.max(initial=0.0)),
+        allowed=found.allowed,
+        error=float(found.relative.max(initial=0.0)),
+        rms=float(np.sqrt(np.square(found.relative).mean())),
+        kappa=float(expected.kappa[worst]),
+        worst=(int(rows[worst]), int(columns[worst])),
+        strata=per_stratum,
+        wrong=int(found.wrong.sum()),
+        ties=int(found.ties.sum()),
+        gates=int(found.gates.sum()),
+        depth=found.depth,
+        depth_allowed=oracle_bounds.depth_roundings(frame.alpha),
+        ids="id" in frame.layers,
+        precision=frame.settings.precision,
+        seconds=time.perf_counter() - start,
+        image=image,
+    )
+    return frame.check
+
+
+class _Found:
+    """Pixels of a frame beside the oracle's, (K,) each.
+
+    wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or tied. counted: the same, and 0
+    at gates. relative: `counted` as |value - oracle| / B. depth: of all, see `Check`.
+    """
+
+    def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
+        scene, settings, where = frame.scene, frame.settings, (rows, columns)
+        rgb, alpha = frame.rgb[where], frame.alpha[where]
+        self.wrong = (alpha != expected.alpha.astype(alpha.dtype)) | ~np.isfinite(rgb).all(axis=-1)
+        precision = settings.precision
+        self.allowed = oracle_bounds.allowed(scene, settings)
+        absolute, ratio = oracle_bounds.color_errors(np.nan_to_num(rgb), expected, precision)
+        self.ties = np.zeros(len(rows), bool)
+        if "id" in frame.layers:
+            different, unproven = oracle_bounds.different_ids(frame["id"][where], expected, scene, settings, where)
+            self.wrong |= unproven
+            self.ties = different & ~unproven
+        gates = oracle_bounds.excepted_at_gates(np.nan_to_num(rgb), expected, self.allowed, precision)
+        if "id" not in frame.layers or settings.samples > 1:
+            suspects = (ratio > self.allowed) & ~gates & (expected.alpha > 0.0)
+            self.ties |= oracle_bounds.depth_ties(scene, settings, suspects, where)
+        compared = ~self.wrong & ~self.ties
+        self.error = np.where(compared, ratio, 0.0)
+        self.gates = compared & gates
+        self.counted = np.where(self.gates, 0.0, self.error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(absolute > 0.0, absolute / expected.budget, 0.0).max(axis=-1)
+        self.relative = np.where(compared & ~self.gates, relative, 0.0)
+        self.depth: float | None = None
+        if "Z" in frame.layers:
+            depth = oracle_bounds.depth_errors(frame["Z"][where], expected)
+            self.depth = float(np.where(np.isnan(depth), np.inf, depth)[compared].max(initial=0.0))
+
+
+# The sample
+
+
+def _strata(frame: Frame) -> Array:
+    """(M, N) which of STRATA each pixel belongs to.
+
+    silhouettes: covered, and one of its four neighbors is not, or the reverse. highlights: the brightest twentieth of
+    the other covered pixels. edges: another face than at a neighbor (with the layer id). surfaces: the rest.
+    """
+    covered = frame.alpha != 0.0
+    silhouettes = _differs(covered)
+    strata = np.where(covered, STRATA.index("surfaces"), STRATA.index("background")).astype(np.uint8)
+    if "id" in frame.layers:
+        strata[_differs(frame["id"])] = STRATA.index("edges")
+    inside = covered & ~silhouettes
+    red, green, blue = (frame.rgb[..., channel] for channel in range(3))
+    at = np.flatnonzero(inside)
+    if len(at):
+        brightness = np.nan_to_num(np.maximum(np.maximum(red, green), blue).ravel()[at])
+        last = len(at) - max(1, int(BRIGHTEST * len(at)))
+        strata.reshape(-1)[at[brightness > np.partition(brightness, last)[last]]] = STRATA.index("highlights")
+    strata[silhouettes] = STRATA.index("silhouettes")
+    strata[~(np.isfinite(red) & np.isfinite(green) & np.isfinite(blue))] = STRATA.index("not finite")
+    return strata
+
+
+def _differs(values: Array) -> Array:
+    """(M, N) bool: is the value another than that of one of the four neighbors?"""
+    found = np.zeros(values.shape, bool)
+    across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
+    found[:, 1:] |= across
+    found[:, :-1] |= across
+    found[1:] |= down
+    found[:-1] |= down
+    return found
+
+
+def _sample(strata: Array, count: int, seed: int) -> Array:
+    """Indices of `count` pixels, ascending. Each stratum gets its share, spread over the image: one pixel at random of
+    each of as many runs of equal length, in reading order."""
+    generator = np.random.default_rng(seed)
+    members = [np.flatnonzero(strata == number) for number in range(len(STRATA))]
+    wanted = [0] * len(STRATA)
+    left = count
+    open_strata = [n for n in range(len(STRATA)) if len(members[n])]
+    while left and open_strata:
+        shares = sum(SHARES[n] for n in open_strata)
+        given = {n: min(-(-left * SHARES[n] // shares), len(members[n]) - wanted[n]) for n in open_strata}
+        for n in open_strata:
+            given[n] = min(given[n], left)
+            wanted[n] += given[n]
+            left -= given[n]
+        open_strata = [n for n in open_strata if wanted[n] < len(members[n])]
+    chosen = []
+    for pixels, number in zip(members, wanted, strict=True):
+        ends = np.arange(number + 1) * len(pixels) // max(number, 1)
+        chosen.append(pixels[generator.integers(ends[:-1], ends[1:])] if number else pixels[:0])
+    return np.sort(np.concatenate(chosen))

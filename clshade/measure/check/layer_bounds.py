@@ -1,0 +1,95 @@
+"""Comparators between the further layers of a frame and the float64 oracle's; see `compare`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...oracle import OracleLayers
+from ...scene.model import Scene, Settings
+from .oracle_bounds import FLOAT32_MAX, FLOAT32_TINY, HALF_ULP, allowed, assert_array, fail, real_of
+
+# Weights of a triangle's corners, in units of 2^-24 (of float64 2^-53): an edge value is right to 2, 1/z and the product
+# with it round once each: 4; their sum rounds twice more, its reciprocal and the product with that once: 4 + 6 + 2 = 12
+# of a weight, hence of all weights together. Weights of a clipped piece's corners are rounded, and so are their
+# differences: 3; two fma: 2. The first corner's weight is what two others leave of 1: 2 * (12 + 3 + 2) + 2 = 36.
+WEIGHT_UNITS = 36.0
+# Means of corners by the last two weights, of the largest of them: the weights' 2 * 17, the corners' own rounding and
+# that of their differences, which may be twice as large, 3, and two fma: 2 * (34 + 3) + 2.
+MEAN_UNITS = 76.0
+# The length and its reciprocal: 6 more. With `fast` that is right to 4.7e-6, 79 * 2^-24 (kernels/numerics.clh).
+NORMAL_UNITS = {"float32": MEAN_UNITS + 6.0, "fast": MEAN_UNITS + 80.0, "float64": MEAN_UNITS + 6.0}
+# Texture coordinates are pairs, right to 2^-42 of the largest corner's, rounded once; with `fast` means like others.
+# The oracle is right to 8 units of float64 itself, which doubles have to be compared with.
+UV_UNITS = {"float32": 1.0, "fast": MEAN_UNITS, "float64": MEAN_UNITS}
+
+
+def half_ulp(settings: Settings) -> float:
+    """What one operation of the kernels is right to."""
+    return 2.0**-53 if settings.precision == "float64" else 2.0**-24
+
+
+def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, np.ndarray]:
+    """How far off each layer but albedo may be, absolute, (M, N)."""
+    unit, precision = half_ulp(settings), settings.precision
+    eye = float(np.abs(scene.camera.eye).max())
+    with np.errstate(divide="ignore", over="ignore"):
+        normal = (NORMAL_UNITS[precision] * unit + oracle.normal_error) / oracle.normal_length
+        # World positions are float64: eye and point round in them, as do the corners that the point is a mean of.
+        position = MEAN_UNITS * unit * oracle.reach + 8.0 * 2.0**-53 * (oracle.reach + eye)
+    return {
+        "N": normal,
+        "P": position,
+        "uv": UV_UNITS[precision] * unit * oracle.most_uv,
+        "barycentrics": np.full(oracle.reach.shape, WEIGHT_UNITS * unit),
+    }
+
+
+def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, np.ndarray]:
+    """Of each of these layers that the frame has, the error (M, N) in what is allowed: 1 is the bound. Numbers that differ
+    are infinitely wrong. Shape, type and finiteness are checked before."""
+    bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
+    found: dict[str, np.ndarray] = {}
+    for name in frame.layers:
+        if name in ("Z", "id"):
+            continue
+        value, expected = frame[name], getattr(oracle, name)
+        number = name in ("object_id", "material_id")
+        assert_array(name, value, expected.shape, np.uint32 if number else np.float64 if name == "P" else real)
+        if number:
+            found[name] = np.where(value == expected, 0.0, np.inf)
+        elif name == "albedo":
+            found[name] = _albedo_errors(value, oracle, scene, settings)
+        else:
+            error = np.abs(value.astype(np.float64) - expected).max(axis=-1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                found[name] = np.where(error > np.finfo(real).tiny, error / bounds[name], 0.0)
+    return found
+
+
+def _albedo_errors(albedo: np.ndarray, oracle: OracleLayers, scene: Scene, settings: Settings) -> np.ndarray:
+    """As those of the image with shader nolight and one sample, whose bounds they have (`compare.color_bound`)."""
+    exact = settings.precision == "float64"
+    bound = allowed(scene, replace(settings, samples=1)) * (1e-12 if exact else HALF_ULP) * oracle.budget
+    most = np.inf if exact else FLOAT32_MAX
+    error = np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -most, most))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(error > FLOAT32_TINY, error / bound, 0.0).max(axis=-1)
+
+
+def assert_layers(
+    frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings, *, skip: np.ndarray | None = None
+) -> dict[str, float]:
+    """All layers but Z and id within their bounds. Returns the largest error of each, 1 is the bound. skip: (M, N) pixels
+    not to look at."""
+    found = {}
+    for name, error in layer_errors(frame, oracle, scene, settings).items():
+        bad = ~(error <= 1.0) if skip is None else ~(error <= 1.0) & ~skip
+        if bad.any():
+            raise fail(
+                f"{name} differs", bad, (name, frame[name]), ("expected", getattr(oracle, name)), ("bounds", error)
+            )
+        found[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
+    return found

@@ -1,0 +1,304 @@
+"""Comparators between a rendered frame and the float64 oracle: what differs by how much, and `assert_...`, which raise
+AssertionError with the first bad pixel.
+
+A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the
+top, as `clshade.pipeline.frame.Frame` has them. Shape, type and finiteness are checked before any value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...oracle import OracleFrame, depth_at, nearest_depths
+from ...oracle.corners import held
+from ...scene.model import Scene, Settings
+
+HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # below it a device may flush to zero
+# Two faces whose depths are this close, relative, may own the pixel either way. Kernels take 1/depths for equal that are
+# within 2^-40 as pairs, which are right to 2^-43, so that an owner is at most 1.25 * 2^-40 behind the nearest face; 2^-38
+# for chains of three such.
+DEPTH_TIE = 2.0**-38
+# Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
+# with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
+DEPTH_ROUNDINGS = 8
+DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
+# How many of `color_bound` a color may be off, by precision. fast: its lengths of directions are off by 4.7e-6 each, its
+# power by 7.4e-6 and 6.3e-6; a highlight amplifies the directions' by 2.4*sqrt(n) at most: 2.5e-5*sqrt(n), 420 * 2^-24.
+ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
+# In float32 texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times texels
+# across the image, make one bound when coordinates span so many texels. The 32 include one such bound.
+TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
+# fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
+FAST_PER_TEXEL = 16.0
+# float64 in float64, as the oracle does: some four roundings of each side, to 2^-53 of the largest coordinate, times texels.
+FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
+
+
+class Agreement(NamedTuple):
+    """How far a frame agrees with the oracle.
+
+    bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
+    tie or left out by the caller. gates: (M, N) bool, pixels excepted where a highlight may be decided either way.
+    """
+
+    bounds: float
+    ties: np.ndarray
+    gates: np.ndarray
+
+
+def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
+    """An error that counts the bad pixels (M, N) and shows the values at the first."""
+    where = tuple(int(i) for i in np.argwhere(bad)[0])
+    values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
+    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
+
+
+def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True) -> None:
+    """A NumPy array of exactly this shape and type, without NaN or (unless told) infinity."""
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
+        found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
+    bad = ~np.isfinite(value) if finite else np.isnan(value)
+    if bad.any():
+        raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
+
+
+def tied(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
+    with np.errstate(invalid="ignore"):
+        close = np.abs(first - second) <= DEPTH_TIE * np.maximum(np.abs(first), np.abs(second))
+        return np.isfinite(first) & np.isfinite(second) & close
+
+
+def different_ids(
+    ids: np.ndarray,
+    oracle: OracleFrame,
+    scene: Scene,
+    settings: Settings,
+    where: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
+
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
+    where: rows and columns of the pixels that `ids` and `oracle` hold, if these are not the whole image.
+    """
+    different = ids != oracle.id
+    if not different.any() or settings.visibility != "depth":
+        return different, different
+    at = np.nonzero(different)
+    # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
+    faces = [side[at].astype(np.int64) - 1 for side in (ids, oracle.id)]
+    pixels = at if where is None else tuple(index[at] for index in where)
+    depths = [depth_at(scene, settings, face, *pixels) for face in faces]
+    unproven = np.zeros_like(different)
+    unproven[at] = ~tied(depths[0], depths[1])
+    return different, unproven
+
+
+def depth_ties(
+    scene: Scene, settings: Settings, suspects: np.ndarray, where: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
+    """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within DEPTH_TIE; same shape.
+
+    where: rows and columns of the pixels, if these are not the whole image.
+    """
+    ties = np.zeros_like(suspects)
+    at = np.nonzero(suspects)
+    if settings.visibility == "depth" and len(at[0]):
+        pixels = at if where is None else tuple(index[at] for index in where)
+        depths = nearest_depths(scene, settings, *pixels)
+        ties[at] = tied(depths[:, 0], depths[:, 1]).any(axis=0)
+    return ties
+
+
+def real_of(settings: Settings) -> type[np.floating]:
+    """The type of a frame's image and depths."""
+    return np.float64 if settings.precision == "float64" else np.float32
+
+
+def assert_same_ids(
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: np.ndarray | None = None
+) -> np.ndarray:
+    """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
+
+    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE. skip:
+    (M, N) further pixels to except.
+    """
+    ids, expected, dtype = frame["id"], oracle.id, real_of(settings)
+    assert_array("id", ids, expected.shape, np.uint32)
+    assert_array("alpha", frame.alpha, expected.shape, dtype)
+    different, unproven = different_ids(ids, oracle, scene, settings)
+    bad = frame.alpha != oracle.alpha.astype(dtype)
+    if skip is not None:
+        different, unproven, bad = different | skip, unproven & ~skip, bad & ~skip
+    if unproven.any():
+        raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
+    if bad.any():
+        raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
+    return different
+
+
+def allowed(scene: Scene, settings: Settings) -> float:
+    """How many of `color_bound` a color of this scene may be off. A sum over samples rounds once per sample, to 2^-24 of
+    what is summed so far, half of the whole on average."""
+    precision, more = settings.precision, 0.0
+    if settings.samples > 1 and precision != "float64":
+        more += settings.samples / 2
+    if precision == "fast":
+        more += FAST_PER_TEXEL * max((texels for texels, _, _ in _textures(scene)), default=0)
+    elif precision == "float64":
+        reaches = [0.0 if constant else texels * reach for texels, reach, constant in _textures(scene)]
+        more += FLOAT64_PER_TEXEL * max(reaches, default=0.0)
+    else:
+        reach = max((texels * reach for texels, reach, _ in _textures(scene)), default=0.0)
+        more += max(reach / TEXELS_PER_BOUND - 1.0, 0.0)
+    return ALLOWED[precision] + more
+
+
+def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
+    """Of each mesh with a texture, texels along its larger side, the largest texture coordinate, and whether all are equal:
+    between those the oracle rounds nothing, nor does float64."""
+    for mesh in scene.meshes:
+        if mesh.uvs is not None and mesh.material.texture is not None:
+            uvs = held(mesh.uvs)
+            constant = not len(uvs) or bool((uvs == uvs[0]).all())
+            yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
+
+
+def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
+    """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; 1e-12 * kappa * B of float64.
+
+    sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions and normals is
+    amplified. The factor on top of this is the number of roundings that may add up. Beyond n = 1e4 the oracle's own
+    power is not right to 1e-12: float64 is allowed n/1e4 times as much.
+    """
+    if precision == "float64":
+        scale = np.maximum(oracle.exponent / 1e4, 1.0) * oracle.kappa * 1e-12
+    else:
+        scale = np.sqrt(np.maximum(oracle.exponent, 1.0)) * oracle.kappa * HALF_ULP
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
+
+
+def color_errors(rgb: np.ndarray, oracle: OracleFrame, precision: str = "float32") -> tuple[np.ndarray, np.ndarray]:
+    """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
+
+    Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
+    """
+    most = np.inf if precision == "float64" else FLOAT32_MAX
+    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -most, most))
+    error = np.where(error <= FLOAT32_TINY, 0.0, error)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return error, np.where(error > 0.0, error / color_bound(oracle, precision), 0.0).max(axis=-1)
+
+
+def excepted_at_gates(rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str = "float32") -> np.ndarray:
+    """(M, N) bool: pixels more than `factor` bounds off, but by no more than the highlights that rounding may open or close
+    there, and `factor` bounds."""
+    error, ratio = color_errors(rgb, oracle, precision)
+    within = error <= oracle.jump + factor * color_bound(oracle, precision)
+    return oracle.gate & (ratio > factor) & within.all(axis=-1)
+
+
+def assert_colors_within(
+    rgb: np.ndarray,
+    oracle: OracleFrame,
+    factor: float = 32.0,
+    *,
+    dtype: Any = np.float32,
+    precision: str = "float32",
+    gate_fraction: float = 0.01,
+    skip: np.ndarray | None = None,
+) -> float:
+    """Colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
+
+    gate_fraction: where the oracle says that a highlight may be decided either way, a pixel may be off by up to that
+    highlight; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
+    """
+    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
+    skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
+    return _colors_agree(rgb, oracle, factor, precision, gate_fraction, skipped).bounds
+
+
+def _colors_agree(
+    rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: np.ndarray
+) -> Agreement:
+    """The comparison of `assert_colors_within`."""
+    looked_at = ~skip
+    ratio = color_errors(rgb, oracle, precision)[1]
+    jumps = looked_at & excepted_at_gates(rgb, oracle, factor, precision)
+    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.alpha))):
+        raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
+    bad = looked_at & ~jumps & (ratio > factor)
+    if bad.any():
+        columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
+        raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
+    return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
+
+
+def depth_roundings(Z: np.ndarray) -> int:
+    """How many roundings depths of this type may be off."""
+    return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
+
+
+def depth_errors(Z: np.ndarray, oracle: OracleFrame) -> np.ndarray:
+    """Relative errors of depths (M, N) in roundings (2^-24, of float64 2^-53); infinite where one is background."""
+    empty = np.isinf(oracle.Z)
+    with np.errstate(invalid="ignore"):
+        error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / (np.finfo(Z.dtype).eps / 2.0)
+    return np.where(empty, np.where(np.isposinf(Z), 0.0, np.inf), error)
+
+
+def assert_depths_within(
+    Z: np.ndarray,
+    oracle: OracleFrame,
+    roundings: float | None = None,
+    *,
+    dtype: Any = np.float32,
+    skip: np.ndarray | None = None,
+) -> float:
+    """Depths within `roundings` (None: as many as the type is allowed) of the oracle's; +inf exactly where nothing covers.
+
+    Returns the largest error, in roundings. skip: (M, N) pixels not to look at.
+    """
+    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
+    error = depth_errors(Z, oracle)
+    if roundings is None:
+        roundings = depth_roundings(Z)
+    if skip is not None:
+        error = np.where(skip, 0.0, error)
+    bad = error > roundings
+    if bad.any():
+        raise fail(f"depths off by more than {roundings:g} roundings", bad, ("Z", Z), ("expected", oracle.Z))
+    return float(error.max(initial=0.0))
+
+
+def assert_frame(
+    frame: Any,
+    oracle: OracleFrame,
+    scene: Scene,
+    settings: Settings,
+    factor: float | None = None,
+    *,
+    gate_fraction: float = 0.01,
+    skip: np.ndarray | None = None,
+) -> Agreement:
+    """Ids, coverage, depths and colors of a frame.
+
+    factor: None: what the settings' precision means. gate_fraction: see `assert_colors_within`. skip: (M, N) pixels not
+    to look at.
+    """
+    dtype, precision = real_of(settings), settings.precision
+    factor = allowed(scene, settings) if factor is None else factor
+    ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
+    assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    if settings.samples > 1:
+        off = color_errors(frame.rgb, oracle, precision)[1] > factor
+        ties = ties | depth_ties(scene, settings, off & ~ties)
+    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
+    return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)

@@ -1,0 +1,1 @@
+"""Random scenes against the oracle, and damaged files."""

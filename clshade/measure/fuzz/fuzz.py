@@ -1,0 +1,230 @@
+"""`python -m clshade fuzz`: random scenes against the float64 oracle, mutated files against the loaders."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ... import oracle
+from ...base.validation import Array
+from ...oracle import OracleFrame
+from ...oracle.corners import held
+from ...pipeline.features import OPTIONAL
+from ...pipeline.frame import Frame
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import Renderer
+from ...scene.model import Scene, Settings
+from ..check import oracle_bounds
+from ..check.layer_bounds import assert_layers
+from . import file_mutations
+from .random_scenes import Drawn, scene_of
+
+ALPHA_MARGIN = 1e-5  # alpha this near to the cutoff: float32 may decide either way (see `decided_by_alpha`)
+TEXEL_ERROR = 2.0**-42  # of a position in texels, relative to the largest coordinate times the texture's size
+SHRINKING = 20.0  # seconds spent on making a failing scene smaller
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What went wrong with scene or file `number`. shrunk: how little of the scene still does it."""
+
+    what: str
+    number: int
+    reason: str
+    shrunk: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.number}: {self.reason}" + (f" [{self.shrunk}]" if self.shrunk else "")
+
+
+@dataclass
+class Tally:
+    """How much was compared. covered: pixels of the image that something covers. gates, ties, alphas: pixels that are
+    excepted, each proven: at a highlight's gate, at a depth tie, decided by an alpha at its cutoff. again: scenes that
+    were drawn with another number of lanes, too."""
+
+    scenes: int = 0
+    pixels: int = 0
+    covered: int = 0
+    gates: int = 0
+    ties: int = 0
+    alphas: int = 0
+    again: int = 0
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+    def __str__(self) -> str:
+        def share(count: int) -> str:
+            return f"{count} ({count / max(self.covered, 1) * 1e6:.1f} per million)"
+
+        return (
+            f"{self.pixels:,} pixels, {self.covered:,} covered; excepted: {share(self.gates)} at a gate, "
+            f"{share(self.ties)} tied, {share(self.alphas)} at an alpha cutoff; {self.again:,} scenes drawn by two "
+            "numbers of lanes"
+        )
+
+
+def draw(device: Device, drawn: Drawn, lanes: int | None = None) -> Frame:
+    """The frame of a random scene, all layers; in float32 where the device has no float64. A warning of arithmetic is an
+    error. lanes: None: the kind's."""
+    kind, settings = drawn.kind, drawn.settings
+    lanes = (lanes or kind.lanes) if device.is_cpu else None
+    if not device.has_fp64:
+        settings = replace(settings, precision="float32")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        with Renderer(
+            drawn.scene, device=device, settings=settings, forced=() if kind.specialize else OPTIONAL, lanes=lanes
+        ) as renderer:
+            return renderer.render()
+
+
+def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
+    """(M, N) bool: pixels of which some sample's owner depends on alphas that float32 may take for others.
+
+    Alpha is a mean of at most four texels with weights that float32 pairs give to 2^-22, and is rounded in float32:
+    some 2^-21 of the largest alpha, 1, in all. The margin is ten times that. Large texture coordinates add what a
+    position in texels loses along both axes (kernels/texture.clh), times the alpha from texel to texel, at most 1.
+    """
+
+    def moved(sign: float) -> OracleFrame:
+        meshes = []
+        for mesh in scene.meshes:
+            cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
+            if cutoff is not None and texture is not None and mesh.uvs is not None:
+                reach = float(np.abs(held(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
+                margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
+                material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
+            meshes.append(replace(mesh, material=material))
+        return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
+
+    less, more = moved(-1.0), moved(1.0)
+    return (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
+
+
+def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | None = None) -> str:
+    """What is wrong with a frame, "" if nothing: ids and coverage exact but for proven ties, depths within roundings, colors
+    and further layers within their bounds, all finite. tally: counts what was compared."""
+    scene, settings = frame.scene, frame.settings
+    with np.errstate(all="ignore"):
+        if expected is None:
+            expected = oracle.render(scene, settings)
+        try:
+            skip = _excused_by_alpha(frame, expected)
+            # Images of a few pixels may lie at a gate wholly.
+            found = oracle_bounds.assert_frame(frame, expected, scene, settings, gate_fraction=1.0, skip=skip)
+            ties = oracle_bounds.assert_same_ids(frame, expected, scene, settings, skip=skip)
+            assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
+        except AssertionError as error:
+            return " ".join(str(error).split())
+    if tally is not None:
+        alphas = 0 if skip is None else int(skip.sum())
+        tally.pixels += frame.alpha.size
+        tally.covered += int((frame.alpha > 0.0).sum())
+        tally.gates += int(found.gates.sum())
+        tally.ties += int(found.ties.sum()) - alphas
+        tally.alphas += alphas
+    return ""
+
+
+def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
+    """(M, N) bool: pixels that an alpha test may have decided either way, where owners or coverage differ; else None."""
+    scene, settings = frame.scene, frame.settings
+    if all(mesh.material.alpha_cutoff is None for mesh in scene.meshes):
+        return None
+    try:
+        oracle_bounds.assert_same_ids(frame, expected, scene, settings)
+    except AssertionError:
+        return decided_by_alpha(scene, settings)
+    return None
+
+
+def scene_problem(device: Device, drawn: Drawn, tally: Tally | None = None) -> str:
+    """What is wrong with the frame of a scene, or with drawing it at all."""
+    try:
+        frame = draw(device, drawn)
+        if drawn.again and device.is_cpu:
+            other = draw(device, drawn, drawn.kind.other_lanes)
+            if tally is not None:
+                tally.again += 1
+            if reason := different_bits(frame, other):
+                return f"with {drawn.kind.other_lanes} lanes: {reason}"
+    except Exception as error:  # a valid scene: whatever it meets is a finding
+        return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return problem(frame, tally=tally)
+
+
+def different_bits(one: Frame, other: Frame) -> str:
+    """Where two frames have other bits, in words, "" where nowhere."""
+    for name, a, b in (("rgba", one.rgba, other.rgba), *((k, one[k], other[k]) for k in one.layers)):
+        if a.tobytes() != b.tobytes():
+            pixels = [np.ascontiguousarray(x).reshape(*one.alpha.shape, -1).view(np.uint8) for x in (a, b)]
+            row, column = np.argwhere((pixels[0] != pixels[1]).any(axis=-1))[0].tolist()
+            values = f"{a[row, column].tolist()} and {b[row, column].tolist()}"
+            return f"{name} has other bits, first at row, column {(row, column)}: {values}"
+    return ""
+
+
+def shrink(drawn: Drawn, failing: Callable[[Drawn], bool], seconds: float = SHRINKING) -> str:
+    """How little of a failing scene fails too, in words. The first mesh stays: it keeps the program the same."""
+    end = time.perf_counter() + seconds
+
+    def attempt(scene: Scene) -> bool:
+        nonlocal drawn
+        if time.perf_counter() > end or not failing(replace(drawn, scene=scene)):
+            return False
+        drawn = replace(drawn, scene=scene)
+        return True
+
+    for kind in ("meshes", "lights"):
+        for k in reversed(range(1, len(getattr(drawn.scene, kind)))):
+            items = getattr(drawn.scene, kind)
+            fewer: dict[str, Any] = {kind: (*items[:k], *items[k + 1 :])}
+            attempt(replace(drawn.scene, **fewer))
+    for k in range(1, len(drawn.scene.meshes)):
+        step = len(drawn.scene.meshes[k].faces) // 2
+        while step:
+            start = 0
+            while start < len(drawn.scene.meshes[k].faces) > 1:
+                if not attempt(_without(drawn.scene, k, slice(start, start + step))):
+                    start += step
+            step //= 2
+    faces = [len(mesh.faces) for mesh in drawn.scene.meshes]
+    return f"so do meshes of {faces} faces with {len(drawn.scene.lights)} lights"
+
+
+def _without(scene: Scene, k: int, faces: slice) -> Scene:
+    """The scene without these faces of mesh k."""
+    mesh, meshes = scene.meshes[k], list(scene.meshes)
+    names = ("faces", "normal_faces", "uv_faces")
+    kept: dict[str, Any] = {
+        n: np.delete(getattr(mesh, n), faces, axis=0) for n in names if getattr(mesh, n) is not None
+    }
+    meshes[k] = replace(mesh, **kept)
+    return replace(scene, meshes=tuple(meshes))
+
+
+def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0, tally: Tally | None = None) -> list[Failure]:
+    """The failures among random scenes."""
+    found = []
+    for number in numbers:
+        drawn = scene_of(number, seed)
+        reason = scene_problem(device, drawn, tally)
+        if tally is not None:
+            tally.scenes += 1
+        if reason:
+            shrunk = shrink(drawn, lambda smaller: bool(scene_problem(device, smaller)))
+            found.append(Failure("scene", number, reason, shrunk))
+    return found
+
+
+def file_failures(numbers: Iterable[int], seed: int = 0) -> list[Failure]:
+    """The failures among mutated files."""
+    reasons = ((number, file_mutations.problem(number, seed)) for number in numbers)
+    return [Failure("file", number, reason) for number, reason in reasons if reason]

@@ -1,0 +1,375 @@
+"""Random scenes, each made from its number alone: odd sizes, all settings, degenerate geometry, extreme values.
+
+A kernel program per scene would cost seconds each. So what decides on the program is a `Kind`, which the scenes of a
+block share; all else differs from scene to scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...base.validation import Array
+from ...scene import model
+from ...scene.camera import Camera
+from ...scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from .random_extremes import stiffened
+from .random_shapes import SHAPES, Random, Shape, blob, triangles
+
+BLOCK = 50  # scenes in a row that share a kind
+LANES = (1, 4, 8, 16)  # numbers of pixels that the kernels handle together; a CPU's own is the last
+KINDS = 80  # after so many blocks the kinds begin again
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What decides on the kernel program. settings: fields of Settings. The flags say what scenes of the kind hold:
+    where one is set, their first mesh or light has it; where it is not, nothing has.
+
+    specialize: whether the program leaves out what is not needed; then the flags after it hold too. Without, all that is
+    optional is compiled in and scenes have it or not.
+    lanes: pixels handled together on a CPU; None: what suits the device. other_lanes: another number, for scenes that are
+    drawn again to compare the bits. sampled: whether pixels have several samples. bright: are there colors beyond 1?
+    Without, of shader phong, there are none.
+    """
+
+    settings: Settings
+    preset: str
+    front: bool
+    two_sided: bool
+    textured: bool
+    alpha: bool
+    normal_faces: bool
+    uv_faces: bool
+    orthographic: bool
+    background: bool
+    double: bool
+    specialize: bool
+    ambient: bool
+    diffuse: bool
+    specular: bool
+    power: bool
+    colored: bool
+    several: bool
+    lanes: int | None
+    sampled: bool
+    other_lanes: int = 1
+    bright: bool = False
+
+    @property
+    def dim(self) -> bool:
+        """Must no color be beyond 1?"""
+        return self.settings.shader == "phong" and not self.bright
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One random scene and how to draw it. again: whether it is drawn with `kind.other_lanes` too, all bits compared."""
+
+    number: int
+    kind: Kind
+    scene: Scene
+    settings: Settings
+    again: bool
+
+
+def kind_of(seed: int, block: int) -> Kind:
+    """The kind of a block of scenes."""
+    rng = np.random.default_rng([seed, block % KINDS, 0])
+
+    def often(share: float) -> bool:
+        return bool(rng.random() < share)
+
+    fields: dict[str, Any] = {"shader": str(rng.choice(("phong", "phong", "gouraud", "nolight")))}
+    base = str(rng.choice(("standard", "course", "mixed")))
+    if base == "mixed":
+        choices = {
+            "visibility": model.VISIBILITIES,
+            "lighting_at": model.LIGHTING_AT,
+            "interpolation": model.INTERPOLATIONS,
+            "texture_at": model.TEXTURE_AT,
+            "ambient": model.AMBIENTS,
+        }
+        fields.update({name: str(rng.choice(values)) for name, values in choices.items()})
+        base = "standard"
+    settings = Settings.from_preset(base, layers=model.LAYERS, cull=often(0.15), **fields)
+    preset = "course" if often(0.3) else "standard"
+    lit, textured, specialize = settings.shader != "nolight", often(0.6), often(0.3)
+    several = not specialize or often(0.6)
+    kind = Kind(
+        settings=settings,
+        preset=preset,
+        front=several and not settings.cull and often(0.25),
+        two_sided=lit and often(0.4),
+        textured=textured,
+        alpha=textured and often(0.4),
+        normal_faces=lit and preset == "standard" and often(0.3),
+        uv_faces=textured and often(0.4),
+        orthographic=often(0.25),
+        background=often(0.7),
+        double=often(0.7),
+        specialize=specialize,
+        ambient=often(0.7),
+        diffuse=often(0.7),
+        specular=often(0.7),
+        power=often(0.7),
+        colored=often(0.7),
+        several=several,
+        lanes=int(rng.choice((1, 4, 8))) if often(0.25) else None,
+        sampled=often(0.3),
+    )
+    finer: dict[str, Any] = {"precision": "float64" if often(0.15) else "float32"}
+    if kind.sampled:
+        finer |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
+    if textured and settings.texture_at == "pixel" and often(0.4):
+        finer["texture_filter"] = "trilinear"
+    # Last, as whatever is drawn in addition, so that numbers keep their meaning. Texture coordinates of any size are more
+    # than fast allows for, see `compare.allowed`.
+    if often(0.3) and finer["precision"] == "float32" and not textured:
+        finer["precision"] = "fast"
+    other = int(rng.choice([lanes for lanes in LANES if lanes != (kind.lanes or LANES[-1])]))
+    bright = kind.colored and often(0.5)
+    return replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright)
+
+
+def scene_of(number: int, seed: int = 0) -> Drawn:
+    """Scene `number`; the same for the same seed, always."""
+    kind = kind_of(seed, number // BLOCK)
+    rng = np.random.default_rng([seed, number, 1])
+    if not kind.specialize:  # what is optional is in the scene or not
+        terms: dict[str, Any] = {
+            name: bool(rng.random() < 0.8) for name in ("ambient", "diffuse", "specular", "power", "colored")
+        }
+        kind = replace(kind, **terms, several=True)
+    camera = _camera(rng, kind)
+    materials = [_material(rng, kind, all_of_it=True)]
+    if kind.several:
+        materials += [_material(rng, kind) for _ in range(rng.integers(1, 4))]
+        if kind.front:
+            materials[1] = replace(materials[1], sides="both")
+    meshes = [_mesh(rng, kind, materials[0], triangles(rng, 1), all_of_it=True)]
+    for k in range(rng.integers(kind.several, 5)):
+        # The second material's mesh has faces: a single material in use would be another program.
+        material = materials[1] if k == 0 and kind.several else materials[rng.integers(len(materials))]
+        shape = blob if k == 0 else SHAPES[rng.integers(len(SHAPES))]
+        meshes.append(_mesh(rng, kind, material, shape(rng, camera)))
+    scale, shift = _extremes(rng, kind)
+    lights = _lights(rng, kind, meshes)
+    scene = Scene(
+        tuple(_moved_mesh(mesh, scale, shift, kind.double) for mesh in meshes),
+        replace(
+            camera,
+            eye=camera.eye * scale + shift,
+            lookat=camera.lookat * scale + shift,
+            plane=tuple((scale if kind.orthographic else 1.0) * np.array(camera.plane)),
+        ),
+        tuple(replace(light, position=light.position * scale + shift) for light in lights),
+        rng.uniform(0.05, 1.0, 3) if kind.ambient else np.zeros(3),
+        rng.choice((0.1, 1.0, 1e4)) * rng.uniform(0.1, 1.0, 3) if kind.background else _nothing(rng),
+        kind.preset,
+        f"fuzz {seed}/{number}",
+    )
+    near = None if rng.random() < 0.75 else scale * 10.0 ** rng.uniform(-6, 0.5)
+    samples = int(rng.integers(2, 17)) if kind.sampled else 1
+    if kind.sampled and rng.random() < 0.05:
+        samples = int(rng.integers(17, model.MAX_SAMPLES + 1))
+    if number % 2 == 0:
+        scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
+    return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0)
+
+
+def _nothing(rng: Random) -> Any:
+    return None if rng.random() < 0.5 else np.zeros(3)
+
+
+def _extremes(rng: Random, kind: Kind) -> tuple[float, Array]:
+    """By how much the scene is scaled and moved."""
+    scale, shift = 1.0, np.zeros(3)
+    if rng.random() < 0.2:
+        scale = 10.0 ** rng.uniform(-20, 20)
+    if rng.random() < 0.2:
+        shift = scale * 10.0 ** rng.uniform(0, 9 if kind.double else 3) * rng.normal(size=3)
+    return scale, shift
+
+
+# Camera and lights
+
+
+def _size(rng: Random, most: int) -> int:
+    """Columns or rows: any number, or one at the edge of the tiles."""
+    if rng.random() < 0.3:
+        return int(min(most, rng.choice((1, 2, 15, 16, 17, 31, 32, 33, 48, 49))))
+    return int(rng.integers(1, most + 1))
+
+
+def _camera(rng: Random, kind: Kind) -> Camera:
+    columns, rows = _size(rng, 80), _size(rng, 60)
+    eye = rng.normal(size=3)
+    eye *= rng.uniform(2.0, 6.0) / np.linalg.norm(eye)
+    up = rng.normal(size=3)
+    if rng.random() < 0.3:  # along the axes: many exact values
+        eye, up = np.array([0.0, 0.0, 4.0]), np.array([0.0, 1.0, 0.0])
+    lookat = np.zeros(3) if rng.random() < 0.5 else 0.3 * rng.normal(size=3)
+    height = rng.uniform(2.0, 5.0) if kind.orthographic else 1.0
+    if rng.random() < 0.1:
+        height *= 10.0 ** rng.uniform(-2, 2)
+    width = height * columns / rows if rng.random() < 0.6 else height * rng.uniform(0.5, 2.0)
+    principal = (0.5, 0.5) if rng.random() < 0.7 else tuple(rng.uniform(-0.3, 1.3, 2))
+    return Camera(
+        eye, lookat, up, rng.uniform(0.6, 2.5), (height, width), (columns, rows), principal, kind.orthographic
+    )
+
+
+def _lights(rng: Random, kind: Kind, meshes: list[Mesh]) -> list[PointLight]:
+    """None to five. The first shines where the kind needs one."""
+    found = []
+    for _ in range(rng.integers(0, 6)):
+        position = 3.0 * rng.normal(size=3)
+        where = rng.random()
+        if where < 0.1:
+            position *= 10.0 ** rng.uniform(0, 9)
+        elif where < 0.2:
+            verts = meshes[rng.integers(len(meshes))].verts
+            position = verts[rng.integers(len(verts))].astype(np.float64) if len(verts) else position
+        elif where < 0.25:
+            position = np.zeros(3)
+        intensity = rng.uniform(0, 2, 3)
+        how = rng.random()
+        if how < 0.15:
+            intensity *= 10.0 ** rng.uniform(-30, 30)
+        elif how < 0.25:
+            intensity[rng.random(3) < 0.6] = 0.0
+        elif how < 0.3:
+            intensity *= -1.0
+        found.append(PointLight(position, intensity))
+    if kind.specialize or kind.two_sided or kind.normal_faces:
+        found.insert(0, PointLight(3.0 * rng.normal(size=3), rng.uniform(0.1, 1.0, 3)))
+    return found
+
+
+# Materials
+
+
+def _coefficient(rng: Random, present: bool, needed: bool = False) -> Any:
+    if not present or (not needed and rng.random() < 0.1):
+        return 0.0
+    value = rng.uniform(0.05, 1.0, 3) if rng.random() < 0.5 else rng.uniform(0.05, 1.0)
+    return value * (rng.choice((1e-3, 5.0)) if rng.random() < 0.1 else 1.0)
+
+
+def _exponent(rng: Random, kind: Kind, needed: bool) -> float:
+    if not kind.power:
+        return 1.0
+    known = (2.0, 20.0, 200.0, 1e4, 1e9) if needed else (0.0, 0.5, 1.0, 2.0, 20.0, 200.0, 1e4, 1e9)
+    return float(rng.choice(known)) if rng.random() < 0.6 else float(10.0 ** rng.uniform(0.1, 9))
+
+
+def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
+    height, width = (int(size) for size in rng.choice((1, 1, 2, 3, 4, 5, 7, 16, 33), 2))
+    if all_of_it and kind.settings.texture_filter == "trilinear":
+        width = max(width, 2)  # a single texel needs no levels
+    channels = 4 if kind.alpha and (all_of_it or rng.random() < 0.5) else 3
+    image: Array = rng.uniform(0, 1, (height, width, channels)).astype(np.float32)
+    if rng.random() < 0.3:
+        image = (image * 255).astype(np.uint8)
+    elif rng.random() < 0.2 and not kind.dim:
+        image[..., :3] *= 20.0
+    wraps = (str(rng.choice(model.WRAPS)), str(rng.choice(model.WRAPS)))
+    lookup = "course" if not all_of_it and rng.random() < 0.3 else "standard"
+    return Texture(image, wraps, lookup)
+
+
+def _material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
+    """all_of_it: with everything that the kind says there is."""
+    textured = kind.textured and (all_of_it or rng.random() < 0.6)
+    tinted = kind.colored and (all_of_it or rng.random() < 0.4)
+    return Material(
+        ka=_coefficient(rng, kind.ambient, all_of_it),
+        kd=_coefficient(rng, kind.diffuse, all_of_it),
+        ks=_coefficient(rng, kind.specular, all_of_it),
+        n=_exponent(rng, kind, all_of_it),
+        texture=_texture(rng, kind, all_of_it) if textured else None,
+        color=np.minimum(rng.uniform(0.1, 1.5, 3), 1.0 if kind.dim else np.inf) if tinted else 1.0,
+        sides="front" if (kind.front and all_of_it) or (kind.front and rng.random() < 0.3) else "both",
+        two_sided=kind.two_sided and (all_of_it or rng.random() < 0.5),
+        alpha_cutoff=rng.uniform(0.1, 0.9) if kind.alpha and (all_of_it or rng.random() < 0.6) else None,
+    )
+
+
+# Meshes
+
+
+def _directions(rng: Random, count: int) -> Array:
+    normals = rng.normal(size=(count, 3))
+    if rng.random() < 0.3:
+        normals *= 10.0 ** rng.uniform(-20, 20, (count, 1))
+    if rng.random() < 0.3:
+        normals[rng.random(count) < 0.2] = 0.0
+    return normals
+
+
+def _coordinates(rng: Random, count: int) -> Array:
+    """Texture coordinates, in [0, 1] and beyond; or everywhere the same, which may be anything."""
+    uvs = rng.uniform(-1.5, 2.5, (count, 2)) if rng.random() < 0.6 else rng.uniform(0, 1, (count, 2))
+    if rng.random() < 0.1:
+        uvs *= 10.0 ** rng.uniform(0, 4)
+    elif rng.random() < 0.1:
+        uvs[:] = rng.choice((0.0, -0.0, 1.0, 1e30, np.nan, np.inf, -np.inf), 2)
+    return uvs
+
+
+def _placements(rng: Random, double: bool) -> Array | None:
+    """One to three placements; without `double` only what leaves float32 values such."""
+    if rng.random() < 0.6:
+        return None
+    found = []
+    for _ in range(rng.integers(1, 4)):
+        matrix = np.eye(4)
+        if double:
+            turn, _r = np.linalg.qr(rng.normal(size=(3, 3)))
+            matrix[:3, :3] = turn * rng.uniform(0.3, 1.5, 3)
+            matrix[:3, 3] = rng.normal(size=3)
+        else:
+            matrix[:3, :3] = np.diag(rng.choice((-1.0, 1.0), 3))[rng.permutation(3)]
+        if rng.random() < 0.1:
+            matrix[:3, rng.integers(3)] = 0.0  # flattened
+        found.append(matrix)
+    return np.array(found)
+
+
+def _mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_of_it: bool = False) -> Mesh:
+    verts, faces = shape
+    fields: dict[str, Any] = {}
+    if kind.colored and rng.random() < 0.7:
+        most = rng.choice((1.0, 1.0, 1.0, 10.0))
+        fields["colors"] = (1.0 if kind.dim else most) * rng.uniform(0, 1, (len(verts), 3))
+    if kind.bright and all_of_it:
+        fields["colors"] = 3.0 * rng.uniform(0.5, 1, (len(verts), 3))
+    indexed = kind.normal_faces and (all_of_it or rng.random() < 0.5)
+    if indexed or rng.random() < 0.4:
+        fields["normals"] = _directions(rng, len(verts) + 3)
+        if indexed:
+            fields["normal_faces"] = rng.integers(0, len(verts) + 3, faces.shape)
+    # With a single material every mesh has coordinates: without, the same material is another one.
+    if kind.textured and (all_of_it or not kind.several or rng.random() < 0.8):
+        fields["uvs"] = _coordinates(rng, len(verts) + 3)
+        if kind.uv_faces and (all_of_it or rng.random() < 0.5):
+            fields["uv_faces"] = rng.integers(0, len(verts) + 3, faces.shape)
+    if not all_of_it:
+        fields["instances"] = _placements(rng, kind.double)
+    return Mesh(verts, faces, material=material, **fields)
+
+
+def _moved_mesh(mesh: Mesh, scale: float, shift: Array, double: bool) -> Mesh:
+    """The mesh times `scale` plus `shift`, in float32 without `double`; its placements are about the shifted origin."""
+    verts = mesh.verts * scale
+    placed = np.array(mesh.instances)
+    if double:
+        placed[:, :3, 3] *= scale
+        placed[:, :3, 3] += shift
+        if np.array_equal(np.asarray(mesh.instances), np.eye(4)[None]):
+            return replace(mesh, verts=verts + shift, instances=None)
+        return replace(mesh, verts=verts, instances=placed)
+    return replace(mesh, verts=(verts + shift).astype(np.float32))

@@ -1,0 +1,1 @@
+"""Error against run time: variants, their figure, and settings chosen from them."""

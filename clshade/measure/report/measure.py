@@ -1,0 +1,124 @@
+"""What a way of drawing costs, and the two errors of its image: of its arithmetic, and of what it approximates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+from ...images.metrics import ImageError, image_error
+from ...pipeline.frame import Frame
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import Renderer
+from ...scene import adjust_camera
+from ...scene.camera import Camera
+from ...scene.model import Scene, Settings
+from ..check.check import Check, check
+from ..timing import Spread, in_turns, spread
+from .reference_image import Reference
+from .variants import Variant
+
+SECONDS = 12.0  # for the frames of all variants
+SAMPLES_CHECKED = 1 << 17  # of an image, computed again in float64: a second or less
+STEP = 0.05  # degrees that the camera goes on from frame to frame
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A variant on one scene and device. settings: that it was drawn with.
+
+    frame_ms: of frames of the scene that stays on the device. build_ms, upload_ms: before the first of them: programs
+    built or loaded from the cache, and the scene packed and uploaded.
+    arithmetic: against the float64 oracle with the same settings. approximation: against the reference.
+    """
+
+    variant: Variant
+    settings: Settings
+    frame_ms: Spread
+    build_ms: float
+    upload_ms: float
+    arithmetic: Check
+    approximation: ImageError
+
+    @property
+    def name(self) -> str:
+        return self.variant.name
+
+    @property
+    def cost(self) -> float:
+        """Milliseconds of a frame."""
+        return self.frame_ms.median
+
+    @property
+    def error(self) -> float:
+        """Of the approximation, RMSE."""
+        return self.approximation.rmse
+
+    def stats(self) -> dict[str, Any]:
+        """The figures, as JSON takes them."""
+        return {
+            "variant": self.name,
+            "about": self.variant.about,
+            "settings": self.variant.changes,
+            "frame_ms": self.frame_ms._asdict(),
+            "build_ms": self.build_ms,
+            "upload_ms": self.upload_ms,
+            "arithmetic": self.arithmetic.stats(),
+            "approximation": self.approximation.stats(),
+        }
+
+
+class _Drawn(NamedTuple):
+    """A variant whose first frame is drawn; its image is gone: those of all variants may be too many."""
+
+    variant: Variant
+    renderer: Renderer
+    build_ms: float
+    upload_ms: float
+    arithmetic: Check
+    approximation: ImageError
+
+
+def measure(
+    scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, *, frames: int
+) -> list[Measured]:
+    """The costs and both errors of all variants. base: what they change. frames: timed of each; see `frame_times`."""
+    with ExitStack() as stack:
+        drawn = []
+        for variant in variants:
+            renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
+            image = renderer.render()
+            once, build_ms = image.stats["times_ms"], image.stats["build_ms"]
+            errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
+            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors))
+        times = frame_times([each.renderer for each in drawn], frames)
+        return [
+            Measured(each.variant, each.renderer.settings, ms, *each[2:]) for each, ms in zip(drawn, times, strict=True)
+        ]
+
+
+def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
+    """Milliseconds of each renderer's frames, drawn in turns while the camera moves. Each must have drawn one before:
+    runtimes may compile at it. frames: of each; fewer where all of them take more than SECONDS."""
+    if not renderers:
+        return []
+    cameras = [adjust_camera.moved(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+    turns = in_turns([partial(_next_ms, each, cameras) for each in renderers], frames, SECONDS)
+    return [spread(ms) for ms in zip(*turns, strict=True)]
+
+
+def _next_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> float:
+    return frame_ms(renderer, cameras[number])
+
+
+def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
+    """Milliseconds of one frame."""
+    return renderer.render(camera=camera).stats["times_ms"]["frame"]
+
+
+def _pixels_to_check(image: Frame) -> int | str:
+    """All pixels, or as many as there is time for."""
+    affordable = SAMPLES_CHECKED // image.settings.samples
+    return "all" if image.alpha.size <= affordable else affordable

@@ -1,0 +1,66 @@
+"""`report`: error against run time, measured of one scene."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TextIO
+
+from ...base import text_tables
+from ...base.atomic_files import shown
+from ...errors import InputError
+from ...pipeline.opencl.device import open_device
+from ...scene.model import Scene
+from ..defaults import FRAMES
+from . import figure, tables
+from .pareto import chosen
+from .study import study
+from .variants import VARIANTS, base_settings, named, variants_for
+
+
+def listing() -> str:
+    """All variants, and what they are."""
+    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.about}", 17) for each in VARIANTS)
+
+
+def run(
+    scene: Scene,
+    device: str | None = None,
+    *,
+    out: str | Path = "report",
+    names: Sequence[str] = (),
+    frames: int = FRAMES,
+    budget: float | None = None,
+    tolerance: float | None = None,
+    stream: TextIO | None = None,
+) -> bool:
+    """Measures, prints the tables, writes the files, names the variant to use. True if every variant's arithmetic is
+    within its bounds.
+
+    names: of variants; default all that change something of this scene. frames: of each. budget: milliseconds.
+    tolerance: RMSE. Raises InputError, also for a budget or tolerance that no variant keeps, when all is written;
+    DeviceError and OutputError.
+    """
+    stream = stream or sys.stdout
+    if frames < 1:
+        raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
+    opened = open_device(device)
+    variants = named(variants_for(scene, base_settings(scene), opened), names)
+    folder = text_tables.made_folder(out)
+    found = study(scene, opened, variants, frames)
+    used, unkept = None, None
+    try:
+        used = chosen(found.measured, budget, tolerance, found.reference.error)
+    except InputError as error:
+        unkept = error
+    print("\n".join(tables.lines(found)), file=stream)
+    written = tables.write(found, used, folder)
+    written.append(folder / "report.png")
+    figure.plot(found, written[-1])
+    print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
+    if unkept is not None:
+        raise unkept
+    if used is not None:
+        print(tables.used_line(used, found.scene), file=stream)
+    return all(each.arithmetic.passed for each in found.measured)

@@ -1,0 +1,246 @@
+"""What `report` measured, as tables for the terminal, CSV, JSON and Markdown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ...base import atomic_files, text_tables
+from ...base.text_tables import digits
+from ...images.metrics import has_flip
+from ...scene.model import PRESETS, Scene, Settings
+from .measure import Measured
+from .study import Study
+
+VARIANTS = (
+    *("variant", "ms", "half of them", "RMSE", "relMSE", "PSNR", "FLIP"),
+    *("arithmetic", "its RMS", "bounds", "wrong", "build ms", "upload ms"),
+)
+NO_FLIP = (
+    "FLIP: not measured, flip-evaluator is not installed (pip install flip-evaluator, or clshade's extra `report`)"
+)
+
+
+def _variant(each: Measured, on_front: bool) -> text_tables.Row:
+    low, median, high = each.frame_ms
+    close, exact = each.approximation, each.arithmetic
+    return (
+        f"{each.name}{' *' if on_front else ''}",
+        f"{median:.2f}",
+        f"{low:.2f} to {high:.2f}",
+        digits(close.rmse),
+        digits(close.relmse),
+        f"{close.psnr:.1f}",
+        digits(close.flip),
+        digits(exact.error, 2),
+        digits(exact.rms, 2),
+        f"{digits(exact.bounds, 2)} of {exact.allowed:g}",
+        f"{exact.wrong} of {exact.pixels:,}",
+        f"{each.build_ms:.0f}",
+        f"{each.upload_ms:.0f}",
+    )
+
+
+FORMATS = ("format", "write ms", "half of them", "kB", "RMSE", "largest")
+
+
+def _formats(study: Study) -> list[text_tables.Row]:
+    return [
+        (
+            each.name,
+            f"{each.write_ms.median:.1f}",
+            f"{each.write_ms.low:.1f} to {each.write_ms.high:.1f}",
+            f"{each.bytes / 1e3:.0f}",
+            digits(each.rmse),
+            digits(each.largest),
+        )
+        for each in study.kept
+    ]
+
+
+def _tessellation(study: Study) -> tuple[text_tables.Row, list[text_tables.Row]]:
+    found = study.tessellation
+    errors = zip(*found.errors.values(), strict=True)
+    rows: list[text_tables.Row] = [
+        (f"{count:,}", *map(digits, each)) for count, each in zip(found.triangles, errors, strict=True)
+    ]
+    rows.append(("slope", *(f"{found.slope(shader):.2f}" for shader in found.errors)))
+    return ("triangles", *found.errors), rows
+
+
+def _variants(study: Study) -> list[text_tables.Row]:
+    best = study.front
+    return [_variant(each, each in best) for each in study.measured]
+
+
+def _facts(study: Study) -> list[str]:
+    return [
+        f"scene      {study.title}",
+        f"device     {study.device}",
+        f"machine    {study.machine}",
+        f"reference  {study.reference.about()}",
+    ]
+
+
+NOTES = (
+    "* marks the Pareto front: nothing else is both as fast and as right",
+    "RMSE to FLIP: approximation, against the reference; display white is 1",
+    "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
+    "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
+    "sample, the smaller the more samples each pixel has, so that largest and RMS of two variants may be of other pixels",
+)
+SPHERE = (
+    "RMSE of a sphere against one of {:,} triangles, where both cover a pixel; slope: power of the number of triangles"
+)
+
+
+def _notes(study: Study) -> list[str]:
+    return [*NOTES, *_sampling(study), *([] if has_flip() else [NO_FLIP])]
+
+
+def _sampling(study: Study) -> list[str]:
+    return [
+        f"{name}: RMSE falls as the number of samples to the power {slope:.2f}, to 1/{gain:.3g} altogether"
+        for name, (slope, gain) in study.sampling().items()
+    ]
+
+
+def lines(study: Study) -> list[str]:
+    """For the terminal."""
+    header, rows = _tessellation(study)
+    return [
+        *(text_tables.wrapped(fact, 11) for fact in _facts(study)),
+        "",
+        *text_tables.as_lines(VARIANTS, _variants(study)),
+        *(text_tables.wrapped(note, 2) for note in _notes(study)),
+        "",
+        text_tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
+        *text_tables.as_lines(header, rows),
+        "",
+        *text_tables.as_lines(FORMATS, _formats(study)),
+    ]
+
+
+def markdown(study: Study, used: str) -> str:
+    header, rows = _tessellation(study)
+    return "\n".join(
+        [
+            "# Error against run time",
+            "",
+            *(f"- {line[:9].strip()}: {line[11:]}" for line in _facts(study)),
+            *([f"- {used}"] if used else []),
+            "",
+            *text_tables.as_markdown(VARIANTS, _variants(study)),
+            "",
+            *(f"- {note}" for note in _notes(study)),
+            "",
+            "## Tessellation",
+            "",
+            SPHERE.format(study.tessellation.finest) + ".",
+            "",
+            *text_tables.as_markdown(header, rows),
+            "",
+            "## Output formats",
+            "",
+            *text_tables.as_markdown(FORMATS, _formats(study)),
+            "",
+        ]
+    )
+
+
+CSV = (
+    *(
+        "study",
+        "name",
+        "settings",
+        "ms",
+        "ms_low",
+        "ms_high",
+        "build_ms",
+        "upload_ms",
+        "rmse",
+        "relmse",
+        "psnr",
+        "flip",
+    ),
+    *(
+        "arithmetic",
+        "arithmetic_rms",
+        "bounds",
+        "bounds_allowed",
+        "wrong",
+        "pixels_checked",
+        "bytes",
+        "largest",
+        "triangles",
+    ),
+)
+
+
+def csv_rows(study: Study) -> list[text_tables.Row]:
+    """Full precision, one row for each variant, format, and sphere of each shader; what does not apply is empty."""
+    rows: list[dict[str, object]] = []
+    for each in study.measured:
+        low, median, high = each.frame_ms
+        exact = each.arithmetic
+        rows.append(
+            {
+                "study": "variant",
+                "name": each.name,
+                "settings": each.variant.changed(),
+                **{"ms": median, "ms_low": low, "ms_high": high},
+                **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
+                **{
+                    "arithmetic": exact.error,
+                    "arithmetic_rms": exact.rms,
+                    "bounds": exact.bounds,
+                    "bounds_allowed": exact.allowed,
+                },
+                **{"wrong": exact.wrong, "pixels_checked": exact.pixels},
+            }
+        )
+    for kept in study.kept:
+        low, median, high = kept.write_ms
+        times = {"ms": median, "ms_low": low, "ms_high": high}
+        rows.append({"study": "format", **vars(kept), **times})
+    found = study.tessellation
+    for shader, errors in found.errors.items():
+        rows += [
+            {"study": "tessellation", "name": shader, "triangles": count, "rmse": error}
+            for count, error in zip(found.triangles, errors, strict=True)
+        ]
+    return [tuple("" if row.get(name) is None else str(row[name]) for name in CSV) for row in rows]
+
+
+def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
+    """report.csv, .json and .md. used: the variant that budget or tolerance asked for."""
+    texts = {
+        "report.csv": text_tables.as_csv(CSV, csv_rows(study)),
+        "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
+        "report.md": markdown(study, used_line(used, study.scene) if used else ""),
+    }
+    for name, text in texts.items():
+        atomic_files.write_bytes(folder / name, text.encode())
+    return [folder / name for name in texts]
+
+
+def used_line(used: Measured, scene: Scene) -> str:
+    """With the options that make `render` draw the same image as was measured."""
+    options = " ".join(render_options(used.settings, scene))
+    given = f"render with the same scene and camera options and {options}"
+    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} ({given})"
+
+
+def render_options(settings: Settings, scene: Scene) -> list[str]:
+    """The image's size, and what of the settings differs from the scene's preset, or another if that is nearer."""
+    columns, rows = scene.camera.resolution
+
+    def options(preset: str) -> list[str]:
+        before = vars(Settings.from_preset(preset))
+        changes = {name: value for name, value in vars(settings).items() if value != before[name]}
+        parts = [] if preset == scene.preset else ["--preset", preset]
+        for name, value in changes.items():
+            parts += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+        return parts
+
+    return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]

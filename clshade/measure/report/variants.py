@@ -1,0 +1,111 @@
+"""The ways of drawing a scene that `report` compares, and the best of them, which gives the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ...base.spelling import hint
+from ...errors import InputError
+from ...pipeline.features import texture_applies
+from ...pipeline.opencl.device import Device
+from ...scene.model import Scene, Settings
+
+BASE = "standard"
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One way of drawing. changes: fields of Settings, against the preset `standard` (or what else `base` gives)."""
+
+    name: str
+    about: str
+    changes: dict[str, Any]
+
+    def settings(self, base: Settings) -> Settings:
+        return replace(base, **self.changes)
+
+    def changed(self) -> str:
+        return " ".join(f"{name}={value}" for name, value in self.changes.items())
+
+
+def _samples(count: int, **more: Any) -> dict[str, Any]:
+    return {"samples": count, **more}
+
+
+TEXTURES = ("texture_at", "texture_filter")  # fields that change nothing where there is no texture
+VARIANTS = (
+    Variant(BASE, "phong, float32, all at the pixel's own point", {}),
+    Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
+    Variant("float64", "double precision", {"precision": "float64"}),
+    *(Variant(f"samples-{n}", f"{n} samples, shaded once", _samples(n)) for n in (4, 16, 64)),
+    *(Variant(f"shaded-{n}", f"{n} samples, each shaded", _samples(n, sample_shading=True)) for n in (4, 16, 64)),
+    Variant("weighted-16", "16 samples, bright ones count less", _samples(16, resolve="weighted")),
+    Variant("gouraud", "light at the corners", {"shader": "gouraud"}),
+    Variant("gouraud-4", "light at the corners, 4 samples", _samples(4, shader="gouraud")),
+    Variant("gouraud-16", "light at the corners, 16 samples", _samples(16, shader="gouraud")),
+    Variant("centroid", "light and eye seen from the triangle's center", {"lighting_at": "centroid"}),
+    Variant("vertex-texture", "textures at the corners", {"texture_at": "vertex"}),
+    Variant("trilinear", "textures filtered by mip maps", {"texture_filter": "trilinear"}),
+    Variant("trilinear-4", "mip maps and 4 samples", _samples(4, texture_filter="trilinear")),
+    Variant("trilinear-16", "mip maps and 16 samples", _samples(16, texture_filter="trilinear")),
+    Variant("painter", "nearest by mean depth", {"visibility": "painter"}),
+    Variant("affine", "linear in the image", {"interpolation": "affine"}),
+    Variant(
+        "course",
+        "as the preset: painter, centroid, affine, vertex",
+        {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"},
+    ),
+)
+
+
+# A short study's: what changes the time most.
+SHORT = (
+    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
+    *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
+)
+
+
+def base_settings(scene: Scene) -> Settings:
+    """The preset `standard`, with the ambient term that the scene was made for: that is no approximation of another."""
+    return Settings.from_preset("standard", ambient=Settings.from_preset(scene.preset).ambient)
+
+
+def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
+    """Whether the base can be changed so, and the device can draw it."""
+    if changes.get("precision") == "float64" and not device.has_fp64:
+        return False
+    try:
+        replace(base, **changes)
+    except InputError:
+        return False
+    return True
+
+
+def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
+    """Those that the device can draw and that differ on this scene; of equal ones the first. base: what they change."""
+    textured = any(texture_applies(mesh) for mesh in scene.meshes)
+    found: dict[frozenset[tuple[str, Any]], Variant] = {}
+    for each in VARIANTS:
+        if possible(each.changes, base, device):
+            matters = {item for item in each.changes.items() if textured or item[0] not in TEXTURES}
+            found.setdefault(frozenset(matters), each)
+    return list(found.values())
+
+
+def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
+    """Those of the names; all without any. Raises InputError for an unknown one, and for one that is not among
+    `variants`, those for a scene and a device."""
+    known = {each.name: each for each in variants}
+    for name in names:
+        if name not in known:
+            why = next((f", which {_left_out(each)}" for each in VARIANTS if each.name == name), hint(name, known))
+            raise InputError(f"report: --only: expected names of {', '.join(known)}, found {name!r}{why}")
+    return [known[name] for name in dict.fromkeys(names)] if names else list(variants)
+
+
+def _left_out(variant: Variant) -> str:
+    """Why `variants_for` leaves it out."""
+    needs_float64 = variant.changes.get("precision") == "float64"
+    return "needs a device with float64" if needs_float64 else "changes nothing of this scene"

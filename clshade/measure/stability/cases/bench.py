@@ -1,0 +1,218 @@
+"""What the cases of `stability` run on, and what one of them finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .... import oracle
+from ....base.validation import Array
+from ....images import exr
+from ....oracle import OracleFrame, shade
+from ....pipeline import packing
+from ....pipeline.features import CHOICES, OPTIONAL, Features
+from ....pipeline.frame import Frame
+from ....pipeline.launches import Buffer, Stages
+from ....pipeline.opencl.device import Device
+from ....pipeline.programs import build
+from ....pipeline.renderer import Renderer
+from ....pipeline.single_primitive import Lookup
+from ....pipeline.struct_layout import SINGLE
+from ....scene.model import Scene, Texture
+from ...check import oracle_bounds
+
+LAYERS = ("Z", "id")
+BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: what a color may be off (see compare.color_bound)
+_POINT_FEATURES = {"LIT", "DIFFUSE", "SPECULAR", "POWER"}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a case measured.
+
+    wrong: pixels (or values, where the case says so) that are not exactly what they must be.
+    error: largest measured error, in `unit`; allowed up to `limit`. Both 0 where everything is counted.
+    amplification: how many float32 roundings (2^-24 of the light budget) the largest error amounts to.
+    detail: what was looked at, a few words.
+    fingerprint: hash of what all devices must agree on; empty where they need not.
+    pictures: rendered and expected image, (M, N) or (M, N, 3), of the worst part.
+    """
+
+    wrong: int = 0
+    error: float = 0.0
+    limit: float = 0.0
+    unit: str = ""
+    amplification: float | None = None
+    detail: str = ""
+    fingerprint: str = ""
+    pictures: tuple[Array, Array] | None = field(default=None, repr=False)
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is wrong and the error within its limit; NaN is not."""
+        return self.wrong == 0 and bool(self.error <= self.limit)
+
+    @property
+    def badness(self) -> float:
+        """How near to failing, for choosing the worst of several."""
+        return (1e6 + self.wrong) if self.wrong else (self.error / self.limit if self.limit else self.error)
+
+
+def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
+    """The counts of all, the error and the pictures of the worst."""
+    chosen = max(outcomes, key=lambda o: o.badness)
+    bad = [o.error for o in outcomes if not o.error <= o.limit]
+    if bad and chosen.error <= chosen.limit:  # something wrong elsewhere must not hide an error
+        other = next(o for o in outcomes if not o.error <= o.limit)
+        chosen = replace(other, pictures=chosen.pictures or other.pictures)
+    amplified = [o.amplification for o in outcomes if o.amplification is not None]
+    return replace(
+        chosen,
+        wrong=sum(o.wrong for o in outcomes),
+        amplification=max(amplified) if amplified else None,
+        detail=detail or chosen.detail,
+    )
+
+
+class Bench:
+    """A device with the few ways in which cases use it; tests plant errors by overriding them.
+
+    triangles: how many random triangles the coverage case draws. fractions: how many of them are also judged in rational
+    numbers. folder: for files written on the way.
+    """
+
+    def __init__(self, device: Device, folder: Path, *, triangles: int = 50_000, fractions: int = 1000) -> None:
+        self.device, self.folder = device, folder
+        self.triangles, self.fractions = triangles, min(fractions, triangles)
+
+    def draw(self, scene: Scene, **options: Any) -> Frame:
+        """One frame with all layers."""
+        with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
+            return renderer.render()
+
+    def light(
+        self,
+        points: Array,
+        normals: Array,
+        lights: tuple[Array, Array],
+        *,
+        n: float = 1.0,
+        kd: Any = 1.0,
+        ks: Any = 1.0,
+        colors: Array | None = None,
+    ) -> Array:
+        """(K, 3) float32: the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all taken as
+        float32. lights: positions (L, 3), intensities (L, 3)."""
+        stages = Stages(self.device, build(self.device, _features(_POINT_FEATURES), ("light.cl",)))
+        material, table = np.zeros(1, SINGLE.Material), np.zeros(len(lights[0]), SINGLE.Light)
+        material["kd"], material["ks"], material["n"], material["texture"] = kd, ks, n, -1
+        table["position"], table["intensity"] = lights
+        colors = np.ones_like(points) if colors is None else colors
+        # Named, so that their memory outlives the kernel.
+        at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, colors))
+        surface, shining = Buffer(self.device, material), Buffer(self.device, table)
+        found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
+        stages.light(at, facing, tint, surface, shining, found, 1.0, len(table), len(points))
+        return found.to_host()[:, :3].copy()
+
+    def look_up(self, texture: Texture, uv: Array) -> Array:
+        """(K, 3): the colors that the stage `bilerp` finds at uv (K, 2), float64."""
+        return Lookup(self.device, texture)(uv)
+
+    def through_file(self, channels: dict[str, Array], **options: Any) -> tuple[dict[str, Array], list[str]]:
+        """Channels written as EXR and read back, and the warnings of the writer."""
+        path = self.folder / "case.exr"
+        try:
+            warnings = exr.write(path, channels, **options)
+            return exr.read(path)[0], list(warnings)
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _features(names: set[str]) -> Features:
+    return Features(tuple((name, int(name in names)) for name in CHOICES + OPTIONAL))
+
+
+def _four(vectors: Array) -> Array:
+    wide = np.zeros((len(vectors), 4), np.float32)
+    wide[:, :3] = packing.to_real(vectors)
+    return wide
+
+
+@dataclass(frozen=True)
+class Case:
+    """One named case. number: of the list of cases, a whole number and perhaps a letter. title: what is stressed.
+    expected: what a right renderer does. run: does it. slow: takes more than two seconds or builds further programs."""
+
+    number: str
+    name: str
+    title: str
+    expected: str
+    run: Callable[[Bench], Outcome]
+    slow: bool = False
+
+
+def wrong_pixels(found: Array, expected: Array, detail: str = "") -> Outcome:
+    """Outcome of two images of ids (M, N) that must agree exactly."""
+    return Outcome(int((found != expected).sum()), detail=detail, pictures=(found, expected))
+
+
+def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors: bool = True) -> Outcome:
+    """Ids and coverage exact but for proven depth ties, depths within their roundings, colors within BOUNDS.
+
+    Pixels at a highlight's gate may be off by that highlight.
+    """
+    if expected is None:
+        expected = oracle.render(frame.scene, frame.settings)
+    different, unproven = oracle_bounds.different_ids(frame["id"], expected, frame.scene, frame.settings)
+    bad = unproven | (frame.alpha != expected.alpha) | ~np.isfinite(frame.rgb).all(axis=-1)
+    bad |= ~different & ~(oracle_bounds.depth_errors(frame["Z"], expected) <= oracle_bounds.DEPTH_ROUNDINGS)
+    if not colors:
+        return Outcome(int(bad.sum()), pictures=(frame["id"], expected.id))
+    measured = color_outcome(frame.rgb, expected, skip=different)
+    pictures = (frame["id"], expected.id) if unproven.any() else measured.pictures
+    return replace(measured, wrong=measured.wrong + int(bad.sum()), pictures=pictures)
+
+
+def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, limit: float = BOUNDS) -> Outcome:
+    """Errors of colors (M, N, 3) in bounds; what is not finite is wrong, and what a highlight at its gate
+    explains is not counted."""
+    error, ratio = oracle_bounds.color_errors(rgb, expected)
+    seen = np.ones(ratio.shape, bool) if skip is None else ~skip
+    bad = seen & ~(np.isfinite(rgb).all(axis=-1) & np.isfinite(ratio))
+    measured = seen & ~oracle_bounds.excepted_at_gates(rgb, expected, limit) & np.isfinite(ratio)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        roundings = np.where(error > 0.0, error / expected.budget, 0.0).max(axis=-1) / oracle_bounds.HALF_ULP
+    return Outcome(
+        int(bad.sum()),
+        float(ratio[measured].max(initial=0.0)),
+        limit,
+        "bounds",
+        float(roundings[measured].max(initial=0.0)),
+        pictures=(rgb, expected.rgb),
+    )
+
+
+def expected_light(
+    points: Array, normals: Array, lights: tuple[Array, Array], n: float, kd: float = 1.0, ks: float = 1.0
+) -> OracleFrame:
+    """What `Bench.light` should give for white points, as an image of one row."""
+    p, m, positions, intensities = (np.asarray(a, np.float64) for a in (points, normals, *lights))
+    eye, count = np.zeros(3), len(p)
+    return OracleFrame(
+        rgb=shade.reflected(p, m, eye, np.full(3, kd), np.full(3, ks), np.float64(n), positions, intensities)[None],
+        alpha=np.ones((1, count)),
+        id=np.ones((1, count), np.uint32),
+        Z=np.ones((1, count)),
+        budget=np.broadcast_to(
+            shade.budget(np.ones(3), np.zeros(3), np.full(3, kd), np.full(3, ks), intensities), (1, count, 3)
+        ),
+        kappa=shade.conditioning(p, np.abs(p).max(axis=1), np.ones(count), eye, positions)[None],
+        jump=ks
+        * shade.jumps(p, m, np.abs(p).max(axis=1), np.ones(count), np.float64(n), eye, positions, intensities)[None],
+        exponent=np.full((1, count), n),
+    )

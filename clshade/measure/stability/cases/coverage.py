@@ -1,0 +1,278 @@
+"""Cases 1 to 11: who owns which pixel, where triangles meet."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from ....base.validation import Array
+from ....scene.camera import Camera
+from ....scene.model import Mesh, Scene
+from . import flat
+from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
+from .flat import HALF, SUB
+
+ANGLES = np.radians(np.arange(15) * 6.0 + 0.7)
+
+
+def _grid(cells: int) -> tuple[Array, Array]:
+    """Corners (K, 2) of a grid over [-1/2, 1/2]^2 and its faces, (2*cells^2, 3), diagonals in both directions."""
+    line = np.arange(cells + 1) / cells - 0.5
+    points = np.stack(np.meshgrid(line, line, indexing="xy"), axis=-1).reshape(-1, 2)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
+    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
+    even = (np.arange(cells * cells) + np.arange(cells * cells) // cells) % 2 == 0
+    first = np.where(even[:, None], np.stack([a, b, c], 1), np.stack([a, b, d], 1))
+    second = np.where(even[:, None], np.stack([a, c, d], 1), np.stack([b, c, d], 1))
+    return points, np.stack([first, second], axis=1).reshape(-1, 3)
+
+
+def _turned(points: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, s], [-s, c]])
+
+
+_SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+
+
+def _rotated(bench: Bench, cells: int, size: float, resolution: flat.Resolution) -> Outcome:
+    points, faces = _grid(cells)
+    center = np.array(resolution) / 2 + [0.5, 0.0]  # grid points at angle 0 lie on pixel centers' columns
+    outcomes = []
+    for angle in ANGLES:
+        uv = _turned(points, angle) * size + center
+        inside = flat.polygon_interior(_turned(_SQUARE, angle) * size + center, resolution)
+        outcomes.append(flat.drawn_once(bench, flat.scene_of(uv, faces, resolution), inside))
+    return worst(outcomes, f"{len(ANGLES)} rotations, {resolution[0]}x{resolution[1]} px")
+
+
+def shared_edges(bench: Bench) -> Outcome:
+    return _rotated(bench, 4, 90.0, (128, 128))
+
+
+def full_screen_quad(bench: Bench) -> Outcome:
+    return _rotated(bench, 1, 800.0, (256, 256))
+
+
+def perspective_edges(bench: Bench) -> Outcome:
+    """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the counts are added up."""
+    rng = np.random.default_rng(3)
+    points, faces = _grid(4)
+    camera = Camera(np.zeros(3), -np.eye(3)[2], np.eye(3)[1], 1.0, (1, 1), (96, 96))
+    outcomes = []
+    for angle in ANGLES[::5]:
+        depth = rng.uniform(0.1, 4.0, len(points))
+        verts = np.concatenate([_turned(points, angle) * 0.7, -np.ones((len(points), 1))], axis=1) * depth[:, None]
+        scene = Scene((Mesh(verts, faces, material=flat.UNLIT),), camera, background=None)
+        count = flat.each_alone(bench, scene, near=0.05)
+        inside = flat.polygon_interior((_turned(_SQUARE, angle) * 0.7 + 0.5) * 96, (96, 96))
+        wrong = np.where(inside, count != 1, count > 1)
+        whole = bench.draw(scene, **{**flat.FLAT, "near": 0.05})
+        wrong |= (whole.alpha > 0) != (count > 0)
+        outcomes.append(Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1))))
+        outcomes.append(against_oracle(whole, colors=False))
+    return worst(outcomes, "3 rotations, 32 triangles each alone")
+
+
+def around_a_center(bench: Bench) -> Outcome:
+    """At each of 32 x 32 pixel centers a fan of eight triangles of about a third of a pixel."""
+    rng = np.random.default_rng(4)
+    cell = np.stack(np.divmod(np.arange(1024), 32), axis=1)[:, None, :] * SUB + HALF
+    angle = np.sort(rng.uniform(0, 2 * np.pi, (1024, 8)) * 0.1 + np.arange(8) * np.pi / 4, axis=1)
+    reach = rng.uniform(30, 100, (1024, 8))
+    rim = np.rint(np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=-1)) + cell
+    fans = np.stack([np.broadcast_to(cell, rim.shape), rim, np.roll(rim, -1, axis=1)], axis=2).reshape(-1, 3, 2)
+    scene = flat.scene_of(*flat.separate(fans), (32, 32))
+    return flat.drawn_once(bench, scene, np.ones((32, 32), bool), "1024 centers, 8 triangles each")
+
+
+def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
+    """Corners (F, 3, 2) in [0, 256*size], a part of them moved to where rounding would tell."""
+    kind, whole = rng.integers(0, 8, len(xy)), SUB * size
+    xy = xy.copy()
+    xy[kind == 1] = xy[kind == 1] // HALF * HALF  # corners on pixel centers, corners and edges between
+    xy[kind == 2, 1, 1] = xy[kind == 2, 0, 1]  # a level edge
+    xy[kind == 3, 2, 0] = xy[kind == 3, 0, 0]  # an upright edge
+    thin = kind == 4  # the third corner a step beside the middle of the others
+    xy[thin, 2] = (xy[thin, 0] + xy[thin, 1]) // 2 + rng.integers(-1, 2, (thin.sum(), 2))
+    center = kind == 5  # an edge through a center
+    middle = rng.integers(0, max(size, 1), (center.sum(), 2)) * SUB + HALF
+    xy[center, 1] = 2 * middle - xy[center, 0]
+    xy[kind == 6] = np.clip(xy[kind == 6], whole // 2 - 2, whole // 2 + 2)  # of a few steps
+    return np.clip(xy, 0, whole)
+
+
+def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[Array, flat.Resolution]:
+    """Snapped triangles (count, 3, 2) of up to `size` pixels, each in a cell of its own of an image about 1024 wide; cells
+    and tiles do not line up."""
+    across = max(1024 // size, 1)
+    cell = np.stack(np.divmod(np.arange(count), across)[::-1], axis=1)
+    xy = _adversarial(rng, rng.integers(0, SUB * size + 1, (count, 3, 2)), size)
+    xy = xy + SUB * (size * cell[:, None, :] - min(size // 2, 5))
+    rows = max(-(-count // across) * size - 7, 1)
+    return xy, (max(across * size - 9, 1), rows)
+
+
+def random_triangles(bench: Bench) -> Outcome:
+    """Sizes 2^0 to 2^8 px, half as many of each size as of the one before; each size drawn with both visibilities."""
+    rng = np.random.default_rng(5)
+    outcomes, judged, left = [], 0, bench.fractions
+    shares = 2.0 ** -np.arange(9)
+    for power, share in reversed(list(enumerate(shares / shares.sum()))):
+        size, count = 1 << power, max(1, round(bench.triangles * share))
+        many = max(1, (1024 // size) ** 2)
+        for start in range(0, count, many):
+            xy, resolution = triangles_of_size(rng, size, min(many, count - start))
+            ids, _ = flat.exact(xy, resolution)
+            frame = flat.draw(bench, xy, resolution, visibility="depth" if (start // many) % 2 else "painter")
+            outcomes.append(wrong_pixels(frame["id"], ids))
+            judged += len(xy)
+            if start == 0:
+                some = min(len(xy), -(-left // (power + 1)))
+                outcomes.append(_against_fractions(frame["id"], xy[:some], resolution))
+                left -= some
+    return worst(outcomes, f"{judged:,} triangles, {bench.fractions - left:,} of them by fractions")
+
+
+def _against_fractions(ids: Array, xy: Array, resolution: flat.Resolution) -> Outcome:
+    """The ids (M, N) of the first triangles against rational numbers."""
+    columns, rows = resolution
+    wrong, worst_at = 0, None
+    upward = ids[::-1]
+    for face, corners in enumerate(xy):
+        left, low = np.maximum(corners.min(axis=0) // SUB, 0)
+        right, high = corners.max(axis=0) // SUB + 1
+        window = upward[low : min(high, rows), left : min(right, columns)]
+        mask = flat.rational_mask(corners - SUB * np.array([left, low]), window.shape[1], window.shape[0])
+        different = int(((window == face + 1) != mask).sum())
+        if different and worst_at is None:
+            worst_at = (window == face + 1)[::-1], mask[::-1]
+        wrong += different
+    return Outcome(wrong, pictures=worst_at)
+
+
+def half_pixel_grid(bench: Bench) -> Outcome:
+    """All 49^3 triangles with corners on a grid of 7 x 7 points half a pixel apart, each in a cell of 4 x 4 pixels."""
+    corner = HALF * np.stack(np.divmod(np.arange(49), 7), axis=1)
+    index = np.stack(np.meshgrid(*[np.arange(49)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    cell = np.stack(np.divmod(np.arange(len(index)), 343), axis=1)
+    xy = corner[index] + 4 * SUB * cell[:, None, :]
+    ids, _ = flat.exact(xy, (1372, 1372))
+    return wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], ids, f"{len(xy):,} triangles")
+
+
+def edges_on_centers(bench: Bench) -> Outcome:
+    """Rectangles whose edges run through centers own their left column and top row, not the right and bottom ones; by
+    either diagonal and winding. And squares on their corner, all edges through centers, likewise in closed form."""
+    outcomes = []
+    box = np.array([[3, 4], [11, 4], [11, 9], [3, 9]]) * SUB + HALF
+    expected = np.zeros((16, 16), bool)
+    expected[5:10, 3:11] = True  # rows from the bottom: 4 (exclusive) to 9 (inclusive)
+    for cut in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]):
+        for way in ([0, 1, 2], [0, 2, 1]):
+            frame = flat.draw(bench, box[np.array(cut)][:, way], (16, 16))
+            outcomes.append(wrong_pixels(frame.alpha[::-1] > 0, expected))
+    middle, reach = np.array([8, 8]) * SUB + HALF, 5 * SUB
+    tips = middle + reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
+    # Inside or on a left edge; the tips above and below end a right edge too, and are not drawn.
+    diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
+    found = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
+    rational = np.any([flat.rational_mask(tips[list(f)], 16, 16) for f in ((0, 1, 2), (0, 2, 3))], axis=0)
+    outcomes.append(wrong_pixels(found, diamond))
+    outcomes.append(wrong_pixels(found, rational))
+    return worst(outcomes, "rectangles and a diamond")
+
+
+def _sample(bench: Bench, seed: int) -> tuple[Array, flat.Resolution, Array]:
+    xy, resolution = triangles_of_size(np.random.default_rng(seed), 16, 1500)
+    return xy, resolution, flat.draw(bench, xy, resolution)["id"]
+
+
+def windings(bench: Bench) -> Outcome:
+    xy, resolution, first = _sample(bench, 7)
+    orders = list(itertools.permutations(range(3)))[1:]
+    outcomes = [wrong_pixels(flat.draw(bench, xy[:, list(order)], resolution)["id"], first) for order in orders]
+    return worst(outcomes, f"{len(xy)} triangles, 6 orders of their corners")
+
+
+def whole_pixel_shifts(bench: Bench) -> Outcome:
+    xy, (columns, rows), first = _sample(bench, 8)
+    outcomes = []
+    for right, up in ((1, 0), (0, 1), (13, 5), (16, 16), (1027, 300)):
+        shifted = flat.draw(bench, xy + SUB * np.array([right, up]), (columns + right, rows + up))["id"]
+        outcomes.append(wrong_pixels(shifted[:rows, right:], first))
+    return worst(outcomes, f"{len(xy)} triangles, 5 shifts")
+
+
+def zero_area(bench: Bench) -> Outcome:
+    """Repeated and collinear corners, and some that snapping makes so: no pixel, and counted."""
+    rng = np.random.default_rng(9)
+    a, b = rng.uniform(0, 64, (2, 200, 2))
+    t = rng.integers(0, 5, (200, 1)) / 4.0
+    step = np.rint((b - a) * 8) / 2  # multiples of 1/2 px: a + t * step is on the grid of 1/256 px
+    a = np.rint(a * 16) / 16
+    collinear = np.stack([a, a + step, a + t * step], axis=1)
+    repeated = np.stack([a, b, a], axis=1)
+    tiny = np.rint(a * 256) / 256
+    collapsed = np.stack([tiny, tiny + [1e-4, 1e-3], tiny - [1e-3, 2e-4]], axis=1)
+    points = np.concatenate([collinear, repeated, collapsed])
+    scene = flat.scene_of(points.reshape(-1, 2), np.arange(3 * len(points)).reshape(-1, 3), (64, 64))
+    frame = bench.draw(scene, **flat.FLAT)
+    counted = frame.stats["zero_area"] + frame.stats["off_screen"]
+    drawn = wrong_pixels(frame["id"], np.zeros((64, 64), np.uint32))
+    return replace(drawn, wrong=drawn.wrong + abs(counted - len(points)), detail=f"{len(points)} triangles")
+
+
+def slivers(bench: Bench) -> Outcome:
+    """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), upright and lying, and a fan of needles 1e5 : 1."""
+    outcomes = []
+    for turned in (False, True):
+        across = np.arange(1601) * 0.01 + 2.003
+        ends = np.stack([np.stack([across, np.full(1601, y)], axis=1) for y in (3.3, 4003.7)], axis=1).reshape(-1, 2)
+        i = 2 * np.arange(1600)[:, None]
+        faces = np.concatenate([i + [0, 2, 1], i + [1, 2, 3]], axis=1).reshape(-1, 3)
+        size = (4010, 24) if turned else (24, 4010)
+        corners = np.array([[2.003, 3.3], [18.003, 3.3], [18.003, 4003.7], [2.003, 4003.7]])
+        if turned:
+            ends, corners = ends[:, ::-1], corners[::-1, ::-1]
+        inside = flat.polygon_interior(corners, size)
+        outcomes.append(flat.drawn_once(bench, flat.scene_of(ends, faces, size), inside))
+    angle = np.radians(np.linspace(40.0, 40.5, 800))
+    rim = np.array([10.1, 20.2]) + 1400.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    fan = np.concatenate([[[10.1, 20.2]], rim])
+    k = np.arange(1, 800)[:, None]
+    faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
+    inside = flat.polygon_interior(fan[[0, 1, 800]], (1100, 950))
+    outcomes.append(flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside))
+    return worst(outcomes, "slivers 0.01 x 4000 px, needles 0.015 x 1400 px")
+
+
+def million_into_64(bench: Bench) -> Outcome:
+    points, faces = _grid(895)
+    scene = flat.scene_of(points * 70.0 + 32.1, faces, (64, 64))
+    return flat.drawn_once(bench, scene, np.ones((64, 64), bool), f"{len(faces):,} triangles")
+
+
+CASES = (
+    Case("1", "shared-edges", "4x4 rotated quads share edges", "each pixel once", shared_edges),
+    Case("2", "full-screen-quad", "a rotated quad over the screen", "each pixel once, no hole", full_screen_quad),
+    Case(
+        "3", "perspective-edges", "shared edges, depth 0.1 to 4 per vertex", "each pixel once", perspective_edges, True
+    ),
+    Case("4", "around-a-center", "8 sub-pixel triangles at a center", "exactly one draws it", around_a_center),
+    Case(
+        "5", "random-triangles", "random, adversarial, 2^0..2^8 px", "as integers and fractions", random_triangles, True
+    ),
+    Case(
+        "5b", "half-pixel-grid", "every triangle of a 7x7 half-pixel grid", "as exact integers", half_pixel_grid, True
+    ),
+    Case("6", "edges-on-centers", "corners and edges on pixel centers", "top-left rule", edges_on_centers),
+    Case("7", "windings", "windings, rotated corner order", "same pixels", windings),
+    Case("8", "whole-pixel-shifts", "shifts by whole pixels", "same pixels", whole_pixel_shifts),
+    Case("9", "zero-area", "repeated, collinear, collapsed corners", "nothing drawn, counted", zero_area),
+    Case("10", "slivers", "needles 1e5:1, slivers of 0.01 px", "each pixel once, no hole", slivers),
+    Case("11", "many-into-few", "1.6M triangles into 64x64", "each pixel once, no hole", million_into_64, True),
+)

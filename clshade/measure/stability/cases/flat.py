@@ -1,0 +1,130 @@
+"""Triangles given in image coordinates: scenes that put them exactly there, and exact integer and rational answers."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+from ....base.validation import Array
+from ....oracle import coverage
+from ....pipeline.frame import Frame
+from ....pipeline.struct_layout import SUBPIXEL_BITS
+from ....scene.camera import Camera
+from ....scene.model import Material, Mesh, Scene
+from .bench import Bench, Outcome
+
+SUB = 1 << SUBPIXEL_BITS
+HALF = SUB // 2
+Resolution = tuple[int, int]
+
+_Y, _Z = np.eye(3)[1:]
+ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
+
+# All unlit scenes share a material, and positions that float32 cannot hold: one program for all of them. The nudge is far
+# too small to move a snapped corner.
+NUDGE = 2.0**-38
+UNLIT = Material(0.0, 1.0, 0.0, 1.0)
+DEPTH = 1.0 + 2.0**-40
+FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
+
+
+def camera(resolution: Resolution) -> Camera:
+    """Parallel projection in which world x and y are pixels from the middle of the image, and -z is the depth."""
+    columns, rows = resolution
+    return Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
+
+
+def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | float = DEPTH) -> Scene:
+    """A mesh whose vertices lie at image coordinates uv (V, 2), in pixels."""
+    columns, rows = resolution
+    verts = np.empty((len(uv), 3))
+    verts[:, :2] = np.asarray(uv, np.float64) - [columns / 2, rows / 2]
+    verts[:, 0] += NUDGE
+    verts[:, 2] = -np.asarray(depth)
+    return Scene((Mesh(verts, faces, material=UNLIT),), camera(resolution), background=None)
+
+
+def separate(xy: Array) -> tuple[Array, Array]:
+    """Snapped triangles (F, 3, 2) as image coordinates (3F, 2) and faces (F, 3)."""
+    return xy.reshape(-1, 2) / SUB, np.arange(3 * len(xy)).reshape(-1, 3)
+
+
+def draw(bench: Bench, xy: Array, resolution: Resolution, **options: object) -> Frame:
+    """Snapped triangles (F, 3, 2), no vertex shared."""
+    return bench.draw(scene_of(*separate(xy), resolution), **{**FLAT, **options})
+
+
+def exact(xy: Array, resolution: Resolution) -> tuple[Array, Array]:
+    """Ids and how many triangles cover each pixel, (M, N), row 0 at the TOP, in integers; the later face wins."""
+    columns, rows = resolution
+    ids, count = np.zeros(columns * rows, np.uint32), np.zeros(columns * rows, np.int64)
+    setup = coverage.setup(xy, columns, rows)
+    alive = np.flatnonzero(~setup.culled)
+    for k, column, row, _ in coverage.samples(xy[alive], setup.box[alive]):
+        at = (rows - 1 - row) * columns + column
+        np.maximum.at(ids, at, (alive[k] + 1).astype(np.uint32))
+        np.add.at(count, at, 1)
+    return ids.reshape(rows, columns), count.reshape(rows, columns)
+
+
+def rational_mask(xy: Array, columns: int, rows: int) -> Array:
+    """(rows, columns) bool, row 0 at the BOTTOM: the pixels of one snapped triangle, in rational numbers.
+
+    The top-left rule says: a center counts as lying a little to the right of itself and, far less, below itself. So row
+    by row the pixels are those of a half-open interval between two crossings; edges that end at the row's height belong
+    to the side below it.
+    """
+    mask = np.zeros((rows, columns), bool)
+    corners = [[Fraction(int(value), SUB) for value in corner] for corner in xy]
+    low, high = min(c[1] for c in corners), max(c[1] for c in corners)
+    for row in range(max(math.floor(low - Fraction(1, 2)), 0), min(math.ceil(high), rows - 1) + 1):
+        y = row + Fraction(1, 2)
+        crossings = []
+        for i in range(3):
+            (x0, y0), (x1, y1) = corners[i], corners[i - 2]
+            if (y0 < y) != (y1 < y):
+                crossings.append(x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        if crossings:
+            first = max(math.ceil(min(crossings) - Fraction(1, 2)), 0)
+            end = min(math.ceil(max(crossings) - Fraction(1, 2)), columns)
+            mask[row, first : max(first, end)] = True
+    return mask
+
+
+def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> Outcome:
+    """A mesh of which all triangles are equally deep must draw each pixel of `inside` (M, N) bool exactly once.
+
+    A pixel that two triangles draw gets the later one: with the faces in reverse order, another one. What lies outside
+    of `inside` may be drawn or not, but at most once.
+    """
+    mesh = scene.meshes[0]
+    count = len(mesh.faces)
+    turned = Scene((Mesh(mesh.verts, mesh.faces[::-1], material=UNLIT),), scene.camera, background=None)
+    ids = bench.draw(scene, **FLAT)["id"].astype(np.int64)
+    other = bench.draw(turned, **FLAT)["id"].astype(np.int64)
+    other = np.where(other > 0, count + 1 - other, 0)
+    wrong = (ids != other) | (inside & (ids == 0))
+    return Outcome(int(wrong.sum()), detail=detail, pictures=(ids, np.where(inside, np.maximum(ids, 1), ids * ~wrong)))
+
+
+def polygon_interior(corners: Array, resolution: Resolution, margin: float = 1 / 64) -> Array:
+    """(M, N) bool, row 0 at the TOP: centers inside a convex counter-clockwise polygon (n, 2), pixels, by a margin that
+    no snapping crosses."""
+    columns, rows = resolution
+    x, y = np.arange(columns) + 0.5, (rows - 0.5 - np.arange(rows))[:, None]
+    inside = np.ones((rows, columns), bool)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        direction = (b - a) / np.hypot(*(b - a))
+        inside &= direction[0] * (y - a[1]) - direction[1] * (x - a[0]) > margin
+    return inside
+
+
+def each_alone(bench: Bench, scene: Scene, **options: object) -> Array:
+    """How many triangles of a mesh draw each pixel, (M, N), each rendered by itself."""
+    mesh = scene.meshes[0]
+    alone = (
+        Scene((Mesh(mesh.verts, face[None], material=UNLIT),), scene.camera, background=None) for face in mesh.faces
+    )
+    return np.sum([bench.draw(one, **{**FLAT, **options}).alpha > 0 for one in alone], axis=0)

@@ -1,0 +1,69 @@
+"""A lit scene that several cases vary: colored triangles of all sizes about the origin, two lights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ....base.validation import Array
+from ....scene.camera import Camera
+from ....scene.model import Material, Mesh, PointLight, Scene
+
+LIGHTS = (
+    PointLight(np.array([3.0, 4.0, 5.0]), np.array([1.0, 0.9, 0.7])),
+    PointLight(np.array([-4.0, 1.0, 2.0]), np.array([0.2, 0.3, 0.8])),
+)
+CAMERA = Camera(
+    np.array([0.3, 0.2, 5.0]), np.array([0.05, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 1.3, (1.0, 1.0), (61, 61)
+)
+MATERIAL = Material()  # shared by all meshes: a second one would be another program to build
+
+
+def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
+    """Triangles that share no vertex, in coordinates that need float64."""
+    rng = np.random.default_rng(seed)
+    verts = rng.normal(size=(count, 1, 3)) + rng.uniform(0.05, 1, (count, 1, 1)) * rng.normal(size=(count, 3, 3))
+    colors = rng.uniform(0, 1, (3 * count, 3))
+    faces = np.arange(3 * count).reshape(-1, 3)
+    return Mesh(verts.reshape(-1, 3), faces, colors=colors, **{"material": MATERIAL, **fields})
+
+
+def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
+    """The meshes (default: the blob) under CAMERA and LIGHTS, over a background."""
+    given = {"meshes": meshes or (blob(),), "camera": CAMERA, "lights": LIGHTS, "background": (0.25, 0.5, 2.0)}
+    return Scene(**{**given, **fields})
+
+
+def triangle(*corners: tuple[float, float, float], **fields: Any) -> Mesh:
+    """One colored triangle, drawn by the blob's program."""
+    colors = np.array([[1.0, 0.5, 0.2], [0.1, 0.9, 0.3], [0.2, 0.3, 0.7]])
+    material = {"material": MATERIAL, **fields}
+    return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, **material)
+
+
+def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) -> Mesh:
+    """A colored sheet of 2*cells^2 triangles before the camera, bent so that normals differ; `size` about the origin."""
+    line = np.linspace(-1.0, 1.0, cells + 1)
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    verts = size * np.stack([x, y, bend * (1.0 - x * x - 0.5 * y * y)], axis=1) * (1 + 2.0**-40)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
+    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    colors = np.random.default_rng(1).uniform(0.2, 1.0, (len(verts), 3))
+    return Mesh(verts, faces, colors=colors, **{"material": MATERIAL, **fields})
+
+
+def moved(scene: Scene, scale: float, shift: float | Array) -> Scene:
+    """Everything times `scale` plus `shift`: vertices, camera and lights."""
+    camera = scene.camera
+    eye, lookat = camera.eye * scale + shift, camera.lookat * scale + shift
+    lights = tuple(replace(light, position=light.position * scale + shift) for light in scene.lights)
+    meshes = tuple(replace(mesh, verts=mesh.verts * scale + shift) for mesh in scene.meshes)
+    return replace(scene, meshes=meshes, lights=lights, camera=replace(camera, eye=eye, lookat=lookat))
+
+
+def on_a_grid(mesh: Mesh, bits: int) -> Mesh:
+    """Vertices rounded to multiples of 2^-bits and moved by half of one, so that float32 does not hold them."""
+    return replace(mesh, verts=np.round(mesh.verts * 2.0**bits) / 2.0**bits + 2.0 ** -(bits + 1))

@@ -1,0 +1,138 @@
+"""Cases 18 to 20 and 30: which triangle is seen, and that the answer is always the same."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ....pipeline.frame import Frame
+from ....scene.builtin import scenes
+from ....scene.model import Mesh, Scene
+from . import flat, lit
+from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
+from .extremes import PRESETS, different_bits
+
+MAGNITUDES = (1e-30, 1e-10, 1.0, 1e6, 1e15, 1e30)
+
+
+def equal_depth(bench: Bench) -> Outcome:
+    """Triangles on top of each other, equally deep to the last bit: the later face wins, in any order of the list; and
+    -0.0 among the coordinates is 0.0."""
+    rng = np.random.default_rng(18)
+    size = flat.SUB * np.exp2(rng.uniform(1.0, 6.0, (300, 1, 1)))
+    xy = np.rint(rng.uniform(0, 80 * flat.SUB, (300, 1, 2)) + size * rng.uniform(-1, 1, (300, 3, 2))).astype(np.int64)
+    outcomes = []
+    for order in (np.arange(300), np.arange(300)[::-1], rng.permutation(300)):
+        ids, _ = flat.exact(xy[order], (80, 70))
+        for visibility in ("painter", "depth"):
+            frames = [flat.draw(bench, xy[order], (80, 70), visibility=visibility) for _ in range(2)]
+            outcomes += [wrong_pixels(frame["id"], ids) for frame in frames]
+            outcomes.append(different_bits(*frames))
+    mesh = lit.blob()
+    zero = replace(mesh, verts=np.where(np.abs(mesh.verts) < 0.1, 0.0, mesh.verts))
+    negative = replace(mesh, verts=np.where(np.abs(mesh.verts) < 0.1, -0.0, mesh.verts))
+    outcomes.append(different_bits(bench.draw(lit.scene_of(zero)), bench.draw(lit.scene_of(negative))))
+    return worst(outcomes, "300 triangles, 3 orders, both visibilities")
+
+
+def close_depths(bench: Bench) -> Outcome:
+    """In each of 64 cells two triangles, one float32 ulp apart in depth, or 16 float64 ulp (with visibility `depth`
+    2^-10 of a float32 ulp): the nearer one is seen, although it comes first."""
+    outcomes = []
+    rng = np.random.default_rng(19)
+    cell = np.stack(np.divmod(np.arange(64), 8), axis=1)[:, None, :] * 8 * flat.SUB
+    corners = np.array([[1, 1], [38, 2], [2, 37]]) * flat.SUB // 5 + cell
+    xy = np.concatenate([corners, corners])
+    expected, _ = flat.exact(corners, (64, 64))
+    uv, faces = flat.separate(xy)
+    for magnitude in MAGNITUDES:
+        far = (magnitude * rng.uniform(1.0, 2.0, 64)).astype(np.float32)
+        if magnitude > 1e29:
+            far = np.minimum(far, np.float32(1.9e30))
+        ulp = np.spacing(far).astype(np.float64)
+        for visibility, step in (
+            ("painter", ulp),
+            ("painter", 16 * np.spacing(far.astype(np.float64))),
+            ("depth", ulp),
+            ("depth", ulp * 2.0**-10),
+        ):
+            depth = np.repeat(np.concatenate([far - step, far.astype(np.float64)]), 3)
+            scene = flat.scene_of(uv, faces, (64, 64), depth)
+            frame = bench.draw(scene, **{**flat.FLAT, "visibility": visibility, "near": magnitude / 2})
+            outcomes.append(wrong_pixels(frame["id"], expected, f"{visibility} at {magnitude:g}"))
+    return worst(outcomes, "1e-30 to 1e30, 64 pairs each")
+
+
+def _bars() -> tuple[Mesh, np.ndarray]:
+    """Three bars, each over the next at its start and under the one before at its end, and where each must be on top."""
+    angle = np.radians([90.0, 210.0, 330.0])
+    tips = 0.9 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    verts, faces = [], []
+    for k in range(3):
+        start, end = tips[k], tips[(k + 1) % 3]
+        along = (end - start) / np.hypot(*(end - start))
+        side = 0.2 * np.array([-along[1], along[0]])
+        ends = (start - 0.5 * along, end + 0.5 * along)
+        corners = [
+            [*(point + s * side), height] for point, height in zip(ends, (0.4, -0.4), strict=True) for s in (1, -1)
+        ]
+        faces += [[4 * k, 4 * k + 1, 4 * k + 3], [4 * k, 4 * k + 3, 4 * k + 2]]
+        verts += corners
+    colors = np.repeat(np.eye(3), 4, axis=0)
+    return Mesh(np.array(verts) * (1 + 2.0**-40), np.array(faces), colors=colors, material=lit.MATERIAL), tips
+
+
+def cyclic_overlap(bench: Bench) -> Outcome:
+    """`depth`: each bar over the next. `painter`: one mean depth per triangle, as the oracle says, at every run."""
+    mesh, tips = _bars()
+    camera = replace(lit.CAMERA, eye=np.array([0.0, 0.0, 5.0]), lookat=np.zeros(3))
+    outcomes = []
+    for preset in PRESETS:
+        frames = [bench.draw(lit.scene_of(mesh, camera=camera), preset=preset) for _ in range(2)]
+        outcomes += [against_oracle(frames[0]), different_bits(*frames)]
+        if preset == "standard":
+            column, row = (np.floor((tips * 1.3 / 5.0 * [1, -1] + 0.5) * 61)).astype(int).T
+            owner = (frames[0]["id"][row, column].astype(int) - 1) // 2
+            outcomes.append(Outcome(int((owner != np.arange(3)).sum())))
+    return worst(outcomes, "3 bars, both visibilities, twice")
+
+
+def fingerprint(frame: Frame) -> str:
+    """SHA-256 of every bit of image and layers."""
+    digest = hashlib.sha256(np.ascontiguousarray(frame.rgba).tobytes())
+    for name in frame.layers:
+        digest.update(np.ascontiguousarray(frame[name]).tobytes())
+    return digest.hexdigest()
+
+
+def same_input_twice(bench: Bench) -> Outcome:
+    """Three scenes, drawn twice; the fingerprint is what devices must agree on."""
+    outcomes, prints = [], []
+    subjects: tuple[tuple[Scene, dict[str, Any]], ...] = (
+        (lit.scene_of(), {}),
+        (lit.scene_of(), {"preset": "course"}),
+        (scenes.teapot(4, (120, 90)), {"shader": "phong"}),
+    )
+    for scene, options in subjects:
+        first, second = (bench.draw(scene, **options) for _ in range(2))
+        outcomes.append(different_bits(first, second))
+        prints.append(fingerprint(first))
+    together = hashlib.sha256("".join(prints).encode()).hexdigest()
+    return replace(worst(outcomes), fingerprint=together, detail=f"3 scenes, SHA-256 {together[:12]}")
+
+
+CASES = (
+    Case("18", "equal-depth", "equal depths, -0.0", "the later face, at every run", equal_depth),
+    Case("19", "close-depths", "depths one ulp apart, 1e-30..1e30", "not quantized: the nearer", close_depths),
+    Case(
+        "20",
+        "cyclic-overlap",
+        "three bars over each other in a ring",
+        "depth right, painter as defined",
+        cyclic_overlap,
+    ),
+    Case("30", "same-bits", "the same input twice, every device", "same bits", same_input_twice, True),
+)

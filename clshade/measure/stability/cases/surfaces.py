@@ -1,0 +1,167 @@
+"""Cases 25 to 27: normals that fail, intensities and positions out at the ends of the number range."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .... import oracle
+from ....base.validation import Array
+from ....errors import InputError
+from ....pipeline.frame import Frame
+from ....scene.model import PointLight, Scene
+from ...check import oracle_bounds
+from . import lit
+from .bench import Bench, Case, Outcome, against_oracle, color_outcome, worst
+from .extremes import PRESETS, different_bits
+
+OFFSETS = (1e6, 1e9)
+SCALES = (1e-20, 1e-10, 1e10, 1e20)
+POWERS = (-70, -3, 90)
+_BITS = 22  # vertices are odd multiples of 2^-23: float64 still holds them at 1e9, float32 nowhere
+
+
+def degenerate_normals(bench: Bench) -> Outcome:
+    """Normals that are 0, cancel between the corners or between faces, or are 1e-300 and 1e300 long."""
+    mesh = lit.patch()
+    count = len(mesh.verts)
+    rng = np.random.default_rng(25)
+    up = np.broadcast_to([0.0, 0.0, 1.0], (count, 3))
+    sets = (
+        np.zeros((count, 3)),
+        up * np.where(np.arange(count) % 2, -1.0, 1.0)[:, None],
+        up * 10.0 ** rng.uniform(-300, 300, (count, 1)),
+        np.where(rng.random((count, 1)) < 0.3, 0.0, rng.normal(size=(count, 3))),
+    )
+    doubled = np.concatenate([mesh.faces, mesh.faces[:, [0, 2, 1]]])  # each face with its back: the normals sum to 0
+    meshes = [replace(mesh, normals=normals) for normals in sets]
+    meshes.append(replace(mesh, faces=doubled))
+    outcomes = [against_oracle(bench.draw(lit.scene_of(m), preset=preset)) for m in meshes for preset in PRESETS]
+    return worst(outcomes, "5 sheets, both presets")
+
+
+def renormalized(bench: Bench) -> Outcome:
+    """Corner normals up to 150 degrees apart: between them they are short, and renormalized per pixel."""
+    rng = np.random.default_rng(26)
+    outcomes = []
+    for degrees in (30.0, 90.0, 150.0):
+        mesh = lit.patch(cells=2)
+        tilt = np.radians(degrees / 2) * np.where(np.arange(9) % 2, -1, 1)
+        way = rng.uniform(0, 2 * np.pi, 9)
+        normals = np.stack([np.sin(tilt) * np.cos(way), np.sin(tilt) * np.sin(way), np.cos(tilt)], axis=1)
+        outcomes.append(against_oracle(bench.draw(lit.scene_of(replace(mesh, normals=normals)))))
+    return worst(outcomes, "corners 30, 90, 150 degrees apart")
+
+
+def _lit_by(*intensities: float, **coefficients: Any) -> Scene:
+    lights = [replace(lit.LIGHTS[i % 2], intensity=np.full(3, value)) for i, value in enumerate(intensities)]
+    # Hardly any ambient light, but some: without it there would be another program to build.
+    material = replace(lit.MATERIAL, ka=1e-35, **coefficients)
+    return lit.scene_of(lit.patch(material=material), lights=tuple(lights))
+
+
+def intensities(bench: Bench) -> Outcome:
+    """Lights of 1e-30 to 1e30, together too: finite, within the bound of the light budget."""
+    outcomes = []
+    for given in ((1e-30, 1e-30), (1e-20, 1e-25), (1e-30, 1e30), (1e20, 1.0), (1e30, 1e30), (1e30, -1e30)):
+        outcomes.append(against_oracle(bench.draw(_lit_by(*given))))
+    return worst(outcomes, "6 pairs of lights")
+
+
+def _saturated(bench: Bench, scene: Scene) -> Outcome:
+    """Pixels beyond float32 hold the largest finite value, others do not, and stats["saturated"] counts them."""
+    most = oracle_bounds.FLOAT32_MAX
+    frame = bench.draw(scene)
+    expected = oracle.render(frame.scene, frame.settings)
+    saturated = (np.abs(frame.rgb) >= most).any(axis=-1)
+    surely = (np.abs(expected.rgb) > most * 1.001).any(axis=-1)
+    never = (np.abs(expected.rgb) < most * 0.999).all(axis=-1)
+    wrong = (surely & ~saturated) | (never & saturated) | ~np.isfinite(frame.rgb).all(axis=-1)
+    uncounted = abs(frame.stats["saturated"] - int(saturated.sum())) + int(not saturated.any())
+    return Outcome(int(wrong.sum()) + uncounted, pictures=(frame.rgb, expected.rgb))
+
+
+_BRIGHT = ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38))
+
+
+def overflow(bench: Bench) -> Outcome:
+    """Light beyond float32 on surfaces of color 2. A light that is itself beyond float32 is refused."""
+    outcomes = []
+    for given in _BRIGHT:
+        scene = _lit_by(*given, kd=3.0, ks=2.0)
+        mesh = scene.meshes[0]
+        outcomes.append(
+            _saturated(bench, replace(scene, meshes=(replace(mesh, colors=np.full_like(mesh.verts, 2.0)),)))
+        )
+    try:
+        PointLight(np.zeros(3), np.array([1.0, 1e39, 1.0]))
+    except InputError:
+        return worst(outcomes, "lights of 3.4e38, -3.4e38, 1e38; 1e39 refused")
+    return worst([*outcomes, Outcome(1)], "1e39 not refused")
+
+
+def colored_overflow(bench: Bench) -> Outcome:
+    """The same on surfaces darker than 1, of which some bring the light back into float32."""
+    return worst([_saturated(bench, _lit_by(*given, kd=3.0, ks=2.0)) for given in _BRIGHT], "colors 0.2 to 1")
+
+
+def centered() -> Scene:
+    """The blob, its camera and lights on the grid of 2^-22."""
+
+    def snapped(point: Array) -> Array:
+        return np.round(np.asarray(point) * 2.0**_BITS) / 2.0**_BITS
+
+    camera = replace(lit.CAMERA, eye=snapped(lit.CAMERA.eye), lookat=snapped(lit.CAMERA.lookat))
+    lights = tuple(replace(light, position=snapped(light.position)) for light in lit.LIGHTS)
+    return lit.scene_of(lit.on_a_grid(lit.blob(), _BITS), camera=camera, lights=lights)
+
+
+def _as_centered(frame: Frame, first: Frame) -> Outcome:
+    """The centered scene's ids, and its oracle's colors within the bound."""
+    expected = oracle.render(first.scene, first.settings)
+    other = frame["id"] != first["id"]
+    measured = color_outcome(frame.rgb, expected, skip=other)
+    return replace(measured, wrong=measured.wrong + int(other.sum()))
+
+
+def offsets(bench: Bench) -> Outcome:
+    """The scene at +1e6 and +1e9, where its vertices are still exact: the oracle's image of the same float64 data, and
+    the centered scene's."""
+    outcomes = []
+    for preset in PRESETS:
+        first = bench.draw(centered(), preset=preset)
+        for shift in OFFSETS:
+            frame = bench.draw(lit.moved(centered(), 1.0, shift), preset=preset)
+            outcomes += [against_oracle(frame), _as_centered(frame, first)]
+        frame = bench.draw(lit.moved(centered(), 1.0, np.array([1e9, -1e6, 3e8])), preset=preset)
+        outcomes += [against_oracle(frame), _as_centered(frame, first)]
+    return worst(outcomes, "+1e6, +1e9, both presets")
+
+
+def scales(bench: Bench) -> Outcome:
+    """The scene times 1e-20 to 1e20: the same ids, colors within the bound; times a power of two: the same bits."""
+    outcomes = []
+    for preset in PRESETS:
+        first = bench.draw(centered(), preset=preset)
+        for scale in SCALES:
+            frame = bench.draw(lit.moved(centered(), scale, 0.0), preset=preset)
+            outcomes += [against_oracle(frame), _as_centered(frame, first)]
+        for power in POWERS:
+            frame = bench.draw(lit.moved(centered(), 2.0**power, 0.0), preset=preset)
+            depths = np.ldexp(first["Z"], power)
+            layers = {"Z": depths.astype(np.float32), "id": first["id"]}
+            outcomes.append(different_bits(frame, Frame(first.rgba, layers, first.scene, first.settings, dict)))
+    return worst(outcomes, "1e-20 to 1e20; 2^-70, 2^-3, 2^90")
+
+
+CASES = (
+    Case("25", "degenerate-normals", "zero and canceling normals", "finite, 0 where 0", degenerate_normals),
+    Case("26", "renormalized", "interpolated normals far below 1", "renormalized per pixel", renormalized),
+    Case("26b", "intensities", "intensities 1e-30..1e30", "within the bound", intensities),
+    Case("26c", "overflow", "light beyond float32", "saturates, counted", overflow),
+    Case("26d", "colored-overflow", "the same times a color below 1", "saturates, counted", colored_overflow),
+    Case("27", "offsets", "everything at +1e6 and +1e9", "the centered scene's ids and colors", offsets),
+    Case("27b", "scales", "everything times 1e-20..1e20", "same ids; powers of two same bits", scales, True),
+)
