@@ -18,7 +18,7 @@ def entry() -> None:
         interrupts.leave_soon()
         # Threads of NumPy's BLAS would spin beside the kernels, and nothing here multiplies large matrices.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        from .cli import main
+        from .cli.main import main
 
         code = main()
     except KeyboardInterrupt:

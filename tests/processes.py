@@ -23,7 +23,7 @@ def python(
 
 
 OPEN = """
-from clshade import device
+from clshade.pipeline.opencl import device
 from clshade.errors import DeviceError
 try:
     opened = device.open_device()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from processes import PEAK
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.formats.load import EXTENSIONS, load
 
@@ -79,7 +79,7 @@ REFUSED = {
 LOAD_ALL = f"""{PEAK}
 import json, os, sys, time, warnings
 from clshade.errors import InputError
-from clshade.loading import load
+from clshade.scene.formats.load import load
 warnings.simplefilter("ignore")
 for path in sys.argv[1:]:
     started = time.perf_counter()
@@ -136,7 +136,7 @@ def test_within_time_and_memory(verdicts):
 @pytest.mark.parametrize("name", sorted(REFUSED))
 def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    code = cli.main(["render", str(FOLDER / "bad" / name)])
+    code = main(["render", str(FOLDER / "bad" / name)])
     out, err = capsys.readouterr()
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith("clshade: ")

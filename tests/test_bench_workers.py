@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from devices import working_devices
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.measure.bench import workers
 
@@ -55,9 +55,9 @@ def test_refusals(tmp_path, capsys):
     with pytest.raises(InputError, match="above 0"):
         workers.run((0,))
     for further in (("quads",), ("--scaling",), ("--peers", "none")):
-        assert cli.main(["bench", *further, "--workers", "2"]) == 2
+        assert main(["bench", *further, "--workers", "2"]) == 2
         assert "either --workers" in capsys.readouterr().err
-    assert cli.main(["bench", "--workers", "two"]) == 2
+    assert main(["bench", "--workers", "two"]) == 2
     assert "whole numbers such as 2,4" in capsys.readouterr().err
-    assert cli.main(["bench", "--workers", "2", "-o", str(tmp_path / "none" / "x")]) == 2
+    assert main(["bench", "--workers", "2", "-o", str(tmp_path / "none" / "x")]) == 2
     assert "there is no folder" in capsys.readouterr().err

@@ -122,8 +122,8 @@ def test_leftovers_of_probes_that_vanish_meanwhile(fresh_cache, monkeypatch):
 
 INTERRUPTED = """
 import os, signal, sys, threading
-from clshade import device, probing
-from clshade.probing import DeviceInfo
+from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import probe as probing
+from clshade.pipeline.opencl.probe import DeviceInfo
 infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
 device._enumerate = lambda name: [(info, None) for info in infos]
 device._connect = lambda *_: None

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clshade.commands.arguments import milliseconds, tolerance
+from clshade.cli.commands.arguments import milliseconds, tolerance
 from clshade.errors import InputError
 from clshade.measure.report.pareto import chosen, front, within_budget, within_tolerance
 

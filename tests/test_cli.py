@@ -14,9 +14,9 @@ import scene_files
 from devices import working_devices
 
 import clshade
-from clshade import cli
-from clshade.commands import render, scene_options
-from clshade.commands.arguments import with_values
+from clshade.cli.commands import render, scene_options
+from clshade.cli.commands.arguments import with_values
+from clshade.cli.main import _parser, main
 from clshade.images import exr, png
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,7 +33,7 @@ def listing(folder: Path) -> list[str]:
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
     """The exit code of a command line, its standard output, and the lines of its standard error."""
     capsys.readouterr()
-    code = cli.main([str(argument) for argument in arguments])
+    code = main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return code, out, err.splitlines()
 
@@ -41,7 +41,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 def scene_of(*arguments: object) -> clshade.Scene:
     """The scene that a command line of `render` leads to."""
     given = with_values(["render", *map(str, arguments)])
-    parsed = cli._parser(given).parse_args(given)
+    parsed = _parser(given).parse_args(given)
     return scene_options.load_scene(parsed, parsed.scenes[0])
 
 
@@ -304,7 +304,7 @@ def interrupted(code: str, cwd: Path) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    "module", ["argparse", "clshade.errors", "clshade.cli", "clshade.scene.model", "numpy", "_signal"]
+    "module", ["argparse", "clshade.errors", "clshade.cli.main", "clshade.scene.model", "numpy", "_signal"]
 )
 def test_interrupted_while_importing(tmp_path, module):
     code = f"""
@@ -319,8 +319,8 @@ class Interrupt:
             interrupt()
 sys.meta_path.insert(0, Interrupt())
 if {module!r} == "_signal":  # not imported any more: between the imports and the scene
-    import clshade.cli
-    clshade.cli.with_values = interrupt
+    import clshade.cli.main
+    clshade.cli.main.with_values = interrupt
 """
     status, err = interrupted(code, tmp_path)
     assert status == 130, err
@@ -364,7 +364,7 @@ def test_nobody_reads_standard_output(tmp_path, arguments):
 def test_without_standard_output(tmp_path, capsys, monkeypatch):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
     monkeypatch.setattr(sys, "stdout", None)
-    assert cli.main(["inspect", str(tmp_path / "a.exr")]) == 0
+    assert main(["inspect", str(tmp_path / "a.exr")]) == 0
 
 
 # The other commands

@@ -10,8 +10,8 @@ from scene_files import TRIANGLE, write
 from test_cli import SMALL, assert_refused, listing, needs_device, run
 
 import clshade
-from clshade import cli
-from clshade.commands import DONE, render
+from clshade.cli.commands import DONE, render
+from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr
 
 SIZE = ("--resolution", "32,24")
@@ -130,18 +130,18 @@ def test_verbose_says_what_is_done_on_standard_error(tmp_path, capsys):
     assert any(line.startswith("clshade: loaded quads: ") and line.endswith(" ms") for line in err), err
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_takes_the_general_options(name):
-    taken = cli._parser([name]).parse_args(["--quiet", name, *(["x"] * NEEDED.get(name, 0))])
+    taken = _parser([name]).parse_args(["--quiet", name, *(["x"] * NEEDED.get(name, 0))])
     assert (taken.quiet, taken.verbose, taken.debug) == (True, False, False)
-    taken = cli._parser([name]).parse_args(["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"])
+    taken = _parser([name]).parse_args(["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"])
     assert (taken.quiet, taken.verbose, taken.debug) == (False, True, True)
 
 
 def test_every_option_of_every_command_is_explained():
     """Units and defaults: a number's help says at least what it counts."""
-    for name in cli.COMMANDS:
-        parser = cli._parser([name])
+    for name in COMMANDS:
+        parser = _parser([name])
         (commands,) = (action for action in parser._actions if action.dest == "command")
         for action in commands.choices[name]._actions:  # type: ignore[union-attr, index]
             assert action.help, (name, action.dest)
@@ -154,7 +154,7 @@ def test_the_version(capsys):
 def test_without_standard_output_and_quiet(tmp_path, monkeypatch):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
     monkeypatch.setattr("sys.stdout", None)
-    assert cli.main(["inspect", "-q", str(tmp_path / "a.exr")]) == 0
+    assert main(["inspect", "-q", str(tmp_path / "a.exr")]) == 0
 
 
 @needs_device

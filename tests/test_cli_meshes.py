@@ -13,8 +13,8 @@ from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
 from test_cli import run, scene_of
 
-from clshade.commands import DONE, render
-from clshade.commands.scene_options import load_scene
+from clshade.cli.commands import DONE, render
+from clshade.cli.commands.scene_options import load_scene
 from clshade.images import exr
 from clshade.scene import framing
 from clshade.scene.formats import load

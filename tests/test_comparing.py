@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.images import compare, compare_figure, exr, metrics, png
 from clshade.images.image_file import Picture
 
@@ -158,7 +158,7 @@ def test_without_the_packages(monkeypatch):
 
 def run(capsys, *arguments):
     """Exit code, standard output, lines of standard error."""
-    code = cli.main(["compare", *map(str, arguments)])
+    code = main(["compare", *map(str, arguments)])
     out, err = capsys.readouterr()
     return code, out, err.splitlines()
 

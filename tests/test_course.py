@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import clshade
-from clshade import cli, course, oracle
+from clshade import course, oracle
+from clshade.cli.main import main
 from clshade.images import exr
 from clshade.measure.check import oracle_bounds
 from clshade.pipeline import single_primitive
@@ -403,7 +404,7 @@ def test_only_the_last_scenes_are_kept():
 def test_render_of_a_saved_scene_is_render_object(tmp_path, capsys):
     scene = surfaced(SCENE, n=20, kd=np.array([0.8, 0.7, 0.6]))
     course.save(scene, tmp_path / "scene.npy")
-    assert cli.main(["render", str(tmp_path / "scene.npy"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["render", str(tmp_path / "scene.npy"), "-o", str(tmp_path / "out")]) == 0
     capsys.readouterr()
     channels, _ = exr.read(tmp_path / "out.exr")
     written = np.stack([channels[name] for name in "RGB"], axis=2)
@@ -427,7 +428,7 @@ def test_render_of_the_cat_is_render_object(tmp_path, data_folder, capsys):
     }
     for option, image in images.items():
         words = [option, str(data_folder / "cat_diff.png")] if option else []
-        assert cli.main(["render", str(data_folder / "cat.npy"), *words, "-o", str(tmp_path / "out")]) == 0
+        assert main(["render", str(data_folder / "cat.npy"), *words, "-o", str(tmp_path / "out")]) == 0
         channels, _ = exr.read(tmp_path / "out.exr")
         assert (np.stack([channels[name] for name in "RGB"], axis=2)[::-1] == image).all()
     capsys.readouterr()

@@ -209,6 +209,8 @@ def test_a_run_that_died_of_what_is_cached(kept: tuple[Path, Run], cached: Path,
 @pytest.mark.long
 def test_only_the_first_use_counts(kept: tuple[Path, Run], cached: Path, opened: Device) -> None:
     """A run that is killed later, here when it would write, throws nothing away."""
-    crash = "import os; from clshade import frame; frame.Frame.write = lambda *_, **__: os.kill(os.getpid(), 9)"
+    crash = (
+        "import os; from clshade.pipeline import frame; frame.Frame.write = lambda *_, **__: os.kill(os.getpid(), 9)"
+    )
     assert run(cached, opened.index, before=crash).code == -9
     assert run(cached, opened.index) == kept[1]

@@ -116,7 +116,7 @@ def test_pyopencl_keeps_no_caches_of_its_own(opened: device.Device, tmp_path: Pa
     """They are shared with other programs, and a damaged one ended every run; unless the user wants them."""
     code = f"""
 import numpy as np
-from clshade import device
+from clshade.pipeline.opencl import device
 import pyopencl as cl
 opened = device.open_device({opened.index!r})
 kernel = cl.Program(opened.context, "__kernel void one(__global float *x) {{ x[0] = 1; }}").build().all_kernels()[0]

@@ -11,7 +11,7 @@ import pytest
 from devices import working_devices
 from test_cli import run
 
-from clshade import commands
+from clshade.cli import commands
 from clshade.measure import timing
 from clshade.measure.report import feature_savings
 from clshade.pipeline import packing, programs

@@ -248,9 +248,9 @@ def test_commands_refuse_such_headers_in_little_memory(path):
     exr.write(path, {channel: noise((33, 47)) for channel in names}, compression=compression)
     path.write_bytes(wide(path.read_bytes(), *window))
     code = f"""{PEAK}
-from clshade import cli
+from clshade.cli.main import main
 for arguments in (["inspect", {str(path)!r}], ["compare", {str(path)!r}, {str(path)!r}]):
-    assert cli.main(arguments) == 2
+    assert main(arguments) == 2
 print(peak())
 """
     done = python(code, "")

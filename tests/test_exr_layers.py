@@ -181,7 +181,7 @@ def test_values_beyond_half_are_warned_of(opened, tmp_path):
 
 
 def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
-    from clshade.cli import main
+    from clshade.cli.main import main
 
     name = str(tmp_path / "a")
     scene = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from devices import working_devices
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
 from clshade.farm.cameras import FIELDS, orbit, read_cameras
@@ -28,7 +28,7 @@ needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL devic
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a command line."""
     capsys.readouterr()
-    code = cli.main([str(argument) for argument in arguments])
+    code = main([str(argument) for argument in arguments])
     return code, *capsys.readouterr()
 
 

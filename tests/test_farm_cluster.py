@@ -15,7 +15,7 @@ from clusters import Cluster
 from devices import working_devices
 from farm_jobs import job
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import DeviceError, InputError, WorkerError
 from clshade.farm import waiting
 from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
@@ -145,7 +145,7 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     monkeypatch.chdir(tmp_path)  # the workers have another current folder
     command = ("turntable", "icosphere", "--frames", "1..4", "--resolution", "64,48", "--preset", "course")
     further = ("--scheduler", cluster.address, "-o", "#.exr", "--timeout", "60")
-    assert cli.main([*command, *further]) == 0
+    assert main([*command, *further]) == 0
     out, err = capsys.readouterr()
     assert "1 worker" in out
     assert "4/4" in err
@@ -177,7 +177,7 @@ def refused(capsys: pytest.CaptureFixture[str], address: str) -> tuple[str, floa
     """The line on standard error, and how long it took."""
     start = time.perf_counter()
     arguments = ("turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2")
-    assert cli.main([*arguments]) == 2
+    assert main([*arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert len(err.splitlines()) == 1, err
@@ -209,7 +209,7 @@ def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
 
 
 def test_workers_and_a_scheduler_exclude_each_other(capsys):
-    assert cli.main(["turntable", "--workers", "2", "--scheduler", "tcp://host:1"]) == 2
+    assert main(["turntable", "--workers", "2", "--scheduler", "tcp://host:1"]) == 2
     assert "not allowed with" in capsys.readouterr().err
 
 

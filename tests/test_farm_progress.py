@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from devices import working_devices
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.farm import Run, progress, running
 from clshade.farm.job import Drawn
 from clshade.farm.progress import Progress, rate_text
@@ -89,14 +89,14 @@ def test_rates_are_in_frames_a_second():
 def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ("turntable", "icosphere", "--count", "3", "--resolution", "32,24", "--preset", "course")
-    assert cli.main(given) == 0
+    assert main(given) == 0
     out, err = capsys.readouterr()
     assert "\r" not in err
     rates = [re.findall(r"([0-9.]+) frames/s", text) for text in (err, out)]
     assert rates[0] == rates[1]
     assert len(rates[0]) == 1
     (tmp_path / "out.0002.png").unlink()
-    assert cli.main([*given, "--json"]) == 0
+    assert main([*given, "--json"]) == 0
     out, err = capsys.readouterr()
     found = json.loads(out)
     assert found["frames_per_second"] == found["drawn"] / found["seconds"] == 1 / found["seconds"]
@@ -105,7 +105,7 @@ def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 def test_no_other_command_s_bar_goes_to_a_log(capsys):
-    assert cli.main(["fuzz", "--scenes", "2", "--files", "2"]) == 0
+    assert main(["fuzz", "--scenes", "2", "--files", "2"]) == 0
     assert "\r" not in "".join(capsys.readouterr())
 
 

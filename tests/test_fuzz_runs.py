@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import InputError, OutputError
 from clshade.measure.fuzz import campaign, file_mutations, fuzz
 from clshade.measure.fuzz.fuzz import Tally
@@ -16,18 +16,18 @@ from clshade.measure.fuzz.fuzz import Tally
 
 def test_run_and_exit_codes(monkeypatch, capsys, opened):
     arguments = ["fuzz", "--scenes", "3", "--files", "5", "--device", opened.index]
-    assert cli.main(arguments) == 0
+    assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "5 files (seed 0): 0 failed" in printed
     assert re.search(r"3 scenes \(seed 0\): 0 failed, .* s; .* pixels, .* covered; excepted: 0 ", printed)
     monkeypatch.setattr(file_mutations, "problem", lambda number, seed: "planted" if number == 8 else "")
-    assert cli.main(["fuzz", "--scenes", "0", "--files", "5", "--first", "6"]) == 1
+    assert main(["fuzz", "--scenes", "0", "--files", "5", "--first", "6"]) == 1
     assert "file 8: planted\n5 files (seed 0): 1 failed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["-1", "1..", "5..4", "1.5", "many", "1..2..3", ""])
 def test_seeds_that_are_none_are_refused(capsys, text):
-    assert cli.main(["fuzz", f"--seed={text}"]) == 2
+    assert main(["fuzz", f"--seed={text}"]) == 2
     assert f"expected a whole number from 0 or a range such as 1..20, found {text!r}" in capsys.readouterr().err
 
 

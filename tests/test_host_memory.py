@@ -84,7 +84,7 @@ def test_a_limit_of_the_process():
     pytest.importorskip("resource")
     code = f"""
 import resource
-from clshade import host_memory
+from clshade.base import host_memory
 resource.setrlimit(resource.RLIMIT_AS, ({1 << 30}, resource.getrlimit(resource.RLIMIT_AS)[1]))
 print(host_memory.available())
 """

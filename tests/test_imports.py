@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import clshade
-from clshade import cli
+from clshade.cli import main
 from clshade.pipeline import struct_layout
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -158,7 +158,7 @@ COMMANDS = [name for name in PATHS if name.split(".")[0] == "commands"]
 
 
 def test_only_the_command_line_imports_commands():
-    """`clshade.commands` and its arguments by name, a command when it is the one that is run."""
+    """`clshade.cli.commands` and its arguments by name, a command when it is the one that is run."""
     importers = {name for name in PATHS if any(f".{command}" in imports(name) for command in COMMANDS)}
     assert importers <= {"cli", *COMMANDS}
     assert imports("cli") & {f".{name}" for name in COMMANDS} == {
@@ -171,10 +171,10 @@ def test_only_the_command_line_imports_commands():
 def test_every_command_is_a_module_of_its_own():
     own = ("arguments", "parser", "farm_options", "scene_options", "scene_outputs")
     shared = {"commands", *(f"commands.{name}" for name in own)}
-    assert {f"commands.{name}" for name in cli.COMMANDS} == set(COMMANDS) - shared
-    for name in cli.COMMANDS:
-        assert not imports(f"commands.{name}") & {f".commands.{other}" for other in cli.COMMANDS}, name
-        command = importlib.import_module(f"clshade.commands.{name}")
+    assert {f"commands.{name}" for name in main.COMMANDS} == set(COMMANDS) - shared
+    for name in main.COMMANDS:
+        assert not imports(f"commands.{name}") & {f".commands.{other}" for other in main.COMMANDS}, name
+        command = importlib.import_module(f"clshade.cli.commands.{name}")
         assert callable(command.add_options), name
         assert callable(command.run), name
 
@@ -289,9 +289,12 @@ DRAWING = ("render", "turntable", "animate")  # whose settings have the choices 
     [
         ("import clshade", ()),
         ("import clshade; clshade.Scene, clshade.load, clshade.builtin", ("numpy",)),
-        ("import clshade.cli", ()),
-        (f"from clshade import cli; [cli._parser([name]) for name in cli.COMMANDS if name not in {DRAWING}]", ()),
-        (f"from clshade import cli; [cli._parser([name]) for name in {DRAWING}]", ("numpy",)),
+        ("import clshade.cli.main", ()),
+        (
+            f"from clshade.cli import main; [main._parser([name]) for name in main.COMMANDS if name not in {DRAWING}]",
+            (),
+        ),
+        (f"from clshade.cli import main; [main._parser([name]) for name in {DRAWING}]", ("numpy",)),
     ],
 )
 def test_importing_costs_nothing_that_is_not_used(code, allowed):

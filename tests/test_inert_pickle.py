@@ -266,7 +266,7 @@ def hanging(depth: int = 60) -> bytes:
 
 def test_a_key_that_would_be_hashed_for_ever(tmp_path):
     path = npy_of_pickle(tmp_path / "hang.npy", hanging())
-    done = python(f"from clshade import cli; cli.main(['render', {path!r}])", "", timeout=30)
+    done = python(f"from clshade.cli.main import main; main(['render', {path!r}])", "", timeout=30)
     assert "hang.npy: pickle: expected a dict of arrays and numbers" in done.stderr
     assert "found a key other than text of at most 64 characters" in done.stderr
     assert done.stderr.count("\n") == 1
@@ -294,7 +294,7 @@ def test_ctrl_c_while_a_pickle_is_read(tmp_path):
     path = npy_of_pickle(tmp_path / "a.npy", filled(SIZE, b"N"))
     code = f"""
 import contextlib
-from clshade.loading import load
+from clshade.scene.formats.load import load
 print("begun", flush=True)
 while True:
     with contextlib.suppress(ValueError):

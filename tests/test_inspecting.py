@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.images import exr, png, statistics, statistics_figure
 from clshade.images.image_file import Picture
@@ -105,7 +105,7 @@ def test_the_table():
 
 def inspected(capsys, *arguments):
     """The exit code of `inspect`, the parsed JSON, and the lines of standard error."""
-    code = cli.main(["inspect", *map(str, arguments), "--json"])
+    code = main(["inspect", *map(str, arguments), "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out, parse_constant=pytest.fail), err.splitlines()
 
@@ -136,10 +136,10 @@ def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
     assert found["pixels"][1]["values"]["Z"] == 8.0
     assert [pixel["values"]["Z"] for pixel in found["pixels"][2:]] == ["nan", "inf"]
     assert (found["channels"]["Z"]["nan"], found["channels"]["Z"]["inf"]) == (1, 2)
-    assert cli.main(["inspect", str(tmp_path / "a.exr"), "--pixel", "3,1"]) == 0
+    assert main(["inspect", str(tmp_path / "a.exr"), "--pixel", "3,1"]) == 0
     assert "pixel 3,1 (column, row from the top): Z 7.0, id 4294967291" in capsys.readouterr().out
     for outside in ("4,0", "0,3", "-1,0"):
-        assert cli.main(["inspect", str(tmp_path / "a.exr"), f"--pixel={outside}"]) == 2
+        assert main(["inspect", str(tmp_path / "a.exr"), f"--pixel={outside}"]) == 2
         out, err = capsys.readouterr()
         assert (out, err.splitlines()) == (
             "",
@@ -178,7 +178,7 @@ def test_sixteen_bits_of_a_png_are_kept(tmp_path):
 
 def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):
     exr.write(tmp_path / "a.exr", np.zeros((1, 1, 3)), metadata={"note": "red \x1b[31m\nand more"})
-    assert cli.main(["inspect", str(tmp_path / "a.exr")]) == 0
+    assert main(["inspect", str(tmp_path / "a.exr")]) == 0
     out = capsys.readouterr().out
     assert "\x1b" not in out
     assert "  note: red \\x1b[31m\\nand more" in out.splitlines()
@@ -187,7 +187,7 @@ def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):
 @pytest.mark.parametrize("content", [b"", b"GIF89a", b"v/1\x01" + bytes(60), b"\x89PNG\r\n\x1a\n" + bytes(30)])
 def test_no_image(tmp_path, capsys, content):
     (tmp_path / "a.exr").write_bytes(content)
-    assert cli.main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "a.png")]) == 2
+    assert main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "a.png")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert len(err.splitlines()) == 1
@@ -198,9 +198,9 @@ def test_no_image(tmp_path, capsys, content):
 def test_bad_files_of_others(data_folder, capsys):
     for path in sorted((data_folder / "bad").iterdir()):
         if path.name != "self_tex_1x1.png":
-            assert cli.main(["inspect", str(path)]) == 2, path
+            assert main(["inspect", str(path)]) == 2, path
             assert len(capsys.readouterr().err.splitlines()) == 1, path
-    assert cli.main(["inspect", str(data_folder / "bad" / "self_tex_1x1.png")]) == 0
+    assert main(["inspect", str(data_folder / "bad" / "self_tex_1x1.png")]) == 0
 
 
 # The figure
@@ -269,17 +269,17 @@ def test_the_figure_of_the_command(tmp_path, capsys, monkeypatch):
     assert (code, err) == (0, [f"clshade: wrote {tmp_path / 'b.png'}"])
     assert sorted(os.listdir(tmp_path)) == ["a.exr", "b.png"]
     assert png.read(tmp_path / "b.png").std() > 10
-    assert cli.main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "none" / "a.png")]) == 2
+    assert main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "none" / "a.png")]) == 2
     assert "there is no folder" in capsys.readouterr().err
     for output, expected in (("a.exr", "ends in .png"), ("b.png", "another file")):
-        assert cli.main(["inspect", str(tmp_path / "b.png"), "-o", str(tmp_path / output)]) == 2
+        assert main(["inspect", str(tmp_path / "b.png"), "-o", str(tmp_path / output)]) == 2
         assert expected in capsys.readouterr().err
     assert inspected(capsys, tmp_path / "a.exr")[0] == 0
 
 
 def test_no_figure_costs_no_matplotlib(tmp_path):
     exr.write(tmp_path / "a.exr", np.ones((3, 3, 3)))
-    code = "import sys; from clshade import cli; cli.main(sys.argv[1:]); print('matplotlib' in sys.modules)"
+    code = "import sys; from clshade.cli.main import main; main(sys.argv[1:]); print('matplotlib' in sys.modules)"
     command = [sys.executable, "-c", code, "inspect", str(tmp_path / "a.exr"), "-q"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT)
     assert done.stdout.split() == ["False"]
@@ -292,7 +292,7 @@ def test_refused(tmp_path):
 
 def test_verbose_names_what_was_read(tmp_path, capsys):
     exr.write(tmp_path / "a.exr", np.zeros((2, 2, 3)))
-    assert cli.main(["inspect", str(tmp_path / "a.exr"), "--verbose"]) == 0
+    assert main(["inspect", str(tmp_path / "a.exr"), "--verbose"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"clshade: read {tmp_path / 'a.exr'}: 3 channels, ")
 

@@ -27,7 +27,8 @@ def stuck(*arguments, **options):
     import hashlib
     print("stuck", file=sys.__stdout__, flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 60_000_000)
-from clshade import __main__, cli
+from clshade import __main__
+from clshade.cli import main as cli
 run = cli.main
 def main():
     {hook}
@@ -35,15 +36,15 @@ def main():
 cli.main = main
 __main__.entry()
 """
-BUILDING = "from clshade import programs; programs.build = stuck"
+BUILDING = "from clshade.pipeline import programs; programs.build = stuck"
 WRITING = "import os; os.fsync = stuck"
 # What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
 WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
-CLEARING = "from clshade import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
+CLEARING = "from clshade.base import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
 # As where OpenEXR reads: what it prints by itself is kept from standard error meanwhile.
 UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
-FAILING = "from clshade import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
-THROWN_AWAY = "from clshade import slots; slots.SLOTS = 0; " + BUILDING
+FAILING = "from clshade.base import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
+THROWN_AWAY = "from clshade.pipeline.opencl import cache_slots as slots; slots.SLOTS = 0; " + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:

@@ -15,9 +15,9 @@ import pytest
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 from test_cli import assert_refused, listing, needs_device, run
 
-from clshade import cli
 from clshade.base import console
 from clshade.base.input_files import reason_of
+from clshade.cli.main import main
 from clshade.images import exr
 
 NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
@@ -51,7 +51,7 @@ class Terminal(io.TextIOWrapper):
 def on_terminal(monkeypatch, encoding: str, *arguments: str) -> tuple[int, str]:
     terminal = Terminal(encoding)
     monkeypatch.setattr("sys.stdout", terminal)
-    code = cli.main([*arguments])
+    code = main([*arguments])
     return code, terminal.shown()
 
 

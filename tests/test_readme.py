@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from processes import ROOT
 
-from clshade.cli import COMMANDS
+from clshade.cli.main import COMMANDS
 
 README = (ROOT / "README.md").read_text()
 PROSE = re.sub(r"^```.*?^```$", "", README, flags=re.MULTILINE | re.DOTALL)

@@ -167,7 +167,7 @@ FRAMES = f"""{PEAK}
 from dataclasses import replace
 import numpy as np
 import clshade
-from clshade.renderer import Renderer
+from clshade.pipeline.renderer import Renderer
 scene = clshade.builtin("icosphere")
 camera = scene.camera.with_resolution((64, 48))
 with Renderer(scene, layers=("Z", "id")) as renderer:

@@ -248,7 +248,7 @@ def no_figure(monkeypatch):
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
 def test_the_options_named_draw_what_was_measured(device, name):
     """Whatever the preset that `render` would take for the scene."""
-    from clshade.commands import render as command
+    from clshade.cli.commands import render as command
 
     own = builtin(name)
     scene = replace(own, camera=own.camera.with_resolution((48, 36)))

@@ -14,7 +14,7 @@ from processes import OPEN, ROOT, python
 from clshade.pipeline.opencl import cache_slots, environment
 
 CLAIM = (
-    "import os; from clshade import runtimes; "
+    "import os; from clshade.pipeline.opencl import environment as runtimes; "
     "print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'], flush=True)"
 )
 
@@ -105,7 +105,7 @@ def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
 def test_children_claim_their_own(tmp_path: Path) -> None:
     code = f"""
 import os, subprocess, sys
-from clshade import runtimes, slots
+from clshade.pipeline.opencl import environment as runtimes; from clshade.pipeline.opencl import cache_slots as slots
 from clshade.errors import DeviceError
 held = runtimes.prepare()
 print(held.folder.name, flush=True)
@@ -133,7 +133,7 @@ os.wait()
 def test_isolate_cache(tmp_path: Path) -> None:
     code = """
 import os, sys
-from clshade import runtimes
+from clshade.pipeline.opencl import environment as runtimes
 from clshade.errors import DeviceError
 runtimes.isolate_cache(sys.argv[1])
 print(runtimes.prepare().folder, os.environ["POCL_CACHE_DIR"], runtimes.isolate_cache(sys.argv[1]))

@@ -168,7 +168,7 @@ def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, ba
 ONE_THREAD = """
 import sys
 sys.path[:0] = sys.argv[1:2]
-from clshade.device import open_device
+from clshade.pipeline.opencl.device import open_device
 from test_same_bits import GOLDEN, digest, draw
 device = open_device(sys.argv[2], profiling=True)
 assert device.compute_units == 1, device.compute_units

@@ -206,7 +206,7 @@ def test_a_mark_lies_there_while_code_is_used_first(sealed):
 
 DYING = """
 import os, signal, sys
-from clshade import interrupts, slots
+from clshade.base import interrupts; from clshade.pipeline.opencl import cache_slots as slots
 from pathlib import Path
 slot = slots.take(Path({folder!r}))
 print(slot.emptied, flush=True)
@@ -319,7 +319,7 @@ def test_no_slots_are_tried_where_files_cannot_be_locked(tmp_path, monkeypatch):
 PRIVATE = """
 import os, signal, sys
 from pathlib import Path
-from clshade import slots
+from clshade.pipeline.opencl import cache_slots as slots
 print(slots.private_folder(Path({folder!r}), "once-"), flush=True)
 {deed}
 """

@@ -8,8 +8,8 @@ from scene_files import TRIANGLE, write
 from test_cli import assert_refused, listing, run
 
 import clshade
-from clshade import cli
 from clshade.base.spelling import hint, nearest
+from clshade.cli.main import COMMANDS, _parser
 from clshade.errors import InputError
 from clshade.images import exr
 from clshade.pipeline.frame import Frame
@@ -96,14 +96,14 @@ def test_one_line_says_what_to_do(tmp_path, capsys, monkeypatch, arguments, part
 
 @pytest.mark.parametrize("text", ["64,48", "64x48", "64X48", "64 x 48", "64, 48", " 64×48"])
 def test_resolutions(text):
-    parsed = cli._parser(["render"]).parse_args(["render", "--resolution", text])
+    parsed = _parser(["render"]).parse_args(["render", "--resolution", text])
     assert parsed.resolution == (64, 48)
 
 
 def test_scenes_before_and_after_options():
-    parsed = cli._parser(["render"]).parse_args(["render", "a.obj", "--flat", "b.obj", "quads", "--quiet", "c.ply"])
+    parsed = _parser(["render"]).parse_args(["render", "a.obj", "--flat", "b.obj", "quads", "--quiet", "c.ply"])
     assert parsed.scenes == ["a.obj", "b.obj", "quads", "c.ply"]
-    assert cli._parser(["render"]).parse_args(["render", "--flat"]).scenes == ["teapot"]
+    assert _parser(["render"]).parse_args(["render", "--flat"]).scenes == ["teapot"]
 
 
 def test_the_version_has_a_short_option(capsys):
@@ -111,11 +111,11 @@ def test_the_version_has_a_short_option(capsys):
 
 
 def test_extensions_of_scenes_are_those_that_are_loaded():
-    from clshade.commands.parser import _SCENES
+    from clshade.cli.commands.parser import _SCENES
     from clshade.scene.formats.load import EXTENSIONS
 
     assert _SCENES == EXTENSIONS
-    assert not set(BUILTINS) & set(cli.COMMANDS)
+    assert not set(BUILTINS) & set(COMMANDS)
 
 
 # Python

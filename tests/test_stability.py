@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clshade import cli
+from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.measure.stability import curves, results, stability
 from clshade.measure.stability.cases import Bench, Case, Outcome, all_cases, flat
@@ -185,20 +185,20 @@ def test_without_mpmath_it_says_so(monkeypatch, device, tmp_path):
 
 
 def test_the_command_line(monkeypatch, capsys, tmp_path, device):
-    assert cli.main(["stability", "--list"]) == 0
+    assert main(["stability", "--list"]) == 0
     assert capsys.readouterr().out.count("\n") == len(CASES)
     chosen = ["stability", "--device", device.index, "--out", str(tmp_path / "out"), "--case", "windings", "6"]
-    assert cli.main(chosen) == 0
+    assert main(chosen) == 0
     shown = capsys.readouterr().out
     assert "2 runs of 2 cases" in shown
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"stability.csv", "stability.md"}
     monkeypatch.setattr(stability, "Bench", Spoiled)
-    assert cli.main(chosen) == 1
+    assert main(chosen) == 1
     assert len(list((tmp_path / "out").glob("windings-*.png"))) == 3
-    assert cli.main(["stability", "--case", "nothing"]) == 2
-    assert cli.main(["stability", "--case", "6", "--triangles", "0"]) == 2
+    assert main(["stability", "--case", "nothing"]) == 2
+    assert main(["stability", "--case", "6", "--triangles", "0"]) == 2
     (tmp_path / "file").write_text("")
-    assert cli.main([*chosen[:4], str(tmp_path / "file" / "x"), "--case", "6"]) == 2
+    assert main([*chosen[:4], str(tmp_path / "file" / "x"), "--case", "6"]) == 2
     assert capsys.readouterr().err.count("\n") == 3
 
 

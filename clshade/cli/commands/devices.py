@@ -12,7 +12,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..pipeline.opencl import device
+    from ...pipeline.opencl import device
 
     infos = device.list_devices()
     if arguments.json:
@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         print(json.dumps([asdict(info) for info in infos], indent=2))
     else:
-        from ..base import text_tables
+        from ...base import text_tables
 
         print("\n".join(text_tables.wrapped(line, 5) for line in device.format_devices(infos).splitlines()))
     return DONE if any(info.works for info in infos) else FAILED

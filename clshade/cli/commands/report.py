@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from ..measure.defaults import FRAMES
+from ...measure.defaults import FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, limit_options, output_name
 from .scene_options import camera_options, load_scene, scene_options
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..measure.report import report
+    from ...measure.report import report
 
     if arguments.list:
         print(report.listing())

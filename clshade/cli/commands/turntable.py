@@ -6,12 +6,12 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..base import console
+from ...base import console
 from .farm_options import draw, output_options, worker_options
 from .scene_options import camera_options, load_scene, scene_options, setting_options
 
 if TYPE_CHECKING:
-    from ..farm.frames import Frames
+    from ...farm.frames import Frames
 
 FRAMES = "1..120"
 
@@ -39,8 +39,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..base.validation import number
-    from ..farm import orbit, parse_frames
+    from ...base.validation import number
+    from ...farm import orbit, parse_frames
 
     frames = _frames(arguments)
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _frames(arguments: argparse.Namespace) -> Frames:
     """Those that --frames or --count mean; warns of one frame of a turn of one where its number was meant for a count."""
-    from ..base.validation import integer
-    from ..farm.frames import MOST, parse_frames
+    from ...base.validation import integer
+    from ...farm.frames import MOST, parse_frames
 
     if arguments.count is not None:
         return parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")

@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..measure.fuzz import campaign
+    from ...measure.fuzz import campaign
 
     counts = {name: getattr(arguments, name) for name in ("scenes", "files", "seed", "first", "log")}
     return DONE if campaign.run(arguments.device, **counts) else FAILED

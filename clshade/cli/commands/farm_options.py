@@ -14,8 +14,8 @@ from .scene_options import chosen_saving, chosen_settings, picture_options
 CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
 
 if TYPE_CHECKING:
-    from ..scene.camera import Camera
-    from ..scene.model import Scene
+    from ...scene.camera import Camera
+    from ...scene.model import Scene
 
 
 def output_options(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +61,7 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
 
 def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
     """Draws the frames that the options ask for, and says what came of it."""
-    from ..farm import draw_frames
+    from ...farm import draw_frames
 
     found = draw_frames(
         scene,

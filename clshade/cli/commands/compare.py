@@ -10,7 +10,7 @@ from . import DONE, FAILED
 from .arguments import check_picture, output_name
 
 if TYPE_CHECKING:
-    from ..images.compare import Comparison
+    from ...images.compare import Comparison
 
 
 def _threshold(text: str) -> float:
@@ -52,9 +52,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..base import atomic_files, console
-    from ..images import compare
-    from ..images.image_file import read_picture
+    from ...base import atomic_files, console
+    from ...images import compare
+    from ...images.image_file import read_picture
 
     if arguments.output:
         check_picture(arguments.output, (arguments.image, arguments.reference))
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.warning(f"not compared: {'; '.join(found.lacking())}")
     _print(found, arguments)
     if arguments.output:
-        from ..images import compare_figure, figures
+        from ...images import compare_figure, figures
 
         layers = compare.chosen_layers(image, reference, arguments.layer)
         different_first = sorted(layers, key=lambda name: not found.layers[name].different)
@@ -82,8 +82,8 @@ def _print(found: Comparison, arguments: argparse.Namespace) -> None:
 
         print(json.dumps({"image": arguments.image, "reference": arguments.reference, **found.stats()}, indent=2))
         return
-    from ..base import console
-    from ..images.metrics import has_flip, has_ssim
+    from ...base import console
+    from ...images.metrics import has_flip, has_ssim
 
     print("\n".join(found.lines()))
     packages = ("SSIM", has_ssim(), "scikit-image"), ("FLIP", has_flip(), "flip-evaluator")

@@ -6,10 +6,10 @@ import argparse
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from ..base import console, text_tables
-from ..base.atomic_files import folder_made, shown
-from ..errors import ClshadeError
-from ..measure.defaults import PIXELS
+from ...base import console, text_tables
+from ...base.atomic_files import folder_made, shown
+from ...errors import ClshadeError
+from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
 from .scene_options import (
@@ -24,7 +24,7 @@ from .scene_options import (
 from .scene_outputs import output_stems
 
 if TYPE_CHECKING:
-    from ..pipeline.frame import Frame
+    from ...pipeline.frame import Frame
 
 
 def _checked(text: str) -> int | str:
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thread) -> int:
     """Several scenes; one that is refused is told in a line, and the others are rendered all the same."""
-    from ..pipeline.opencl.device import shared_device
+    from ...pipeline.opencl.device import shared_device
 
     shared_device(arguments.device, profiling=True)  # without a device none would be rendered: one line says so
     worst, all_stats = DONE, []
@@ -116,17 +116,17 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     """One scene, from its file to its images: the exit code, and all figures."""
     options = _render_options(arguments)
     scene = load_scene(arguments, name)
-    from ..pipeline import renderer
+    from ...pipeline import renderer
 
     found: dict[str, Any] = {}
     if arguments.budget is not None or arguments.tolerance is not None:
-        from ..measure.report.auto_settings import select
+        from ...measure.report.auto_settings import select
 
         found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": found["chosen"].settings}
     frame = renderer.render(scene, **options)
     if arguments.check is not None:
-        from ..measure.check.check import check
+        from ...measure.check.check import check
 
         check(frame, arguments.check)
     warming.join()
@@ -135,7 +135,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
-        from ..measure.report.feature_savings import explain
+        from ...measure.report.feature_savings import explain
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
@@ -166,14 +166,14 @@ def _print_json(stats: Any, arguments: argparse.Namespace) -> None:
 
 def _import_meanwhile(checked: bool) -> None:
     if checked:
-        from ..measure.check import check  # noqa: F401
+        from ...measure.check import check  # noqa: F401
     import OpenEXR  # noqa: F401
     import PIL.Image  # noqa: F401
 
 
 def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuses before the rendering what could not be saved after it."""
-    from ..pipeline.frame import check_output
+    from ...pipeline.frame import check_output
 
     saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
     check_output(output, asked=("render", "--output"), **saving)
@@ -181,7 +181,7 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
 
 def summary(frame: Frame, output: str) -> str:
     """What was drawn, on what, how long each stage took, and the files: a few lines."""
-    from ..pipeline.frame import output_paths
+    from ...pipeline.frame import output_paths
 
     stats = frame.stats
     times = dict(stats["times_ms"])

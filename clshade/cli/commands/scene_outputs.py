@@ -6,8 +6,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..base.atomic_files import shown
-from ..errors import InputError
+from ...base.atomic_files import shown
+from ...errors import InputError
 
 ALONE, FOLDER = "out", "."  # -o unless it is given, for one scene and for several
 
@@ -19,7 +19,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
     Raises InputError where two scenes would have the same file, by names that differ in case alone too: some file
     systems do not tell these apart.
     """
-    from ..pipeline.frame import output_paths
+    from ...pipeline.frame import output_paths
 
     if len(scenes) == 1 and not (given or "").endswith(("/", os.sep)):
         return None, [given or ALONE]
@@ -39,7 +39,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
 
 def _named_after(scene: str) -> str:
     """The image's name: `a` of a.obj; `a.jpg.exr` of a.jpg.obj, for a.jpg would ask for another format."""
-    from ..pipeline.frame import OTHER_FORMATS
+    from ...pipeline.frame import OTHER_FORMATS
 
     name = Path(scene).stem
     return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name

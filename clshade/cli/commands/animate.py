@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..errors import InputError
+from ...errors import InputError
 from .farm_options import draw, output_options, worker_options
 from .scene_options import camera_options, load_scene, scene_options, setting_options
 
@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..farm import parse_frames, read_cameras
+    from ...farm import parse_frames, read_cameras
 
     frames = None if arguments.frames is None else parse_frames(arguments.frames)
     scene = load_scene(arguments)

@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from ..base import console
-from ..base.spelling import hint, nearest
+from ...base import console
+from ...base.spelling import hint, nearest
 from . import REFUSED
 from .arguments import real, whole
 
@@ -69,7 +69,7 @@ class Parser(argparse.ArgumentParser):
 
     def _command_hint(self, name: str, commands: Sequence[str]) -> str:
         """What was meant by a command that is none: another, a file, or the value of an option that came too early."""
-        from ..scene.builtin.scenes import BUILTINS
+        from ...scene.builtin.scenes import BUILTINS
 
         before = self._given[: self._given.index(name)] if name in self._given else []
         early = next(
@@ -105,7 +105,7 @@ class Parser(argparse.ArgumentParser):
 
     def _scene(self, name: str) -> str:
         """A scene that comes after options; not one of several values of an option, with blanks between them."""
-        from ..scene.builtin.scenes import BUILTINS
+        from ...scene.builtin.scenes import BUILTINS
 
         if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
             near = hint(name, BUILTINS) or ": values of one option have commas between them, and no blanks"

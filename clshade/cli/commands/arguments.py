@@ -10,9 +10,9 @@ import stat
 from collections.abc import Sequence
 from typing import Any
 
-from ..base.spelling import hint
-from ..errors import InputError
-from ..measure.defaults import PIXELS
+from ...base.spelling import hint
+from ...errors import InputError
+from ...measure.defaults import PIXELS
 
 
 def whole(text: str) -> int:
@@ -126,7 +126,7 @@ def output_name(text: str) -> str:
 def check_picture(output: str, inputs: Sequence[str]) -> None:
     """Refuses, before anything is read, a picture that cannot be written, that is not called .png, or that would take the
     place of one of the files it is made from."""
-    from ..base import atomic_files
+    from ...base import atomic_files
 
     if not output.lower().endswith(".png"):
         raise InputError(f"--output: expected a file name that ends in .png, found {atomic_files.shown(output)}")

@@ -10,12 +10,12 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..base.spelling import hint
-from ..errors import InputError
+from ...base.spelling import hint
+from ...errors import InputError
 from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
-    from ..scene.model import Scene
+    from ...scene.model import Scene
 
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.scene.formats.load.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
@@ -86,7 +86,7 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def setting_options(parser: argparse.ArgumentParser) -> None:
-    from ..scene import model
+    from ...scene import model
 
     group = parser.add_argument_group("settings (default: those of the preset)")
     group.add_argument("--preset", choices=model.PRESETS, help="course for course files, else standard")
@@ -126,8 +126,8 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
 
 def picture_options(group: argparse._ArgumentGroup) -> None:
     """How images are written: the keywords of `Frame.save`."""
-    from ..images.exr import COMPRESSIONS
-    from ..images.tonemap import OPERATORS
+    from ...images.exr import COMPRESSIONS
+    from ...images.tonemap import OPERATORS
 
     group.add_argument(
         "--tonemap",
@@ -153,7 +153,7 @@ def chosen_saving(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The fields of Settings that were given."""
-    from ..scene.model import Settings
+    from ...scene.model import Settings
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     return {name: value for name, value in given.items() if value is not None}
@@ -161,9 +161,9 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     """The scene of the command line, or the one of this name: a file, or a built-in one where no such file exists."""
-    from ..base import console
-    from ..scene import adjust_camera
-    from ..scene.builtin import scenes
+    from ...base import console
+    from ...scene import adjust_camera
+    from ...scene.builtin import scenes
 
     start = time.perf_counter()
     name = arguments.scene if name is None else name
@@ -174,7 +174,7 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
             raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
         scene = scenes.builtin(name)
     else:
-        from ..scene.formats import load
+        from ...scene.formats import load
 
         if not Path(name).suffix and not os.path.exists(name):
             near = hint(name, scenes.BUILTINS)

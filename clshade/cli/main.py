@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, TextIO
 
-from .base import console, interrupts
-from .base.interrupts import INTERRUPTED
+from ..base import console, interrupts
+from ..base.interrupts import INTERRUPTED
+from ..errors import ClshadeError
 from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
 from .commands.parser import Parser
-from .errors import ClshadeError
 
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
@@ -34,7 +34,7 @@ COMMANDS = {
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these arguments: only the command that they name has its options."""
-    from . import __version__
+    from .. import __version__
 
     parser = Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
     parser.add_argument("-V", "--version", action="version", version=f"clshade {__version__}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..errors import InputError
-from ..measure.defaults import BENCH_FRAMES, CREW_FRAMES
+from ...errors import InputError
+from ...measure.defaults import BENCH_FRAMES, CREW_FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, numbers, output_name
 
@@ -37,8 +37,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..measure.bench import bench
-    from ..measure.bench.peers import DEFAULT
+    from ...measure.bench import bench
+    from ...measure.bench.peers import DEFAULT
 
     if arguments.list:
         print(bench.listing())
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_crews(arguments: argparse.Namespace) -> int:
-    from ..measure.bench import workers
+    from ...measure.bench import workers
 
     if arguments.workloads or arguments.scaling or arguments.peers:
         raise InputError(

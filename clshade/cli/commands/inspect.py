@@ -9,7 +9,7 @@ from . import DONE
 from .arguments import check_picture, numbers, output_name
 
 if TYPE_CHECKING:
-    from ..images.image_file import Picture
+    from ...images.image_file import Picture
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,9 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..base import atomic_files, console
-    from ..images import statistics
-    from ..images.image_file import read_picture
+    from ...base import atomic_files, console
+    from ...images import statistics
+    from ...images.image_file import read_picture
 
     if arguments.output:
         check_picture(arguments.output, (arguments.file,))
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         if pixels:
             print(pixels)
     if arguments.output:
-        from ..images import figures, statistics_figure
+        from ...images import figures, statistics_figure
 
         figures.save(statistics_figure.draw(picture, atomic_files.shown(arguments.file)), arguments.output)
         console.progress(f"wrote {atomic_files.shown(arguments.output)}")
@@ -65,8 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _print_json(arguments: argparse.Namespace, picture: Picture) -> None:
     import json
 
-    from ..base.json_values import plain
-    from ..images import statistics
+    from ...base.json_values import plain
+    from ...images import statistics
 
     pixels = statistics.pixel_stats(picture, arguments.pixel)
     found = statistics.image_statistics(picture).stats()

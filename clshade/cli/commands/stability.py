@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ..measure.stability import stability
+    from ...measure.stability import stability
 
     if arguments.list:
         print(stability.listing())
