@@ -7,28 +7,30 @@ from __future__ import annotations
 
 import sys
 
+from .base import display
+
 TYPE_CHECKING = False  # `typing` takes longer to import than all else that happens here
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Camera": "scene.camera",
-    "PointLight": "scene.model",
-    "Material": "scene.model",
-    "Texture": "scene.model",
-    "Mesh": "scene.model",
-    "Scene": "scene.model",
-    "Settings": "scene.model",
-    "load": "scene.formats.load",
-    "builtin": "scene.builtin.scenes",
-    "render": "pipeline.renderer",
-    "Renderer": "pipeline.renderer",
-    "Frame": "pipeline.frame",
-    "check": "measure.check.check",
-    "course": "",  # a module of this name
-    "errors": "",
-    "exr": "",
-    "farm": "",
+    "Camera": "clshade.scene.camera",
+    "PointLight": "clshade.scene.model",
+    "Material": "clshade.scene.model",
+    "Texture": "clshade.scene.model",
+    "Mesh": "clshade.scene.model",
+    "Scene": "clshade.scene.model",
+    "Settings": "clshade.scene.model",
+    "load": "clshade.scene.formats.load",
+    "builtin": "clshade.scene.builtin.scenes",
+    "render": "clshade.pipeline.renderer",
+    "Renderer": "clshade.pipeline.renderer",
+    "Frame": "clshade.pipeline.frame",
+    "check": "clshade.measure.check.check",
+    "course": "clshade.course",  # a module itself
+    "errors": "clshade.errors",
+    "exr": "clshade.exr",
+    "farm": "clshade.farm",
 }
 
 __all__ = [*_HOMES, "__version__"]
@@ -61,15 +63,20 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'clshade' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     import importlib
 
-    home = _HOMES[name]
-    value = (
-        getattr(importlib.import_module(f".{home}", __name__), name)
-        if home
-        else importlib.import_module(f".{name}", __name__)
-    )
+    module = importlib.import_module(_HOMES[name])
+    value = module if module.__name__ == f"clshade.{name}" else getattr(module, name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _notebook() -> Any:
+    from .view import notebook
+
+    return notebook
+
+
+display.install(_notebook)

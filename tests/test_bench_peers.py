@@ -11,7 +11,7 @@ from speeds import SMALL, made_up
 
 from clshade.errors import InputError
 from clshade.measure.bench import bench, tables, workloads
-from clshade.measure.bench.peers import MissingPeer, agreement, gl, open_peer, write
+from clshade.measure.bench.peers import MissingPeer, agreement, background_fill, open_peer, opengl
 from clshade.measure.bench.peers.agreement import TEXTURED, TOLERANCE
 from clshade.measure.bench.peers.arrays import mesh_arrays
 from clshade.measure.bench.workloads import Workload, thing
@@ -63,7 +63,7 @@ def test_the_scanline_loop_draws_the_preset_course(opened):
 
 def test_writing_writes_the_background():
     scene = workloads.empty(8)
-    assert (write.Write(scene).draw(scene.camera) == [*scene.background, 0.0]).all()
+    assert (background_fill.Write(scene).draw(scene.camera) == [*scene.background, 0.0]).all()
 
 
 def test_corners_with_indices_of_their_own():
@@ -125,8 +125,8 @@ def test_a_peer_that_cannot_draw_this_size_is_missing(monkeypatch):
     def refuse(context, scene):
         raise moderngl.Error("the framebuffer is\nnot complete")
 
-    monkeypatch.setattr(gl, "_context", lambda name: Context)
-    monkeypatch.setattr(gl, "OpenGL", refuse)
+    monkeypatch.setattr(opengl, "_context", lambda name: Context)
+    monkeypatch.setattr(opengl, "OpenGL", refuse)
     with pytest.raises(MissingPeer, match=r"^llvmpipe: the framebuffer is not complete$"):
         open_peer("llvmpipe", SMALL["object"]())
     assert released == [True]

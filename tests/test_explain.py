@@ -14,7 +14,7 @@ from test_cli import run
 from clshade.cli import commands
 from clshade.measure import timing
 from clshade.measure.report import feature_savings
-from clshade.pipeline import packing, programs
+from clshade.pipeline import gather, programs
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
@@ -142,7 +142,7 @@ def test_every_feature_can_be_needed(device):
 def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     """What is not white, forced upon white triangles, shows: which is how the tests above can fail."""
     lean = draw(device, plain_scene(), shader="nolight")
-    monkeypatch.setattr(packing, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
+    monkeypatch.setattr(gather, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
     grey = draw(device, plain_scene(), shader="nolight", forced={"TEXTURED"})
     covered = lean.alpha > 0
     assert (lean.rgb[covered] == 1.0).all()

@@ -13,7 +13,7 @@ from clshade.errors import InputError
 from clshade.measure.fuzz import file_mutations, fuzz
 from clshade.measure.fuzz.random_scenes import BLOCK, KINDS, kind_of, scene_of
 from clshade.measure.fuzz.seed_files import samples
-from clshade.pipeline import packing, programs
+from clshade.pipeline import programs, scene_buffers
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
@@ -130,7 +130,7 @@ def test_a_block_shares_its_program():
     masks, bright = 0, set()
     for block in range(24):
         drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
-        packed = [packing.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
+        packed = [scene_buffers.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
         masks += len({each.features.values for each in packed})
         bright |= {dict(each.features.values)["BRIGHT"] for each in packed}
     assert masks < 1.3 * 24
@@ -262,7 +262,7 @@ def test_normals_beyond_the_vertices():
     second = Mesh(corners - [1.0, 1, 0], [[0, 1, 2]], normals=np.array([[0.0, 1, 1], [0, 0, 1], [1, 0, 1]]))
     camera, light = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7)), PointLight((0.0, 1, 2))
     scene = Scene((first, second), camera, (light,))
-    packed = packing.pack(scene, Settings())
+    packed = scene_buffers.pack(scene, Settings())
     assert packed.normals.shape == (6, 4)
     assert packed.normals[3:, :3] == pytest.approx(second.normals / np.linalg.norm(second.normals, axis=1)[:, None])
 

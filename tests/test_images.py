@@ -13,7 +13,8 @@ from PIL import Image
 from scene_files import png16
 
 from clshade.errors import InputError
-from clshade.images.decode import as_texture, read_image, srgb_to_linear
+from clshade.images.decode import read_image, srgb_to_linear
+from clshade.scene.formats.texture import as_texture
 
 RNG = np.random.default_rng(3)
 PIXELS = RNG.integers(0, 256, (5, 7, 4), dtype=np.uint8)

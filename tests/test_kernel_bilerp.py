@@ -13,8 +13,8 @@ from devices import needs_float64
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
 from clshade.pipeline.launches import Buffer, Stages
-from clshade.pipeline.packing import texture_tables
 from clshade.pipeline.programs import build
+from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.model import Texture
 from kernels import OTHER_LANES, Probe, bits, float32, mask, split
 

@@ -12,7 +12,7 @@ import pytest
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
 from clshade.pipeline.mipmaps import BAND, levels_below, smaller_levels
-from clshade.pipeline.packing import texture_tables
+from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.model import Texture
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows

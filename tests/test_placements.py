@@ -9,7 +9,7 @@ import clshade
 from clshade.oracle import transform
 from clshade.oracle.normals import placed_normals
 from clshade.oracle.vectors import unit
-from clshade.pipeline import packing
+from clshade.pipeline import gather
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene
@@ -26,11 +26,11 @@ def test_mirroring_is_decided_exactly():
             matrix[:3, 2] = matrix[:3, :2] @ rng.normal(size=2)
         matrix[:3, :3] *= 10.0 ** rng.uniform(-120, 100)
         signs.append(transform.mirrors(matrix))
-        assert packing.mirrors(matrix) == signs[-1]
+        assert gather.mirrors(matrix) == signs[-1]
         other = matrix[:, [1, 0, 2, 3]]
         if number % 3 == 2:
             assert signs[-1] == (np.linalg.det(matrix[:3, :3] / np.abs(matrix[:3, :3]).max()) < 0)
-            assert transform.mirrors(other) == packing.mirrors(other) == (not signs[-1])
+            assert transform.mirrors(other) == gather.mirrors(other) == (not signs[-1])
     assert 50 < sum(signs) < 250
 
 
@@ -51,7 +51,7 @@ def test_mirroring_is_decided_exactly():
 def test_whether_a_placement_mirrors(rows, mirrored):
     matrix = np.eye(4)
     matrix[:3, :3] = rows
-    assert packing.mirrors(matrix) is mirrored
+    assert gather.mirrors(matrix) is mirrored
     assert transform.mirrors(matrix) is mirrored
 
 
@@ -65,7 +65,7 @@ def test_placed_normals_of_any_length(size):
     for scale in (1e-160, 1.0, 1e160):
         placed = matrix * [[scale] * 3 + [1]]
         mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[placed])
-        assert np.allclose(packing._own_normals(mesh, placed), expected, rtol=1e-9, atol=1e-12)
+        assert np.allclose(gather._own_normals(mesh, placed), expected, rtol=1e-9, atol=1e-12)
         assert np.allclose(placed_normals(normals, placed), expected, rtol=1e-9, atol=1e-12)
 
 
@@ -78,7 +78,7 @@ def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
         placement[:3, :3] = rng.normal(size=(3, 3))
         placement[:3, 2] = placement[:3, :2] @ rng.normal(size=2)
         placement[:3, 3] = 3 * (k % 4) - 4.5, 3 * (k // 4) - 3, 0
-    assert 2 < sum(map(packing.mirrors, placements)) < 10
+    assert 2 < sum(map(gather.mirrors, placements)) < 10
     verts, directions = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), rng.normal(size=(4, 3))
     material = Material(ka=0.1, kd=0.5, ks=0.5, n=5.0, two_sided=True)
     mesh = Mesh(verts, [[0, 1, 2], [0, 2, 3]], normals=directions, instances=placements, material=material)

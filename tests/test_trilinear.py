@@ -19,8 +19,8 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.mipmaps import smaller_levels
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.packing import texture_tables
 from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.camera import Camera
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Settings, Texture
 from kernels import OTHER_LANES, Probe

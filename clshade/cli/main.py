@@ -30,6 +30,18 @@ COMMANDS = {
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
 }
+_MODULES = {
+    "render": "clshade.cli.commands.render",
+    "turntable": "clshade.cli.commands.turntable",
+    "animate": "clshade.cli.commands.animate",
+    "devices": "clshade.cli.commands.devices",
+    "report": "clshade.cli.commands.report",
+    "bench": "clshade.cli.commands.bench",
+    "stability": "clshade.cli.commands.stability",
+    "fuzz": "clshade.cli.commands.fuzz",
+    "inspect": "clshade.cli.commands.inspect",
+    "compare": "clshade.cli.commands.compare",
+}
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -45,7 +57,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about)
         if name == named:
-            module = import_module(f".commands.{name}", __package__)
+            module = import_module(_MODULES[name])
             module.add_options(command)
             _general_options(command)
             command.set_defaults(run=module.run, parser=command)

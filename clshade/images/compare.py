@@ -14,9 +14,9 @@ from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
 from ..base.validation import Array
-from ..scene.model import LAYER_WORDS
 from .channels import Group, grouped
 from .image_file import Picture, named_pixel
+from .layer_words import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels that are compared at a time

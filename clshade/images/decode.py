@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import sys
 import warnings
@@ -15,11 +14,10 @@ from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, read_file, reason_of
 from ..base.validation import Array
 from ..errors import InputError
-from ..scene.model import Texture
 from . import pnm, tiff
 
 MAX_BYTES = 1 << 29  # of an image file
-MAX_SIDE = 32768  # pixels; scene.Texture takes no more
+MAX_SIDE = 32768  # pixels
 MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
@@ -213,12 +211,3 @@ def _eight_bits(image: Any, owner: str) -> Array:
         raise complaint(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
     pixels = np.asarray(image)
     return pixels[:, :, None] if pixels.ndim == 2 else pixels
-
-
-def as_texture(source: Any, *, srgb: bool, lookup: str = "standard") -> Texture:
-    """A Texture from an image file's path, an array (see scene.Texture: taken as linear) or a Texture (as it is)."""
-    if isinstance(source, Texture):
-        return source
-    if isinstance(source, (str, os.PathLike)):
-        return Texture(read_image(source, srgb=srgb), lookup=lookup, name=os.path.basename(os.fspath(source)))
-    return Texture(source, lookup=lookup)

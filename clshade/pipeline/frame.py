@@ -7,19 +7,17 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from ..base import display
 from ..base.spelling import hint
 from ..base.validation import Array, choice, flag, known, refuse
 from ..base.validation import path as checked_path
-from ..scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings
+from ..scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings, default_tonemap
+from .image_check import Check
 from .layer_buffers import material_numbers
-
-if TYPE_CHECKING:
-    from ..measure.check.check import Check
-
 
 OTHER_FORMATS = (
     *(".jpg", ".jpeg", ".jp2", ".jxl", ".webp", ".avif", ".heic", ".gif", ".bmp", ".tif", ".tiff", ".tga", ".ico"),
@@ -166,25 +164,19 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the tone-mapped image, large ones reduced."""
-        from ..view.notebook import encoded
-
-        return encoded(self.to_png8())
+        return display.notebook().encoded(self.to_png8())
 
     def show(self, tonemap: str | None = None, exposure: float = 0.0) -> None:
         """Shows the image: in a notebook below the cell, elsewhere in the desktop's image viewer.
 
         tonemap, exposure: see `save`. Raises OutputError where no program shows images.
         """
-        from ..view.notebook import show_frame
-
-        show_frame(self, tonemap, exposure)
+        display.notebook().show_frame(self, tonemap, exposure)
 
     def plot_layers(self) -> Any:
         """A matplotlib figure of the image, its coverage and all layers, each as what it holds: ids in colors of their own,
         normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
-        from ..view.notebook import plot_layers
-
-        return plot_layers(self)
+        return display.notebook().plot_layers(self)
 
     def save(self, path: str | Path, **options: Any) -> list[str]:
         """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
@@ -273,11 +265,6 @@ def check_output(
     choice("exr", "compression", compression, exr.COMPRESSIONS)
     for file in output_paths(path, asked):
         atomic_files.check(file)
-
-
-def default_tonemap(scene: Scene) -> str:
-    """`none` for course scenes, `srgb` otherwise."""
-    return "none" if scene.preset == "course" else "srgb"
 
 
 def same_bits(a: Frame, b: Frame) -> bool:

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyopencl as cl
@@ -326,6 +326,20 @@ class VertexBuffers:
     def __init__(self, device: Device, count: int, structs: struct_layout.Structs = struct_layout.SINGLE) -> None:
         self.projected = Buffer.empty(device, count, structs.Vertex)
         self.relative = Buffer.empty(device, (count, 4), structs.real)
+
+
+class Attributes(NamedTuple):
+    """Device tables of corners, faces and materials, in the order of kernels/surface.clh; None where nothing reads them."""
+
+    normals: Buffer | None
+    normal_faces: Buffer | None
+    colors: Buffer | None
+    uvs: Buffer | None
+    uv_faces: Buffer | None
+    face_materials: Buffer | None
+    materials: Buffer
+    textures: Buffer | None
+    texels: Buffer | None
 
 
 class TriangleBuffers:

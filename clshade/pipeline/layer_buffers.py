@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..base.validation import Array
 from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, uses_normal_indices
-
-if TYPE_CHECKING:
-    from .packing import Gatherer
+from .gather import Gatherer
 
 # The layers of kernels/surface_layers.cl -> the macro that says whether each is asked for.
 MACROS = {
@@ -28,7 +26,7 @@ MACROS = {
 class LayerTables(NamedTuple):
     """Arrays that layers alone read; None where no layer does, or where the light's own array serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in packing.Packed, with their indices. mirrored:
+    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
     (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32.
     """
 

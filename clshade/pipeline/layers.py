@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..base.validation import Array
 from ..scene.camera import Camera
 from .buffer_pool import Pool
-from .launches import Buffer, Stages
+from .launches import Attributes, Buffer, Stages
 from .layer_buffers import MACROS, LayerTables
-
-if TYPE_CHECKING:
-    from .renderer import Attributes
 
 _BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.geometry import camera_axes
 from ..scene.model import Scene, Settings
-from . import packing, programs, sample_pattern, struct_layout
+from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back
 from .features import ignored
 from .frame import Frame
-from .launches import Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
+from .launches import Attributes, Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
 from .layers import Layers
 from .opencl.device import Device, shared_device
 from .tile_lists import TileLists
@@ -41,20 +41,6 @@ _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_proce
 def _clock() -> float:
     """Seconds that this thread has run, without those in which it waited for a compiler."""
     return time.perf_counter() - programs.waited()
-
-
-class Attributes(NamedTuple):
-    """Device tables of corners, faces and materials, in the order of kernels/surface.clh; None where nothing reads them."""
-
-    normals: Buffer | None
-    normal_faces: Buffer | None
-    colors: Buffer | None
-    uvs: Buffer | None
-    uv_faces: Buffer | None
-    face_materials: Buffer | None
-    materials: Buffer
-    textures: Buffer | None
-    texels: Buffer | None
 
 
 def settle(
@@ -106,7 +92,7 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = settle(scene, preset, settings, **fields)
-        packed = packing.pack(self.scene, self.settings, forced=forced)
+        packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         self.features = packed.features
         packed_at = _clock()
 
@@ -132,7 +118,7 @@ class Renderer:
 
     # Upload
 
-    def _upload(self, packed: packing.Packed) -> None:
+    def _upload(self, packed: scene_buffers.Packed) -> None:
         device = self.device
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
         self._low, self._high = packed.low.tolist(), packed.high.tolist()
@@ -178,13 +164,13 @@ class Renderer:
         self._light_count = len(lights)
         intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
         self._light_unit = packed.light_unit
-        self._light_intensities = packing.to_real(intensities / self._light_unit, self._structs.real)
+        self._light_intensities = shading_tables.to_real(intensities / self._light_unit, self._structs.real)
         self._pieces = Buffer.empty(device, 0, self._structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
 
-    def _corner_colors(self, packed: packing.Packed) -> Array:
+    def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """(3F, 4) colors of texture_at vertex: the texel at each corner, times the vertex color."""
         colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
         rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
@@ -206,7 +192,7 @@ class Renderer:
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         self._near = self.settings.near or 1e-4 * (self._radius or math.dist(camera.eye, camera.lookat))
         # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
-        self._scale = packing.scale_for(min(extent, 2.0**40 * self._near))
+        self._scale = shading_tables.scale_for(min(extent, 2.0**40 * self._near))
         self._axes = camera_axes(camera)
         with self._view.writing() as table:
             view = table[0]
@@ -219,7 +205,7 @@ class Renderer:
 
     def _set_lights(self, camera: Camera) -> None:
         if self._light_count:
-            relative = packing.relative_lights(self._light_positions, camera.eye, self._scale)
+            relative = shading_tables.relative_lights(self._light_positions, camera.eye, self._scale)
             with self._lights.writing() as table:
                 table["position"], table["intensity"] = relative, self._light_intensities
 
@@ -238,8 +224,8 @@ class Renderer:
             image["unlit"] = self.settings.shader == "nolight"
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
-                image["background"] = packing.to_real(self.scene.background, self._structs.real)
-            image["unscale"] = packing.to_real(np.float64(1.0) / self._scale, self._structs.real)
+                image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
+            image["unscale"] = shading_tables.to_real(np.float64(1.0) / self._scale, self._structs.real)
             image["light_unit"] = self._light_unit
             image["to_eye"] = -self._axes[2]
 

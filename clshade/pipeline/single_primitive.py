@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.validation import Array
 from ..scene.model import Material, Texture
-from . import packing, struct_layout
+from . import shading_tables, struct_layout
 from .depth_sort import front_to_back
 from .features import Features, derive_alone
 from .launches import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
@@ -52,18 +52,18 @@ class _Lit:
     def __init__(self, device: Device, around: Surroundings, colors: Array) -> None:
         shining = around.intensities.any(axis=1)
         self.count = int(shining.sum())
-        self.unit = packing.light_unit(
+        self.unit = shading_tables.light_unit(
             [around.material], around.intensities, np.zeros(3), float(colors.max(initial=0.0))
         )
-        scale = packing.scale_for(reach(around))
+        scale = shading_tables.scale_for(reach(around))
         self.relative = np.zeros((1, 4), np.float32)
-        self.relative[0, :3] = packing.to_real((around.point - around.eye) * scale)
+        self.relative[0, :3] = shading_tables.to_real((around.point - around.eye) * scale)
         lights = np.zeros(max(self.count, 1), struct_layout.SINGLE.Light)
         if self.count:
-            lights["position"] = packing.relative_lights(around.positions[shining], around.eye, scale)
-            lights["intensity"] = packing.to_real(around.intensities[shining] / self.unit)
+            lights["position"] = shading_tables.relative_lights(around.positions[shining], around.eye, scale)
+            lights["intensity"] = shading_tables.to_real(around.intensities[shining] / self.unit)
         self.lights = Buffer(device, lights)
-        self.materials = Buffer(device, packing.material_table([around.material], [], _ONES))
+        self.materials = Buffer(device, shading_tables.material_table([around.material], [], _ONES))
 
 
 def _features(shader: str, around: Surroundings, bright: bool = False) -> Features:
@@ -78,7 +78,7 @@ def _light_stages(device: Device, features: Features) -> Stages:
 
 def _four(device: Device, vectors: Array) -> Buffer:
     wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = packing.to_real(vectors)
+    wide[:, :3] = shading_tables.to_real(vectors)
     return Buffer(device, wide)
 
 
@@ -111,14 +111,14 @@ class Lookup:
     def __init__(self, device: Device, texture: Texture) -> None:
         self._device = device
         self._stages = lookup_stages(device, _features("nolight", NOWHERE))
-        table, texels = packing.texture_tables([texture])
+        table, texels = shading_tables.texture_tables([texture])
         self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
 
     def __call__(self, uvs: Array) -> Array:
         """The colors (K, 3), float64, at texture coordinates (K, 2)."""
         device, count = self._device, len(uvs)
         colors = Buffer.empty(device, (count, 4), np.float32)
-        inputs = Buffer(device, packing.split(uvs)), Buffer(device, np.zeros(count, np.int32))
+        inputs = Buffer(device, shading_tables.split(uvs)), Buffer(device, np.zeros(count, np.int32))
         self._stages.bilerp(*inputs, self._textures, self._texels, colors, count)
         return colors.to_host()[:, :3].astype(np.float64)
 

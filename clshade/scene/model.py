@@ -7,11 +7,11 @@ Arrays are copied only when their type or layout has to change, and are then rea
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from ..base import display
 from ..base.validation import (
     Array,
     choice,
@@ -29,6 +29,7 @@ from ..base.validation import (
     text,
     vector,
 )
+from ..images.layer_words import LAYER_WORDS
 from .camera import Camera
 
 MAX_SAMPLES = 64  # a pixel
@@ -51,16 +52,6 @@ NONFINITE = ("refuse", "drop")
 PRESETS = ("course", "standard")
 
 # What layers are called elsewhere, in small letters.
-LAYER_WORDS = {
-    **dict.fromkeys(("depth", "depths", "distance", "zbuffer", "z_buffer"), "Z"),
-    **dict.fromkeys(("normal", "normals", "nrm"), "N"),
-    **dict.fromkeys(("position", "positions", "pos", "points", "world_position"), "P"),
-    **dict.fromkeys(("ids", "face", "faces", "face_id", "triangle_id", "index"), "id"),
-    **dict.fromkeys(("object", "objects", "mesh", "mesh_id", "segmentation"), "object_id"),
-    **dict.fromkeys(("material", "materials"), "material_id"),
-    **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
-    **dict.fromkeys(("uvs", "st", "texcoord", "texcoords", "texture_coordinates"), "uv"),
-}
 LAYER_REMARKS = dict.fromkeys(
     ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
     "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
@@ -323,9 +314,8 @@ class Scene:
         return f"<Scene {self.name or 'unnamed'}: {what}>"
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """For notebooks: a line of text, and the scene drawn small. What draws is named, not imported: a scene knows
-        nothing of it until it is shown."""
-        return import_module("clshade.view.notebook").scene_bundle(self)
+        """For notebooks: a line of text, and the scene drawn small."""
+        return display.notebook().scene_bundle(self)
 
 
 @dataclass(frozen=True)
@@ -414,3 +404,8 @@ class Settings:
             }
         known("Settings", fields, cls.__dataclass_fields__)
         return cls(**{**values, **fields})
+
+
+def default_tonemap(scene: Scene) -> str:
+    """`none` for course scenes, `srgb` otherwise."""
+    return "none" if scene.preset == "course" else "srgb"

@@ -5,17 +5,15 @@ from __future__ import annotations
 import io
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..base.validation import Array
 from ..errors import OutputError
 from ..images import png
-from ..scene.model import Scene
-
-if TYPE_CHECKING:
-    from ..pipeline.frame import Frame
+from ..pipeline.frame import Frame
+from ..scene.model import Scene, default_tonemap
 
 FRAME_SIDE = 1024  # pixels of a frame's longer side in a notebook, at most: the file holds every picture that it shows
 SCENE_SIDE = 256  # of a scene, which is drawn to be shown
@@ -72,7 +70,6 @@ def plot_layers(frame: Frame) -> Any:
     from ..images.exr import flatten
     from ..images.layer_plots import plot_thumbnails
     from ..images.thumbnails import Thumbnail, thinned, thumbnails
-    from ..pipeline.frame import default_tonemap
 
     pictures = thumbnails(flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")

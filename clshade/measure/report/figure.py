@@ -10,7 +10,7 @@ import numpy as np
 from ...base.validation import Array
 from ...images import figures
 from ...images.tonemap import tonemap
-from ...pipeline.frame import default_tonemap
+from ...scene.model import default_tonemap
 from .labels import label_points
 from .study import SHOWN, Study
 

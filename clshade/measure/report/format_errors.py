@@ -17,7 +17,8 @@ from ...errors import OutputError
 from ...images import exr, png
 from ...images.metrics import rmse
 from ...images.tonemap import radiance
-from ...pipeline.frame import Frame, default_tonemap
+from ...pipeline.frame import Frame
+from ...scene.model import default_tonemap
 from ..timing import Spread, in_turns, spread
 
 ROUNDS = 7  # files of each format

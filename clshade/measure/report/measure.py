@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 from ...images.metrics import ImageError, image_error
 from ...pipeline.frame import Frame
+from ...pipeline.image_check import Check
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
-from ..check.check import Check, check
+from ..check.check import check
 from ..timing import Spread, in_turns, spread
 from .reference_image import Reference
 from .variants import Variant

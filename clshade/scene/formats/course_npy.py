@@ -12,12 +12,12 @@ import numpy as np
 from ...base.atomic_files import Path, shown, write_bytes
 from ...base.input_files import complaint, read_file
 from ...base.validation import Array, coefficient, number, refuse
-from ...images.decode import as_texture
 from ..camera import Camera
 from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
 from . import safe_pickle
 from .inert_pickle import paused_collection
+from .texture import as_texture
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # each takes longer to make than the few bytes that it may take in a file to read

@@ -17,7 +17,6 @@ from ...base.input_files import complaint, quoted, size_of
 from ...base.validation import flag, integer, refuse
 from ...base.validation import path as checked_path
 from ...errors import InputError
-from ...images.decode import as_texture
 from ..camera import MAX_RESOLUTION
 from ..model import Scene
 from .course_npy import read_course, save_course
@@ -26,6 +25,7 @@ from .obj import DEFAULT_MATERIAL, read_obj
 from .options import Options
 from .ply import read_ply
 from .stl import read_stl
+from .texture import as_texture
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 

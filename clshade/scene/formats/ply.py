@@ -17,13 +17,14 @@ import numpy as np
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, complaint, quoted, read_file
 from ...base.validation import Array
-from ...images.decode import as_texture, srgb_to_linear
+from ...images.decode import srgb_to_linear
 from .. import framing, geometry
 from ..model import MAX_FACES, Material, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
 from .options import Options, told
 from .ply_parser import Element, read_ply_rows
+from .texture import as_texture
 
 MAX_BYTES = 1 << 31
 _INDICES = ("vertex_indices", "vertex_index")

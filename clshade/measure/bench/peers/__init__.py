@@ -8,49 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Protocol
 
-from ....base.validation import Array
-from ....errors import ClshadeError
-from ....scene.camera import Camera
 from ....scene.model import Scene
+from .peer import MissingPeer, Peer
+
+__all__ = ["DEFAULT", "PEERS", "YARDSTICKS", "MissingPeer", "Peer", "open_peer"]
 
 
-class MissingPeer(ClshadeError):
-    """A peer is not installed, or does not work here; the message says what to install."""
-
-
-class Peer(Protocol):
-    """title: what draws, with its version. scene: that it draws, whose preset clshade uses for the comparison too.
-
-    once: it takes so long that one frame has to do, without turns.
-    """
-
-    title: str
-    scene: Scene
-    once: bool
-
-    def draw(self, camera: Camera) -> Array:
-        """(M, N, 3 or more) linear RGB, row 0 at the top; the next frame overwrites it."""
-
-    def close(self) -> None:
-        """Gives back what it holds."""
-
-
-# name -> module here, and what it draws with
+# name -> its module, and what it draws with
 PEERS = {
-    "llvmpipe": ("gl", "Mesa's software rasterizer, by OpenGL"),
-    "opengl": ("gl", "whatever OpenGL the machine has"),
-    "numpy": ("vectorized", "whole arrays in NumPy"),
-    "scanline": ("plain", "loops over triangles, scanlines and pixels in Python"),
-    "write": ("write", "the image's background written by NumPy"),
+    "llvmpipe": ("clshade.measure.bench.peers.opengl", "Mesa's software rasterizer, by OpenGL"),
+    "opengl": ("clshade.measure.bench.peers.opengl", "whatever OpenGL the machine has"),
+    "numpy": ("clshade.measure.bench.peers.numpy_arrays", "whole arrays in NumPy"),
+    "scanline": ("clshade.measure.bench.peers.python_loop", "loops over triangles, scanlines and pixels in Python"),
+    "write": ("clshade.measure.bench.peers.background_fill", "the image's background written by NumPy"),
 }
 DEFAULT = ("llvmpipe", "numpy", "scanline")
-YARDSTICKS = ("write",)  # drawn with whatever others
+YARDSTICKS = ("clshade.measure.bench.peers.background_fill",)  # drawn with whatever others
 
 
 def open_peer(name: str, scene: Scene) -> Peer:
     """The peer, ready to draw the scene. Raises MissingPeer where it cannot be had."""
-    module, _ = PEERS[name]
-    opener: Callable[[str, Scene], Peer] = import_module(f".{module}", __name__).open_for
+    opener: Callable[[str, Scene], Peer] = import_module(PEERS[name][0]).open_for
     return opener(name, scene)

@@ -13,7 +13,7 @@ from .... import oracle
 from ....base.validation import Array
 from ....images import exr
 from ....oracle import OracleFrame, shade
-from ....pipeline import packing
+from ....pipeline import shading_tables
 from ....pipeline.features import CHOICES, OPTIONAL, Features
 from ....pipeline.frame import Frame
 from ....pipeline.launches import Buffer, Stages
@@ -139,7 +139,7 @@ def _features(names: set[str]) -> Features:
 
 def _four(vectors: Array) -> Array:
     wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = packing.to_real(vectors)
+    wide[:, :3] = shading_tables.to_real(vectors)
     return wide
 
 

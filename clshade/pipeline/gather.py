@@ -1,66 +1,21 @@
-"""A scene's meshes as the flat arrays that the kernels read: world positions, indices, normals, colors, texels."""
+"""A scene's meshes as flat arrays of vertices and faces: world positions, indices, normals, colors, texture coordinates."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Collection
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from ..base.validation import Array
 from ..scene.geometry import vertex_normals
-from ..scene.model import Material, Mesh, Scene, Settings, Texture
-from . import struct_layout
-from .features import Features, derive, material_key, materials_of, replaces_colors, tests_alpha, texture_applies
-from .layer_buffers import LayerTables, layer_tables
-from .mipmaps import levels_below
+from ..scene.model import Mesh, Scene, Texture
+from .features import material_key, materials_of, replaces_colors, texture_applies
+from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import Structs
 
-Real = type[np.floating]
-
-_WRAPS = {
-    "repeat": struct_layout.CONSTANTS["WRAP_REPEAT"],
-    "clamp": struct_layout.CONSTANTS["WRAP_CLAMP"],
-    "mirror": struct_layout.CONSTANTS["WRAP_MIRROR"],
-}
 WHITE = Texture(np.ones((1, 1, 3)))  # a color times its texel is the color, bit for bit
-_LOOKUPS = {"standard": struct_layout.CONSTANTS["LOOKUP_STANDARD"], "course": struct_layout.CONSTANTS["LOOKUP_COURSE"]}
-
-
-@dataclass(frozen=True)
-class Packed:
-    """What stays on the device between frames. Arrays that the features leave out are None.
-
-    A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
-    int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
-    reals, u and v and what rounding leaves of them. face_materials: (F,) int32. materials, textures: tables of layout's
-    structs. texels: (X, 4) float32.
-    corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
-    low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
-    in it too. layers: what layers read besides.
-    """
-
-    features: Features
-    positions: Array
-    faces: Array
-    low: Array
-    high: Array
-    normals: Array | None
-    normal_faces: Array | None
-    colors: Array | None
-    uvs: Array | None
-    uv_faces: Array | None
-    face_materials: Array | None
-    materials: Array
-    textures: Array | None
-    texels: Array | None
-    corner_uvs: Array | None
-    corner_textures: Array | None
-    light_unit: float
-    layers: LayerTables
 
 
 def _fits_float32(values: Array) -> bool:
@@ -128,98 +83,13 @@ def _four(vectors: Array, real: Real) -> Array:
     return wide
 
 
-def split(values: Array, real: Real = np.float32) -> Array:
-    """(K, 2) float64 -> (K, 4) reals: rounded, and what that leaves. Values that are not finite become 0."""
-    values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
-    # Whole numbers beyond 2^24 have no texel of their own left; keep the arithmetic finite.
-    values = np.clip(values, -(2.0**40), 2.0**40)
-    rounded = values.astype(real)
-    return np.concatenate([rounded, (values - rounded).astype(real)], axis=1)
-
-
-def _join(parts: list[Array], dtype: type | None = None) -> Array:
-    joined = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    return np.ascontiguousarray(joined, dtype=dtype or joined.dtype)
-
-
 def _shifted(parts: list[tuple[Array, int]]) -> Array:
     """Index arrays of the parts, each moved by the number of rows before it."""
     moved, offset = [], 0
     for index, count in parts:
         moved.append(index + np.int32(offset) if offset else index)
         offset += count
-    return _join(moved, np.int32)
-
-
-def material_table(
-    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = struct_layout.SINGLE
-) -> Array:
-    """Rows of structs.Material. Coefficients beyond a real saturate."""
-    table = np.zeros(len(materials), structs.Material)
-    for row, material in zip(table, materials, strict=True):
-        for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
-            row[name] = to_real(value, structs.real)
-        row["n"] = material.n
-        row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
-        row["texture"] = next((i for i, t in enumerate(textures) if t is material.texture), -1)
-        row["alpha_texture"] = row["texture"] if tests_alpha(material) else -1
-        row["alpha_cutoff"] = material.alpha_cutoff if tests_alpha(material) else 0.0
-    return table
-
-
-def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array, brightest: float) -> float:
-    """The power of two that light is counted in so that no sum of it overflows float32: 1 for all but extreme scenes.
-
-    intensities: (L, 3). ambient: (3,). brightest: the largest component of a surface's color.
-    """
-    reflected = max((float((np.abs(m.kd) + np.abs(m.ks)).max()) for m in materials), default=0.0)
-    scattered = max((float(np.abs(m.ka * ambient).max()) for m in materials), default=0.0)
-    with np.errstate(over="ignore"):
-        most = (float(np.abs(intensities).sum(axis=0).max(initial=0.0)) * reflected + scattered) * max(brightest, 1.0)
-    return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
-
-
-def to_real(values: Array, real: Real = np.float32) -> Array:
-    """Rounded to a real; beyond its range the largest finite value, below its normal range 0."""
-    info = np.finfo(real)
-    values = np.clip(np.asarray(values, np.float64), float(info.min), float(info.max))
-    return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(real)
-
-
-def scale_for(extent: float) -> float:
-    """The power of two that brings lengths of up to `extent` to about 1: it changes no bit of a direction, and keeps
-    squares within float32."""
-    return 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
-
-
-def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
-    """Light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59 along an
-    axis) only the direction is kept."""
-    half = positions * 0.5 - eye * 0.5  # halves cannot overflow
-    exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
-    return np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
-
-
-def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
-    """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32; with `mipmaps` the
-    smaller levels of each follow it, opaque ones."""
-    table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
-    offset, parts = 0, []
-    for row, texture in zip(table, textures, strict=True):
-        height, width, _ = texture.image.shape
-        row["width"], row["height"] = width, height
-        row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
-        levels = [texture.image]
-        if mipmaps and texture.lookup == "standard":
-            levels += levels_below(texture)
-        row["levels"] = len(levels)
-        for number, level in enumerate(levels):
-            row["offset"][number] = offset
-            texels = np.ones((level.shape[0] * level.shape[1], 4), np.float32)
-            texels[:, : level.shape[2]] = level.reshape(len(texels), -1)
-            parts.append(texels)
-            offset += len(texels)
-    return table, _join(parts)
+    return joined(moved, np.int32)
 
 
 def _without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
@@ -261,8 +131,8 @@ class Gatherer:
         points = [_placed(verts, matrix) for _, matrix, verts, _, _ in self.placed]
         faces = [(faces, len(verts)) for _, _, verts, faces, _ in self.placed]
         if all(map(_fits_float32, points)):
-            return _join(points, np.float32), _shifted(faces)
-        return _join(points, np.float64), _shifted(faces)
+            return joined(points, np.float32), _shifted(faces)
+        return joined(points, np.float64), _shifted(faces)
 
     def normals(self, indexed: bool) -> tuple[Array, Array | None]:
         parts, index = [], []
@@ -275,7 +145,7 @@ class Gatherer:
                 own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
             parts.append(_four(own, self._structs.real))
             index.append((own_faces, len(own)))
-        return _join(parts), _shifted(index) if indexed else None
+        return joined(parts), _shifted(index) if indexed else None
 
     def colors(self) -> Array:
         parts = []
@@ -283,7 +153,7 @@ class Gatherer:
             white = mesh.colors is None or replaces_colors(mesh)
             own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
             parts.append(_four(to_real(own * mesh.material.color, self._structs.real), self._structs.real))
-        return _join(parts)
+        return joined(parts)
 
     def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
         """untextured: those of meshes without a texture too; the others' are 0."""
@@ -297,7 +167,7 @@ class Gatherer:
                 own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
             parts.append(split(own, self._structs.real))
             index.append((own_faces, len(own)))
-        return _join(parts), _shifted(index) if indexed else None
+        return joined(parts), _shifted(index) if indexed else None
 
     def mirrored(self) -> list[int]:
         """Of each placed mesh, whether its placement mirrors."""
@@ -336,37 +206,3 @@ class Gatherer:
     def face_textures(self) -> Array:
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
         return self.per_face([numbers[id(m.material.texture)] if texture_applies(m) else -1 for m, *_ in self.placed])
-
-
-def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
-    """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
-    structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
-    gatherer = Gatherer(scene, structs, forced)
-    positions, faces = gatherer.positions()
-    features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)
-    positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
-    low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
-    found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
-    if len(faces):
-        if features["DIFFUSE"] or features["SPECULAR"]:
-            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
-        if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
-            found["colors"] = gatherer.colors()
-        if features["TEXTURED"] or features["CORNER_COLORS"] or features["ALPHA_TEST"]:
-            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
-            if gatherer.textures:
-                found["textures"], found["texels"] = texture_tables(
-                    gatherer.textures, mipmaps=settings.texture_filter == "trilinear"
-                )
-        if features["CORNER_COLORS"]:
-            index = found["uv_faces"] if found["uv_faces"] is not None else faces
-            found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])
-            found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
-        if features["MATERIALS"] or features["SIDES"]:
-            found["face_materials"] = gatherer.face_materials()
-    unit = gatherer.light_unit()
-    materials = gatherer.material_table(unit if features["TINTED"] else 1.0, bool(features["CORNER_COLORS"]))
-    found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
-    found.update(layers=layer_tables(gatherer, settings, features))
-    found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
-    return Packed(**found)

@@ -15,8 +15,8 @@ import numpy as np
 from ....base.validation import Array
 from ....scene.camera import Camera
 from ....scene.model import Scene
-from . import MissingPeer
 from .arrays import depths, mesh_arrays, view_axes
+from .peer import MissingPeer
 
 SOFTWARE = "LIBGL_ALWAYS_SOFTWARE"
 DEBIAN = "apt install libegl1 libgl1-mesa-dri"

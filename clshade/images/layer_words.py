@@ -1,0 +1,14 @@
+"""Other words for layers, by which a misspelt or foreign name is answered with the one that is meant."""
+
+from __future__ import annotations
+
+LAYER_WORDS = {
+    **dict.fromkeys(("depth", "depths", "distance", "zbuffer", "z_buffer"), "Z"),
+    **dict.fromkeys(("normal", "normals", "nrm"), "N"),
+    **dict.fromkeys(("position", "positions", "pos", "points", "world_position"), "P"),
+    **dict.fromkeys(("ids", "face", "faces", "face_id", "triangle_id", "index"), "id"),
+    **dict.fromkeys(("object", "objects", "mesh", "mesh_id", "segmentation"), "object_id"),
+    **dict.fromkeys(("material", "materials"), "material_id"),
+    **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
+    **dict.fromkeys(("uvs", "st", "texcoord", "texcoords", "texture_coordinates"), "uv"),
+}

@@ -1,0 +1,84 @@
+"""All that a scene's frames read on the device, as NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base.validation import Array
+from ..scene.model import Scene, Settings
+from . import struct_layout
+from .features import Features, derive
+from .gather import Gatherer
+from .layer_buffers import LayerTables, layer_tables
+from .shading_tables import texture_tables
+
+
+@dataclass(frozen=True)
+class Packed:
+    """What stays on the device between frames. Arrays that the features leave out are None.
+
+    A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
+    int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
+    reals, u and v and what rounding leaves of them. face_materials: (F,) int32. materials, textures: tables of layout's
+    structs. texels: (X, 4) float32.
+    corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
+    low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
+    in it too. layers: what layers read besides.
+    """
+
+    features: Features
+    positions: Array
+    faces: Array
+    low: Array
+    high: Array
+    normals: Array | None
+    normal_faces: Array | None
+    colors: Array | None
+    uvs: Array | None
+    uv_faces: Array | None
+    face_materials: Array | None
+    materials: Array
+    textures: Array | None
+    texels: Array | None
+    corner_uvs: Array | None
+    corner_textures: Array | None
+    light_unit: float
+    layers: LayerTables
+
+
+def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
+    """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
+    structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
+    gatherer = Gatherer(scene, structs, forced)
+    positions, faces = gatherer.positions()
+    features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)
+    positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
+    low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
+    found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
+    if len(faces):
+        if features["DIFFUSE"] or features["SPECULAR"]:
+            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+        if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
+            found["colors"] = gatherer.colors()
+        if features["TEXTURED"] or features["CORNER_COLORS"] or features["ALPHA_TEST"]:
+            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
+            if gatherer.textures:
+                found["textures"], found["texels"] = texture_tables(
+                    gatherer.textures, mipmaps=settings.texture_filter == "trilinear"
+                )
+        if features["CORNER_COLORS"]:
+            index = found["uv_faces"] if found["uv_faces"] is not None else faces
+            found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])
+            found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
+        if features["MATERIALS"] or features["SIDES"]:
+            found["face_materials"] = gatherer.face_materials()
+    unit = gatherer.light_unit()
+    materials = gatherer.material_table(unit if features["TINTED"] else 1.0, bool(features["CORNER_COLORS"]))
+    found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
+    found.update(layers=layer_tables(gatherer, settings, features))
+    found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
+    return Packed(**found)

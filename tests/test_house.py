@@ -1,0 +1,334 @@
+"""The rooms of the package: every import of every module, of whatever kind, runs down one chain, and none in a circle."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "clshade"
+TOP = {"pyproject.toml", "README.md", "clshade", "kernels", "demos", "tests"}
+
+# room -> what it may import of clshade, besides itself and clshade.errors
+CHAIN = {
+    "base": "",
+    "images": "base",
+    "scene": "base images",
+    "oracle": "base.validation scene.model scene.camera scene.geometry",
+    "pipeline": "base images scene",
+    "course": "base images scene pipeline",
+    "farm": "base images scene pipeline",
+    "view": "base images scene pipeline farm",
+    "measure": "base images scene oracle pipeline course",
+    "measure.bench": "farm",  # it measures workers
+    "cli": "root base images scene oracle pipeline course farm view measure",
+}
+AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import all, but errors, which imports nothing
+MOST_ROOMS, MOST_FILES = 10, 6
+OPENCL = {"programs", "launches", "renderer", "opencl.device", "opencl.probe", "opencl.environment"}  # of pipeline
+
+Modules = dict[str, str]  # dotted name below clshade, "" of itself -> source
+
+
+def module_name(path: Path) -> str:
+    """`oracle.shade` of clshade/oracle/shade.py, `oracle` of its package; "" of clshade itself."""
+    parts = list(path.relative_to(PACKAGE).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+PATHS = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+SOURCES: Modules = {name: path.read_text() for name, path in PATHS.items()}
+PACKAGES = {name for name, path in PATHS.items() if path.name == "__init__.py"}
+
+
+class ComputedImport(Exception):
+    """An import whose module only shows when it runs."""
+
+
+def literal_tables(tree: ast.Module) -> dict[str, list[str]]:
+    """The strings in the values of each dict that is assigned at the top of a module, by the dict's name."""
+    found = {}
+    for node in tree.body:
+        target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+        if isinstance(target, ast.Name) and isinstance(getattr(node, "value", None), ast.Dict):
+            inner = [part for value in node.value.values for part in ast.walk(value)]
+            found[target.id] = [p.value for p in inner if isinstance(p, ast.Constant) and isinstance(p.value, str)]
+    return found
+
+
+def by_name(tree: ast.Module) -> set[str]:
+    """Modules that are imported by their names in strings: a literal, or any of a table of literals.
+
+    Raises ComputedImport for a name that is put together, relative, or run as source."""
+    tables, found = literal_tables(tree), set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if called in ("__import__", "spec_from_file_location", "run_module", "run_path") and "clshade" not in "".join(
+            part.value for part in ast.walk(node) if isinstance(part, ast.Constant) and isinstance(part.value, str)
+        ):
+            raise ComputedImport(ast.unparse(node))
+        if isinstance(node.func, ast.Name) and called in ("exec", "eval"):
+            raise ComputedImport(ast.unparse(node))
+        if called not in ("import_module", "__import__"):
+            continue
+        named = node.args[0]
+        flat = named
+        while isinstance(flat, ast.Subscript) and isinstance(flat.value, ast.Subscript):
+            flat = flat.value
+        if isinstance(named, ast.Constant) and not named.value.startswith("."):
+            found.add(named.value)
+        elif isinstance(flat, ast.Subscript) and isinstance(flat.value, ast.Name) and flat.value.id in tables:
+            found |= {text for text in tables[flat.value.id] if re.fullmatch(r"clshade(\.\w+)*", text)}
+        else:
+            raise ComputedImport(ast.unparse(node))
+    return found
+
+
+@cache
+def imports(module: str, source: str) -> frozenset[str]:
+    """All that a module imports at its top, in functions, for type checkers alone and by names in strings: own modules
+    as `.name` ("." of clshade itself), others by their top-level name."""
+    tree = ast.parse(source)
+    full = by_name(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            full |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = ["clshade", *(module.split(".") if module else [])]
+                above = node.level - (1 if module in PACKAGES or module == "" else 0)
+                base = ".".join([*parts[: len(parts) - above], *([base] if base else [])])
+            inner = {f"{base}.{alias.name}" for alias in node.names}
+            known = {name for name in inner if name.removeprefix("clshade.") in SOURCES and name.startswith("clshade.")}
+            full |= known | ({base} if inner - known else set())
+    own = {name for name in full if name.split(".")[0] == "clshade"}
+    others = {name.split(".")[0] for name in full - own} - {"__future__"}
+    return frozenset({f".{name[8:]}" for name in own} | others)
+
+
+def room_of(module: str) -> str:
+    return module.split(".")[0] if module.split(".")[0] in CHAIN else "root"
+
+
+def allowed(module: str) -> list[str]:
+    """What a module may import of clshade: rooms and modules."""
+    room = room_of(module)
+    parts = module.split(".")
+    inner = [".".join(parts[:k]) for k in range(1, len(parts) + 1)]
+    return ["errors", room, *" ".join(CHAIN.get(name, "") for name in inner).split()]
+
+
+def is_allowed(module: str, imported: str) -> bool:
+    if room_of(module) == "root":
+        return module != "errors"
+    if room_of(imported) == "root" and imported != "errors":
+        return "root" in allowed(module)
+    return any(imported == name or imported.startswith(f"{name}.") for name in allowed(module))
+
+
+def upwards(modules: Modules) -> list[str]:
+    """The imports that the chain forbids."""
+    found = []
+    for module, source in modules.items():
+        for name in sorted(imports(module, source)):
+            if name.startswith(".") and not is_allowed(module, name[1:]):
+                found.append(f"{module or 'clshade'} -> {name}")
+    return found
+
+
+def circles(modules: Modules) -> list[set[str]]:
+    """Groups of modules each of which reaches all others of its group (Tarjan's strongly connected components)."""
+    edges = {m: {n[1:] for n in imports(m, s) if n.startswith(".") and n[1:] in modules} for m, s in modules.items()}
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    found = []
+
+    def visit(module: str) -> None:
+        number[module] = lowest[module] = len(number)
+        stack.append(module)
+        for other in sorted(edges[module]):
+            if other not in number:
+                visit(other)
+            if other in stack:
+                lowest[module] = min(lowest[module], lowest[other])
+        if lowest[module] == number[module]:
+            group = set()
+            while module not in group:
+                group.add(stack.pop())
+            if len(group) > 1 or module in edges[module]:
+                found.append(group)
+
+    for module in modules:
+        if module not in number:
+            visit(module)
+    return found
+
+
+def test_every_import_runs_down_the_chain():
+    assert upwards(SOURCES) == []
+
+
+def test_no_imports_run_in_a_circle():
+    assert circles(SOURCES) == []
+
+
+# Each kind of import, planted into a copy of the sources: a test that sees none of them could not fail.
+KINDS = {
+    "at the top": "from ..{room} import {leaf}\n",
+    "absolute": "import clshade.{room}.{leaf}\n",
+    "absolute from": "from clshade.{room} import {leaf} as other\n",
+    "of one name": "from ..{room}.{leaf} import anything\n",
+    "in a function": "def f():\n    from ..{room} import {leaf}\n",
+    "in a method": "class C:\n    async def f(self):\n        if self:\n            import clshade.{room}.{leaf} as other\n",
+    "for type checkers": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..{room} import {leaf}\n",
+    "by its name": "import importlib\ndef f():\n    importlib.import_module('clshade.{room}.{leaf}')\n",
+    "by its name in a table": (
+        "from importlib import import_module\nT = {{'x': ('clshade.{room}.{leaf}', 1)}}\n"
+        "def f(k):\n    return import_module(T[k][0])\n"
+    ),
+    "by __import__": "x = __import__('clshade.{room}.{leaf}')\n",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("module", "room", "leaf"),
+    [
+        ("base.validation", "scene", "model"),
+        ("images.png", "scene", "camera"),
+        ("scene.model", "view", "notebook"),
+        ("oracle.shade", "pipeline", "features"),
+        ("oracle.shade", "scene", "framing"),
+        ("pipeline.frame", "measure.check", "check"),
+        ("measure.check.check", "farm", "frames"),
+        ("farm.frames", "cli", "main"),
+    ],
+)
+def test_a_planted_import_is_seen(module, room, leaf, kind):
+    planted = KINDS[kind].format(room=room, leaf=leaf)
+    planted = planted.replace("from ..", "from " + "." * (module.count(".") + 1))
+    found = upwards({**SOURCES, module: f"{SOURCES[module]}\n{planted}"})
+    assert found == [f"{module} -> .{room}.{leaf}"]
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        "import_module(f'clshade.{x}')",
+        "import_module('.showing', __package__)",
+        "importlib.import_module(name)",
+        "import_module('clshade.' + name)",
+        "__import__(name)",
+        "exec('import ' + 'clshade.cli')",
+        "eval(text)",
+    ],
+)
+def test_a_computed_import_is_refused(planted):
+    with pytest.raises(ComputedImport):
+        upwards({**SOURCES, "base.validation": planted})
+
+
+def test_planted_circles_are_seen():
+    camera = SOURCES["scene.camera"] + "\ndef f():\n    from . import model\n"
+    assert circles({**SOURCES, "scene.camera": camera}) == [{"scene.camera", "scene.model"}]
+    (group,) = circles({**SOURCES, "base.validation": "from ..cli import main\n"})
+    assert {"base.validation", "cli.main", "pipeline.renderer"} <= group
+
+
+def test_what_the_chain_allows():
+    assert is_allowed("measure.bench.workers", "farm.frames")
+    assert is_allowed("cli.main", "")
+    assert is_allowed("oracle.frame", "oracle.shade")
+    assert not is_allowed("oracle.frame", "base.console")
+    assert not is_allowed("scene.model", "")
+    assert not is_allowed("errors", "base")
+
+
+# Rooms and files
+
+
+def test_rooms_are_few_and_each_has_a_sentence():
+    rooms = {name for name in PACKAGES if name and "." not in name}
+    assert rooms == {name for name in CHAIN if "." not in name}
+    assert len(rooms) <= MOST_ROOMS
+    files = [path for path in PACKAGE.iterdir() if path.is_file()]
+    assert {path.stem for path in files if path.suffix == ".py"} == AT_THE_ROOT
+    assert len(files) <= MOST_FILES
+    for name in PACKAGES:
+        assert ast.get_docstring(ast.parse(SOURCES[name])), name
+
+
+def test_every_module_lies_in_a_package_that_is_installed():
+    folders = {".".join(path.relative_to(ROOT).parent.parts) for path in PATHS.values()}
+    (block,) = re.findall(r"^packages = \[(.*?)\]", (ROOT / "pyproject.toml").read_text(), re.MULTILINE | re.DOTALL)
+    listed = set(re.findall(r'"([\w.]+)"', block))
+    assert listed == folders | {"clshade.kernels"}
+    assert folders == {f"clshade.{name}".rstrip(".") for name in PACKAGES}
+
+
+def test_the_top_level_is_as_small_as_it_can_be():
+    ignored = {"build", "dist"}
+    found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
+    assert {name for name in found - ignored if not name.endswith(".egg-info")} <= TOP
+
+
+# What other packages may be imported where
+
+
+def test_the_oracle_imports_only_numpy_and_the_standard_library():
+    others = {name for module in SOURCES if room_of(module) == "oracle" for name in imports(module, SOURCES[module])}
+    standard = {"collections", "dataclasses", "functools", "math", "typing", "weakref"}
+    assert {name for name in others if not name.startswith(".")} <= {"numpy", *standard}
+
+
+@pytest.mark.parametrize("module", [name for name in PATHS if name.split(".")[0] == "oracle"])
+def test_the_oracle_never_reads_the_kernels(module):
+    tree = ast.parse(SOURCES[module])
+    calls = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    assert not calls & {"open", "__import__", "exec", "eval", "compile"}
+    strings = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    with_docs = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docs = {ast.get_docstring(node, clean=False) for node in ast.walk(tree) if isinstance(node, with_docs)}
+    assert not [s for s in strings if s not in docs and re.search(r"kernels?\b|\.clh?\b", s)]
+
+
+def test_pyopencl_is_imported_by_few_modules_only():
+    users = {module for module, source in SOURCES.items() if "pyopencl" in imports(module, source)}
+    assert users <= {f"pipeline.{name}" for name in OPENCL}
+    assert users
+
+
+def test_every_command_is_a_module_of_its_own():
+    from clshade.cli import main
+
+    assert {name: f"clshade.cli.commands.{name}" for name in main.COMMANDS} == main._MODULES
+    commands = {name for name in SOURCES if name.startswith("cli.commands.")}
+    shared = {
+        f"cli.commands.{name}" for name in ("arguments", "parser", "farm_options", "scene_options", "scene_outputs")
+    }
+    assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared
+    for name in main.COMMANDS:
+        module = f"cli.commands.{name}"
+        assert not imports(module, SOURCES[module]) & {f".cli.commands.{other}" for other in main.COMMANDS}
+
+
+def test_only_main_imports_the_command_line():
+    users = {name for name, source in SOURCES.items() if ".cli.main" in imports(name, source)}
+    assert users == {"__main__"}
+
+
+def test_no_module_has_the_name_of_a_public_function():
+    """`import clshade.load` would otherwise put the module in the function's place."""
+    import clshade
+
+    functions = {name for name, home in clshade._HOMES.items() if home != f"clshade.{name}"}
+    assert not functions & {name.split(".")[0] for name in PATHS}
+    assert {"load", "render", "builtin"} <= functions
