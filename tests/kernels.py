@@ -10,11 +10,13 @@ import pytest
 
 from clshade.oracle import transform
 from clshade.pipeline import struct_layout
+from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
 from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
-from clshade.pipeline.launches import Buffer, Stages, TriangleBuffers, VertexBuffers
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
+from clshade.pipeline.surface_inputs import SurfaceInputs
 from clshade.scene.camera import Camera
 
 LANES = (1, 4, 8, 16)
@@ -222,17 +224,22 @@ class Pipeline:
         self.stages.bin_fill(self.order, self.made, self.image, counts, self.lists, chunk, self.visible)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
-    def surface(self, **arrays: Array) -> tuple:
-        """The arguments SURFACE_PARAMETERS (kernels/surface.clh): arrays by name, the stages' own buffers added.
+    def surface(self, **arrays: Array) -> SurfaceInputs:
+        """The arrays by name, and the stages' own buffers.
 
         The tuple must live until the kernel is done: its buffers are the arrays themselves.
         """
-        names = ("normals", "normal_faces", "colors", "uvs", "uv_faces", "face_materials")
-        names += ("materials", "textures", "texels", "lights")
-        assert set(arrays) <= {*names}, set(arrays) - {*names}
-        given = [Buffer(self.device, arrays[name]) if name in arrays else None for name in names]
-        own = (self.made.triangles, None, self.faces, self.vertices.relative, self.vertices.projected)
-        return (*own, *given, self.image)
+        given = {name: Buffer(self.device, array) for name, array in arrays.items()}
+        return SurfaceInputs(
+            triangles=self.made.triangles,
+            faces=self.faces,
+            relative=self.vertices.relative,
+            vertices=self.vertices.projected,
+            materials=given.pop("materials", None),
+            lights=given.pop("lights", None),
+            image=self.image,
+            **given,
+        )
 
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
         """Runs the pixel stage: (M, N, 4) rgba and, with OWNERS, (M, N) triangles, both with row 0 at the TOP."""

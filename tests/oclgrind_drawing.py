@@ -18,7 +18,7 @@ from clshade import course, oracle
 from clshade.measure.check import oracle_bounds
 from clshade.measure.check.layer_bounds import assert_layers
 from clshade.measure.stability.cases import lit
-from clshade.pipeline import launches, programs, tile_lists
+from clshade.pipeline import buffers, launches, programs, tile_lists
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -73,8 +73,8 @@ def prepare() -> None:
 
     cl.Buffer = kept  # type: ignore[assignment, misc]
     # Oclgrind takes the host's memory for uninitialized where a buffer works in it: its arrays are copied.
-    launches._coherent = lambda *_: False  # type: ignore[assignment]
-    launches.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
+    buffers._coherent = lambda *_: False  # type: ignore[assignment]
+    buffers.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
     # Lists of so few triangles would be made in one piece.
     tile_lists._LEAST_CHUNK, tile_lists._SCAN_RUN = 8, 2
 

@@ -16,8 +16,9 @@ import clshade
 from clshade import Renderer
 from clshade.base import console
 from clshade.pipeline import programs
+from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
-from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.cache_slots import MARK
 from clshade.pipeline.opencl.device import Device

@@ -29,7 +29,15 @@ CHAIN = {
 }
 AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import all, but errors, which imports nothing
 MOST_ROOMS, MOST_FILES = 10, 6
-OPENCL = {"programs", "launches", "renderer", "opencl.device", "opencl.probe", "opencl.environment"}  # of pipeline
+OPENCL = {
+    "programs",
+    "buffers",
+    "launches",
+    "renderer",
+    "opencl.device",
+    "opencl.probe",
+    "opencl.environment",
+}  # of pipeline
 
 Modules = dict[str, str]  # dotted name below clshade, "" of itself -> source
 

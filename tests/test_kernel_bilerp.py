@@ -12,7 +12,8 @@ from devices import needs_float64
 
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
-from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
 from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.model import Texture

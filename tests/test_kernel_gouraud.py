@@ -8,7 +8,7 @@ import stage_oracle
 from stage_oracle import EXPONENTS, options, patches
 
 from clshade.measure.check import oracle_bounds
-from clshade.pipeline.launches import Buffer
+from clshade.pipeline.buffers import Buffer
 from kernels import OTHER_LANES, Pipeline, bits, four
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")

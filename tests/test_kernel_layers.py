@@ -8,7 +8,8 @@ from stage_oracle import as_kernels_see, owners_of
 
 from clshade.oracle import coverage, shade
 from clshade.pipeline import struct_layout
-from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
 from kernels import OTHER_LANES, bits, image_of, mask
 

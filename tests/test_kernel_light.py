@@ -10,7 +10,8 @@ import pytest
 
 from clshade.measure.check import oracle_bounds
 from clshade.oracle import OracleFrame, shade
-from clshade.pipeline.launches import Buffer, Stages
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
 from kernels import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 

@@ -8,8 +8,8 @@ from stage_oracle import hull, narrowed, seen_from
 
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
+from clshade.pipeline.buffers import Buffer, TriangleBuffers
 from clshade.pipeline.depth_sort import front_to_back
-from clshade.pipeline.launches import Buffer, TriangleBuffers
 from clshade.pipeline.sample_pattern import positions
 from kernels import Pipeline, boxes_of, samples_at, vertices_at
 

@@ -18,7 +18,8 @@ import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffer_pool import Pool
-from clshade.pipeline.launches import Buffer, Stages, _aligned
+from clshade.pipeline.buffers import Buffer, aligned
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
@@ -32,7 +33,7 @@ SCENE = Scene((TRIANGLE,), CAMERA)
 def test_float64_in_a_buffer_is_aligned(device, shape):
     """Kernels read four float64 at once, whatever the array's rows hold; NumPy aligns to 16 bytes."""
     count = int(np.prod(shape))
-    given = _aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
+    given = aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
     given[:] = np.arange(count).reshape(shape)
     assert given.ctypes.data % 64 == 16
     buffer = Buffer(device, given)
@@ -42,7 +43,7 @@ def test_float64_in_a_buffer_is_aligned(device, shape):
 
 def test_memory_that_is_hardly_aligned_is_shared_as_other_is(device):
     """What the host writes the device sees, and the reverse, in arrays at multiples of 16 bytes alone."""
-    given = _aligned((4 + 1000,), np.dtype(np.uint32))[4:]
+    given = aligned((4 + 1000,), np.dtype(np.uint32))[4:]
     given[:] = 5
     buffer = Buffer(device, given)
     with buffer.writing() as rows:

@@ -2,32 +2,62 @@
 
 from __future__ import annotations
 
-import sys
+import weakref
+from collections.abc import Callable
 from typing import Any
 
-from .launches import Buffer
+import numpy as np
+
+from ..base.validation import Array
+from .buffers import Buffer
 from .opencl.device import Device
 
 
+class _Loan:
+    """The base of an array over a buffer's memory, and so of all its views: the memory is on loan while it lives."""
+
+    __slots__ = ("__array_interface__", "__weakref__", "_memory")
+
+    def __init__(self, memory: Array) -> None:
+        self._memory, self.__array_interface__ = memory, memory.__array_interface__
+
+
+class _Lent:
+    """A buffer, and the loan of its memory, if there is one."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self._loan: Callable[[], _Loan | None] = lambda: None
+
+    @property
+    def is_free(self) -> bool:
+        return self._loan() is None
+
+    def lend(self) -> tuple[Buffer, Array]:
+        loan = _Loan(self._buffer.array)
+        self._loan = weakref.ref(loan)
+        return self._buffer, np.asarray(loan)
+
+
 class Pool:
-    """Buffers by shape and type. A buffer is free when nothing outside refers to its array or to a view of it.
+    """Buffers by shape and type.
 
     keep: buffers of one shape and type. shapes: as many are kept, those asked for last.
     """
 
     def __init__(self, device: Device, keep: int = 4, shapes: int = 8) -> None:
         self._device, self._keep, self._shapes = device, keep, shapes
-        self._held: dict[tuple, list[tuple[Buffer, int]]] = {}  # the latest last
+        self._held: dict[tuple[tuple[int, ...], Any], list[_Lent]] = {}  # the latest last
 
-    def take(self, shape: tuple[int, ...], dtype: Any) -> Buffer:
-        """A buffer whose array nobody else holds; the array's content is arbitrary."""
+    def take(self, shape: tuple[int, ...], dtype: Any) -> tuple[Buffer, Array]:
+        """A buffer and an array over its memory, of arbitrary content; while that array or a view of it lives, the buffer
+        is given to nobody else."""
         held = self._held[shape, dtype] = self._held.pop((shape, dtype), [])
         while len(self._held) > self._shapes:
             del self._held[next(iter(self._held))]
-        for buffer, idle_references in held:
-            if sys.getrefcount(buffer.owner) <= idle_references:
-                return buffer
-        buffer = Buffer.empty(self._device, shape, dtype)
-        if len(held) < self._keep:
-            held.append((buffer, sys.getrefcount(buffer.owner)))
-        return buffer
+        lent = next((each for each in held if each.is_free), None)
+        if lent is None:
+            lent = _Lent(Buffer.empty(self._device, shape, dtype))
+            if len(held) < self._keep:
+                held.append(lent)
+        return lent.lend()

@@ -1,121 +1,28 @@
-"""One wrapper per kernel: what it reads and writes, its launch, its event. Buffers shared with the host live here too."""
+"""One wrapper per kernel: what it reads and writes, its launch, its event."""
 
 from __future__ import annotations
 
-import contextlib
-import math
-from collections.abc import Iterator, Sequence
-from functools import cache
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
 
-from ..base.validation import Array
 from ..errors import DeviceError
 from . import host_projection, struct_layout
+from .buffers import Buffer, TriangleBuffers, VertexBuffers
 from .features import Features
 from .opencl.device import Device
 from .programs import Program, build, first_use
+from .surface_inputs import SurfaceInputs
 
 # Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
-_FLAGS = cl.mem_flags
 _WIDE = (1 << 16) - 1  # work-items in a direction from which on PoCL compiles a kernel of its own
-_ALIGNMENT = 64  # bytes: of a vector of 16 float32; kernels read four float64 at once, which NumPy does not align
-
-
 # face_materials and materials, where a material may be drawn from the front only.
-Sides = tuple["Buffer | None", "Buffer | None"]
-
-
-@cache
-def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
-    """Whether a finished queue leaves host memory given to a buffer up to date, both ways, without mapping it.
-
-    OpenCL promises it for mapped memory only; on a CPU it is so where the runtime works in that memory itself. Found
-    out by trying, because each mapping of a small table costs as much as a small kernel: with memory that begins where
-    NumPy's may, at a multiple of 16 bytes and not of more.
-    """
-    array = _aligned((4 + 1024,), np.dtype(np.uint32))[4:]
-    array[:] = 0
-    memory = cl.Buffer(context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=array)
-    cl.enqueue_fill_buffer(queue, memory, np.uint32(7), 0, array.nbytes)
-    queue.finish()
-    written = bool((array == 7).all())
-    array[:] = 9
-    seen = np.zeros_like(array)
-    cl.enqueue_copy(queue, seen, memory)
-    return written and bool((seen == 9).all())
-
-
-def _aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
-    """An array of arbitrary content, its first byte where the widest vectors may begin."""
-    size = math.prod(shape) * dtype.itemsize
-    raw = np.empty(size + _ALIGNMENT, np.uint8)
-    start = -raw.ctypes.data % _ALIGNMENT
-    return raw[start : start + size].view(dtype).reshape(shape)
-
-
-class Buffer:
-    """Device memory that the host reads and writes as a NumPy array.
-
-    On a CPU the kernels work in the array itself (no copy); on other devices `writing` and `to_host` copy.
-    """
-
-    def __init__(self, device: Device, array: Array) -> None:
-        self._queue = device.queue
-        self._shared = device.is_cpu and _coherent(device.context, device.queue)
-        array = np.ascontiguousarray(array)
-        if array.dtype == np.float64 and array.ctypes.data % _ALIGNMENT:
-            array, given = _aligned(array.shape, array.dtype), array
-            array[:] = given
-        self.array = array
-        size = self.array.nbytes
-        if size > device.max_allocation:
-            raise DeviceError(
-                f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}"
-            )
-        try:
-            if size == 0:
-                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
-            else:
-                access = _FLAGS.READ_WRITE if self.array.flags.writeable else _FLAGS.READ_ONLY
-                place = _FLAGS.USE_HOST_PTR if self._shared else _FLAGS.COPY_HOST_PTR
-                self.memory = cl.Buffer(device.context, access | place, hostbuf=self.array)
-        except cl.Error as error:
-            raise DeviceError(f"{device.name}: no memory for {size} bytes: {error}") from error
-
-    @classmethod
-    def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
-        return cls(device, _aligned(shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)))
-
-    @property
-    def owner(self) -> Array:
-        """The array that owns the memory: views of `array` refer to it."""
-        return self.array if self.array.base is None else self.array.base
-
-    @contextlib.contextmanager
-    def writing(self, count: int | None = None) -> Iterator[Array]:
-        """The first `count` rows (all by default), to be written over by the host.
-
-        No kernel enqueued before may still use them; the next one enqueued sees them.
-        """
-        rows = self.array[: len(self.array) if count is None else count]
-        yield rows
-        if rows.nbytes and not self._shared:
-            cl.enqueue_copy(self._queue, self.memory, rows)
-
-    def to_host(self, count: int | None = None) -> Array:
-        """The first `count` rows (all by default), once the kernels enqueued so far are done."""
-        rows = self.array[: len(self.array) if count is None else count]
-        if self._shared:
-            self._queue.finish()
-        elif rows.nbytes:
-            cl.enqueue_copy(self._queue, rows, self.memory)
-        return rows
+Sides = tuple[Buffer | None, Buffer | None]
 
 
 def scene_stages(
@@ -263,7 +170,7 @@ class Stages:
         arguments = (order, made.triangles, image, made.sorted_bounds, cursors, lists, made.counters, chunk, count)
         return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
 
-    def gouraud_corners(self, surface: tuple, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
+    def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)
         return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
 
@@ -273,10 +180,10 @@ class Stages:
         items = struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
-    def phong(self, surface: tuple, tile: tuple, tiles: int) -> cl.Event:
+    def phong(self, surface: SurfaceInputs, tile: tuple, tiles: int) -> cl.Event:
         return self._draw("phong", (*surface, *tile), tiles)
 
-    def gouraud(self, surface: tuple, tile: tuple, corner_light: Buffer | None, tiles: int) -> cl.Event:
+    def gouraud(self, surface: SurfaceInputs, tile: tuple, corner_light: Buffer | None, tiles: int) -> cl.Event:
         return self._draw("gouraud", (*surface, *tile, corner_light), tiles)
 
     def bilerp(
@@ -313,45 +220,8 @@ class Stages:
         return self._per_item("layer_number", count, owners, triangles, numbers, shown)
 
     def surface_layers(
-        self, surface: tuple, owners: Buffer, mirrored: Buffer | None, outputs: tuple, tiles: int
+        self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple, tiles: int
     ) -> cl.Event:
         """outputs: normals, points, albedos, texture coordinates, weights; None where not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
-
-
-class VertexBuffers:
-    """What `project` writes per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
-
-    def __init__(self, device: Device, count: int, structs: struct_layout.Structs = struct_layout.SINGLE) -> None:
-        self.projected = Buffer.empty(device, count, structs.Vertex)
-        self.relative = Buffer.empty(device, (count, 4), structs.real)
-
-
-class Attributes(NamedTuple):
-    """Device tables of corners, faces and materials, in the order of kernels/surface.clh; None where nothing reads them."""
-
-    normals: Buffer | None
-    normal_faces: Buffer | None
-    colors: Buffer | None
-    uvs: Buffer | None
-    uv_faces: Buffer | None
-    face_materials: Buffer | None
-    materials: Buffer
-    textures: Buffer | None
-    texels: Buffer | None
-
-
-class TriangleBuffers:
-    """What `setup` and `setup_pieces` write: triangles and sort keys, room for `faces` and `pieces` of them."""
-
-    def __init__(
-        self, device: Device, faces: int, pieces: int, structs: struct_layout.Structs = struct_layout.SINGLE
-    ) -> None:
-        self.piece_capacity = pieces
-        self.triangles = Buffer.empty(device, faces + pieces, structs.Triangle)
-        self.bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
-        self.sorted_bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
-        self.keys = Buffer.empty(device, faces + pieces, np.uint64)
-        self.to_clip = Buffer.empty(device, faces, np.int32)
-        self.counters = Buffer(device, np.zeros(1, structs.Counters))

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from ..base.validation import Array
-from ..scene.camera import Camera
 from .buffer_pool import Pool
-from .launches import Attributes, Buffer, Stages
+from .buffers import Buffer
+from .camera_space import CameraSpace
+from .launches import Stages
 from .layer_buffers import MACROS, LayerTables
+from .surface_inputs import SurfaceInputs
 
 _BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
@@ -19,17 +21,15 @@ _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # component
 class Layers:
     """Draws the layers that are asked for; what they read besides the image's tables stays on the device.
 
-    names: of the layers, as in Settings. attributes: the image's tables.
+    names: of the layers, as in Settings.
     """
 
-    def __init__(
-        self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables, attributes: Attributes
-    ) -> None:
+    def __init__(self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables) -> None:
         self._stages, self._pool, self._names = stages, pool, names
         arrays = tables._asdict()
         self._own = {name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, Array)}
         shared = ("normals", "normal_faces", "uvs", "uv_faces")
-        self._attributes = attributes._replace(**{name: self._own[name] for name in shared if name in self._own})
+        self._surface = {name: self._own[name] for name in shared if name in self._own}
 
     @property
     def nbytes(self) -> int:
@@ -37,46 +37,36 @@ class Layers:
         return sum(buffer.array.nbytes for buffer in self._own.values())
 
     def draw(
-        self,
-        geometry: tuple,
-        lights: Buffer,
-        image: Buffer,
-        owners: Buffer,
-        tiles: int,
-        camera: Camera,
-        scale: float,
-        events: dict[str, Any],
+        self, surface: SurfaceInputs, owners: Buffer, tiles: int, space: CameraSpace, events: dict[str, Any]
     ) -> dict[str, Array]:
-        """Layers by name, (M, N) or (M, N, K). geometry: the triangles' tables, in the order of kernels/surface.clh."""
-        columns, rows = camera.resolution
-        real, triangles = self._stages.structs.real, geometry[0]
+        """Layers by name, (M, N) or (M, N, K). surface: the image's inputs. owners: (M, N) triangles."""
+        columns, rows = space.camera.resolution
+        real = self._stages.structs.real
         found: dict[str, Buffer] = {}
-        arrays: dict[str, Array] = {}  # views, which keep the pool from giving a buffer away twice
+        arrays: dict[str, Array] = {}
         for name in self._names:
             width = (_WIDTHS[name],) if name in _WIDTHS else ()
             kind = real if name == "Z" or width else np.uint32
-            found[name] = self._pool.take((rows, columns, *width), kind)
-            arrays[name] = found[name].array[:]
+            found[name], arrays[name] = self._pool.take((rows, columns, *width), kind)
         count = rows * columns
         for name, buffer in found.items():
             if name == "Z":
-                events["layer_z"] = self._stages.layer_z(owners, triangles, image, buffer, count)
+                events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, count)
             elif name == "id":
-                events["layer_id"] = self._stages.layer_id(owners, triangles, buffer, count)
+                events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
             elif name not in _WIDTHS:
                 numbers = self._own.get("objects" if name == "object_id" else "materials")
-                events[f"layer_{name}"] = self._stages.layer_number(owners, triangles, numbers, buffer, count)
+                events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)
         if any(name in MACROS for name in found):
-            surface = (*geometry, *self._attributes, lights, image)
+            inputs = surface._replace(**self._surface)
             outputs = tuple(found.get(name) for name in _WIDTHS)
-            events["surface_layers"] = self._stages.surface_layers(
-                surface, owners, self._own.get("mirrored"), outputs, tiles
-            )
+            mirrored = self._own.get("mirrored")
+            events["surface_layers"] = self._stages.surface_layers(inputs, owners, mirrored, outputs, tiles)
         for buffer in found.values():
             buffer.to_host()
         if "P" in arrays:
-            world = self._pool.take((rows, columns, 3), np.float64).array[:] if real != np.float64 else arrays["P"]
-            _put_in_the_world(arrays["P"], owners.to_host(), camera.eye, scale, world)
+            world = arrays["P"] if real == np.float64 else self._pool.take((rows, columns, 3), np.float64)[1]
+            _put_in_the_world(arrays["P"], owners.to_host(), space.camera.eye, space.scale, world)
             arrays["P"] = world
         return arrays
 

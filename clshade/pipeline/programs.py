@@ -22,6 +22,7 @@ from .features import Features
 from .opencl import environment
 from .opencl.device import Device
 from .struct_layout import header
+from .surface_inputs import macros
 
 # Exact division and square root where the device has them optional; contraction is off by a pragma in every source.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
@@ -161,7 +162,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     double = bool(features["DOUBLE"])
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
-    declared = header(double_reals=double, with_double=device.has_fp64)
+    declared = header(double_reals=double, with_double=device.has_fp64) + macros()
     source = f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}"
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 import time
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,19 @@ import numpy as np
 from ..base.validation import Array, known, refuse
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
-from ..scene.geometry import camera_axes
 from ..scene.model import Scene, Settings
 from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
+from .buffers import Buffer, TriangleBuffers, VertexBuffers
+from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back
 from .features import ignored
 from .frame import Frame
-from .launches import Attributes, Buffer, TriangleBuffers, VertexBuffers, lookup_stages, scene_stages
+from .launches import lookup_stages, scene_stages
 from .layers import Layers
 from .opencl.device import Device, shared_device
+from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
@@ -63,6 +64,20 @@ def settle(
     if not isinstance(settings, Settings):
         raise refuse("render", "settings", "a Settings", settings)
     return scene, replace(settings, **fields)
+
+
+@dataclass
+class _Progress:
+    """One frame while it is drawn. events: of its kernels, by name. host_ms: of the stages that the host runs."""
+
+    space: CameraSpace
+    events: dict[str, Any] = field(default_factory=dict)
+    host_ms: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def tiles(self) -> int:
+        columns, rows = self.space.camera.resolution
+        return -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
 
 
 class Renderer:
@@ -119,56 +134,65 @@ class Renderer:
     # Upload
 
     def _upload(self, packed: scene_buffers.Packed) -> None:
-        device = self.device
+        device, structs = self.device, self._structs
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
-        self._low, self._high = packed.low.tolist(), packed.high.tolist()
-        self._radius = math.hypot(*(packed.high / 2.0 - packed.low / 2.0))
-        self._positions = Buffer(device, packed.positions)
-        self._faces = Buffer(device, packed.faces)
+        self._extent = Extent.of(packed.low, packed.high) if self._face_count else None
+        self._positions, self._faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
         # Those of the layers hold the others, and those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:
             uvs, uv_faces = packed.layers.uvs, packed.layers.uv_faces
         self._uvs_host = uvs, packed.faces if uv_faces is None else uv_faces
-        colors = packed.colors
-        if packed.corner_uvs is not None:
-            colors = self._corner_colors(packed)
+        colors = packed.colors if packed.corner_uvs is None else self._corner_colors(packed)
 
         def optional(array: Array | None) -> Buffer | None:
             return None if array is None else Buffer(device, array)
 
         looked_up = self.features["TEXTURED"] or self.features["ALPHA_TEST"]
-        self._attributes = Attributes(
-            normals=optional(packed.normals),
-            normal_faces=optional(packed.normal_faces),
-            colors=optional(colors),
-            uvs=optional(packed.uvs),
-            uv_faces=optional(packed.uv_faces),
-            face_materials=optional(packed.face_materials),
-            materials=Buffer(device, packed.materials),
-            textures=optional(packed.textures if looked_up else None),
-            texels=optional(packed.texels if looked_up else None),
-        )
-        self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers, self._attributes)
-        kept = (self._positions, self._faces, *self._attributes)
+        tables = {
+            "normals": optional(packed.normals),
+            "normal_faces": optional(packed.normal_faces),
+            "colors": optional(colors),
+            "uvs": optional(packed.uvs),
+            "uv_faces": optional(packed.uv_faces),
+            "face_materials": optional(packed.face_materials),
+            "textures": optional(packed.textures if looked_up else None),
+            "texels": optional(packed.texels if looked_up else None),
+        }
+        materials = Buffer(device, packed.materials)
+        self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers)
+        kept = (self._positions, self._faces, materials, *tables.values())
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
-        sides = self._attributes.face_materials, self._attributes.materials
-        self._sides = sides if self.features["SIDES"] else (None, None)
-        self._vertices = VertexBuffers(device, self._vertex_count, self._structs)
-        self._made = TriangleBuffers(device, self._face_count, 0, self._structs)
-        self._view = Buffer(device, np.zeros(1, self._structs.View))
-        self._image = Buffer(device, np.zeros(1, self._structs.Image))
-        lights = [light for light in self.scene.lights if light.intensity.any()]
-        self._lights = Buffer(device, np.zeros(max(len(lights), 1), self._structs.Light))
-        self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
-        self._light_count = len(lights)
-        intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
-        self._light_unit = packed.light_unit
-        self._light_intensities = shading_tables.to_real(intensities / self._light_unit, self._structs.real)
-        self._pieces = Buffer.empty(device, 0, self._structs.Piece)
+        self._sides = (tables["face_materials"], materials) if self.features["SIDES"] else (None, None)
+        self._vertices = VertexBuffers(device, self._vertex_count, structs)
+        self._made = TriangleBuffers(device, self._face_count, 0, structs)
+        self._view = Buffer(device, np.zeros(1, structs.View))
+        self._image = Buffer(device, np.zeros(1, structs.Image))
+        self._upload_lights(packed.light_unit)
+        self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
         self._corner_light: Buffer | None = None
+        self._inputs = SurfaceInputs(
+            triangles=self._made.triangles,
+            pieces=self._pieces,
+            faces=self._faces,
+            relative=self._vertices.relative,
+            vertices=self._vertices.projected,
+            materials=materials,
+            lights=self._lights,
+            image=self._image,
+            **tables,
+        )
+
+    def _upload_lights(self, unit: float) -> None:
+        """unit: that their intensities are counted in."""
+        lights = [light for light in self.scene.lights if light.intensity.any()]
+        self._lights = Buffer(self.device, np.zeros(max(len(lights), 1), self._structs.Light))
+        self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
+        self._light_count, self._light_unit = len(lights), unit
+        intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
+        self._light_intensities = shading_tables.to_real(intensities / unit, self._structs.real)
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """(3F, 4) colors of texture_at vertex: the texel at each corner, times the vertex color."""
@@ -185,37 +209,18 @@ class Renderer:
 
     # Per frame
 
-    def _set_view(self, camera: Camera) -> None:
-        corners = zip(camera.eye.tolist(), self._low, self._high, strict=True)
-        extent = max(max(abs(low - at), abs(high - at)) for at, low, high in corners) if self._face_count else 1.0
-        if not math.isfinite(extent):
-            raise InputError("render: scene: expected coordinates whose differences float64 can hold")
-        self._near = self.settings.near or 1e-4 * (self._radius or math.dist(camera.eye, camera.lookat))
-        # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
-        self._scale = shading_tables.scale_for(min(extent, 2.0**40 * self._near))
-        self._axes = camera_axes(camera)
-        with self._view.writing() as table:
-            view = table[0]
-            view["eye"] = camera.eye
-            view["axes"] = self._axes.reshape(-1)
-            view["principal"], view["focal"] = camera.principal, camera.focal
-            view["plane_height"], view["plane_width"] = camera.plane
-            view["columns"], view["rows"] = camera.resolution
-            view["near"], view["scale"] = self._near, self._scale
-
-    def _set_lights(self, camera: Camera) -> None:
+    def _write_lights(self, space: CameraSpace) -> None:
         if self._light_count:
-            relative = shading_tables.relative_lights(self._light_positions, camera.eye, self._scale)
+            relative = shading_tables.relative_lights(self._light_positions, space.camera.eye, space.scale)
             with self._lights.writing() as table:
                 table["position"], table["intensity"] = relative, self._light_intensities
 
-    def _set_image(self, camera: Camera) -> None:
-        columns, rows = camera.resolution
+    def _write_image(self, frame: _Progress) -> None:
+        columns, rows = frame.space.camera.resolution
         with self._image.writing() as table:
             image = table[0]
             image["columns"], image["rows"] = columns, rows
-            image["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
-            image["tiles"] = self._tiles = int(image["tiles_x"]) * -(-rows // struct_layout.TILE_SIZE)
+            image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
             places = sample_pattern.positions(self.settings.samples)
             image["samples"] = len(places)
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
@@ -225,63 +230,63 @@ class Renderer:
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
-            image["unscale"] = shading_tables.to_real(np.float64(1.0) / self._scale, self._structs.real)
+            image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
             image["light_unit"] = self._light_unit
-            image["to_eye"] = -self._axes[2]
+            image["to_eye"] = -frame.space.axes[2]
 
-    def _setup(self, camera: Camera, events: dict[str, Any]) -> int:
+    def _setup(self, frame: _Progress) -> int:
         """Projects and sets up; returns the number of visible triangles, whose keys are written."""
-        made = self._made
+        made, events = self._made, frame.events
         with made.counters.writing() as table:
             table[:] = 0
         # The tables are written while the kernels that need others of them run.
         if self._face_count:
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
-        self._set_image(camera)
+        self._write_image(frame)
         if not self._face_count:
             return 0
         events["setup"] = self.stages.setup(
             self._faces, self._vertices, self._view, self._image, made, self._face_count, self._sides
         )
-        self._set_lights(camera)
+        self._write_lights(frame.space)
         counters = made.counters.to_host()[0]
         if counters["to_clip"]:
             start = _clock()
-            count = self._clip(camera, int(counters["to_clip"]))
+            count = self._clip(frame.space, int(counters["to_clip"]))
             if self._face_count + count > 1 << struct_layout.KEY_INDEX_BITS:
                 limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(self.device, self._face_count, count + count // 2, self._structs)
-                return self._setup(camera, events)
+                self._inputs = self._inputs._replace(triangles=self._made.triangles)
+                return self._setup(frame)
             if count:
                 self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count, self._sides)
                 counters = made.counters.to_host()[0]
-            self._host["clip"] = (_clock() - start) * 1e3
+            frame.host_ms["clip"] = (_clock() - start) * 1e3
         return int(counters["visible"])
 
-    def _clip(self, camera: Camera, count: int) -> int:
+    def _clip(self, space: CameraSpace, count: int) -> int:
         """Cuts the listed faces and uploads the pieces; returns their number."""
         faces = np.sort(self._made.to_clip.to_host(count))
-        corners = self._faces.array[faces]
-        d = self._positions.array[corners].astype(np.float64) - camera.eye
-        points = np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self._axes], axis=-1)
         uvs, uv_faces = self._uvs_host
         table = piece_table(
-            points,
+            space.points(self._positions.array[self._faces.array[faces]]),
             faces,
             None if uvs is None else uvs[uv_faces[faces]],
-            camera,
+            space.camera,
             self._structs,
-            near=self._near,
-            scale=self._scale,
+            near=space.near,
+            scale=space.scale,
             depth_test=bool(self.features["DEPTH_TEST"]),
         )
         self._pieces = Buffer(self.device, table)
+        self._inputs = self._inputs._replace(pieces=self._pieces)
         return len(table)
 
-    def _sort(self, visible: int) -> None:
+    def _sort(self, visible: int, frame: _Progress) -> None:
         """Writes the visible triangles, nearest first, to the order buffer."""
+        start = _clock()
         if len(self._order.array) < visible:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
         keys = self._made.keys.to_host(visible)
@@ -289,6 +294,7 @@ class Renderer:
         order = front_to_back(keys, exact)
         with self._order.writing(visible) as rows:
             rows[:] = order
+        frame.host_ms["sort"] = (_clock() - start) * 1e3
 
     def _painter_depths(self, index: Array) -> tuple[Array, Array]:
         """Exact painter's depth and face of triangles given by index."""
@@ -301,25 +307,21 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _geometry(self) -> tuple[Buffer, ...]:
-        """The first of SURFACE_PARAMETERS (kernels/surface.clh)."""
-        vertices = self._vertices
-        return self._made.triangles, self._pieces, self._faces, vertices.relative, vertices.projected
-
-    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, events: dict[str, Any]) -> None:
+    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> None:
+        events = frame.events
         self._lists.fill(self._order, self._made, self._image, visible, events)
-        triangles = self._made.triangles
-        surface = (*self._geometry(), *self._attributes, self._lights, self._image)
         tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
-        tiles = self._tiles
         if self.features["PHONG"]:
-            events["phong"] = self.stages.phong(surface, tile, tiles)
+            events["phong"] = self.stages.phong(self._inputs, tile, frame.tiles)
             return
         if self.features["LIT"] and visible:
-            if self._corner_light is None or len(self._corner_light.array) < 3 * len(triangles.array):
-                self._corner_light = Buffer.empty(self.device, (3 * len(triangles.array), 4), self._structs.real)
-            events["gouraud_corners"] = self.stages.gouraud_corners(surface, self._order, self._corner_light, visible)
-        events["gouraud"] = self.stages.gouraud(surface, tile, self._corner_light, tiles)
+            count = 3 * len(self._made.triangles.array)
+            if self._corner_light is None or len(self._corner_light.array) < count:
+                self._corner_light = Buffer.empty(self.device, (count, 4), self._structs.real)
+            events["gouraud_corners"] = self.stages.gouraud_corners(
+                self._inputs, self._order, self._corner_light, visible
+            )
+        events["gouraud"] = self.stages.gouraud(self._inputs, tile, self._corner_light, frame.tiles)
 
     def _make_room(self, entries: int) -> None:
         self._lists.make_room(entries)
@@ -350,51 +352,35 @@ class Renderer:
     def _render(self, camera: Camera) -> Frame:
         columns, rows = camera.resolution
         start, waited = _clock(), programs.waited()
-        self._host: dict[str, float] = {}
-        events: dict[str, Any] = {}
-        rgba = self._pool.take((rows, columns, 4), self._structs.real)
-        owners = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else None
-        self._set_view(camera)
-        visible = self._setup(camera, events)
-        sorting = _clock()
-        self._sort(visible)
-        self._host["sort"] = (_clock() - sorting) * 1e3
-        self._lists.count(self._order, self._made, self._image, visible, self._tiles, events)
-        self._draw(visible, rgba, owners, events)
+        rgba, image = self._pool.take((rows, columns, 4), self._structs.real)
+        owners, owned = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
+        frame = _Progress(CameraSpace.of(camera, self._extent, self.settings.near))
+        with self._view.writing() as table:
+            frame.space.write_view(table[0])
+        visible = self._setup(frame)
+        self._sort(visible, frame)
+        self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)
+        self._draw(visible, rgba, owners, frame)
         counters = self._made.counters.to_host()[0].copy()
         if counters["entries"] > self._lists.room:
             self._make_room(int(counters["entries"]))
-            self._draw(visible, rgba, owners, events)
+            self._draw(visible, rgba, owners, frame)
             counters = self._made.counters.to_host()[0].copy()
         layers: dict[str, Array] = {}
         if owners is not None and self.settings.layers:
-            tables = (self._geometry(), self._lights, self._image, owners)
-            layers = self._layers.draw(*tables, self._tiles, camera, self._scale, events)
-        image = rgba.to_host()[:]
-        times = {**self._times, **self._host, "frame": (_clock() - start) * 1e3}
+            layers = self._layers.draw(self._inputs, owners, frame.tiles, frame.space, frame.events)
+        rgba.to_host()
+        times = {**self._times, **frame.host_ms, "frame": (_clock() - start) * 1e3}
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
         scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
-        facts = {
-            "triangles": self._face_count,
-            "vertices": self._vertex_count,
-            "resolution": camera.resolution,
-            **{name: int(counters[name]) for name in _COUNTS},
-            "clipped": int(counters["to_clip"]),
-            "tiles": self._tiles,
-            "empty_tiles": int(counters["empty_tiles"]) if visible else self._tiles,
-            "features": self.features.used,
-            "left_out": dict(self.features.left_out),
-            "ignored": ignored(self.scene, self.settings),
-            "device": self.device.title,
-            "lanes": self.stages.lanes,
-            "bytes": {
-                "scene": self._scene_bytes,
-                "image": image.nbytes,
-                "owners": 0 if owners is None else owners.array.nbytes,
-            },
+        facts = self._facts(frame, counters, visible)
+        facts["bytes"] = {
+            "scene": self._scene_bytes,
+            "image": image.nbytes,
+            "owners": 0 if owned is None else owned.nbytes,
         }
-        profiling = self.device.profiling
+        events, profiling = frame.events, self.device.profiling
 
         def stats() -> dict[str, Any]:
             kernels = (
@@ -403,6 +389,23 @@ class Renderer:
             return {"times_ms": {**kernels, **times}, "build_ms": build_ms, **facts}
 
         return Frame(image, layers, scene, self.settings, stats)
+
+    def _facts(self, frame: _Progress, counters: np.void, visible: int) -> dict[str, Any]:
+        """What `Frame.stats` tells besides times and bytes."""
+        return {
+            "triangles": self._face_count,
+            "vertices": self._vertex_count,
+            "resolution": frame.space.camera.resolution,
+            **{name: int(counters[name]) for name in _COUNTS},
+            "clipped": int(counters["to_clip"]),
+            "tiles": frame.tiles,
+            "empty_tiles": int(counters["empty_tiles"]) if visible else frame.tiles,
+            "features": self.features.used,
+            "left_out": dict(self.features.left_out),
+            "ignored": ignored(self.scene, self.settings),
+            "device": self.device.title,
+            "lanes": self.stages.lanes,
+        }
 
     def _finish(self) -> None:
         if os.getpid() == self._process:

@@ -11,11 +11,13 @@ import numpy as np
 from ..base.validation import Array
 from ..scene.model import Material, Texture
 from . import shading_tables, struct_layout
+from .buffers import Buffer, TriangleBuffers
 from .depth_sort import front_to_back
 from .features import Features, derive_alone
-from .launches import Buffer, Stages, TriangleBuffers, lookup_stages, scene_stages
+from .launches import Stages, lookup_stages, scene_stages
 from .opencl.device import Device
 from .programs import build
+from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
 _SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
@@ -235,9 +237,17 @@ def _draw(
     # All corners lie at the one point, so that the triangle's centroid does.
     relative = Buffer(device, np.repeat(lit.relative, 3, axis=0))
     faces = Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3))
-    geometry = (made.triangles, on_device, faces, relative, None)
-    given = (_four(device, normals), None, _four(device, colors), None, None, None, lit.materials, None, None)
-    surface = (*geometry, *given, lit.lights, image)
+    surface = SurfaceInputs(
+        triangles=made.triangles,
+        pieces=on_device,
+        faces=faces,
+        relative=relative,
+        normals=_four(device, normals),
+        colors=_four(device, colors),
+        materials=lit.materials,
+        lights=lit.lights,
+        image=image,
+    )
     rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
     tile = (lists.entries, lists.starts, rgba, None, made.counters)
     if shader == "phong":

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .launches import Buffer, Stages, TriangleBuffers
+from .buffers import Buffer, TriangleBuffers
+from .launches import Stages
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _MOST_CHUNKS = 16

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...pipeline.buffers import Buffer
 from ...pipeline.features import CHOICES, OPTIONAL, Features
-from ...pipeline.launches import Buffer
 from ...pipeline.opencl.device import Device
 from ...pipeline.programs import build_text
 

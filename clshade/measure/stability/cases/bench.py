@@ -14,9 +14,10 @@ from ....base.validation import Array
 from ....images import exr
 from ....oracle import OracleFrame, shade
 from ....pipeline import shading_tables
+from ....pipeline.buffers import Buffer
 from ....pipeline.features import CHOICES, OPTIONAL, Features
 from ....pipeline.frame import Frame
-from ....pipeline.launches import Buffer, Stages
+from ....pipeline.launches import Stages
 from ....pipeline.opencl.device import Device
 from ....pipeline.programs import build
 from ....pipeline.renderer import Renderer

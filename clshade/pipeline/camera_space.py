@@ -1,0 +1,65 @@
+"""Where a frame is seen from: the camera, its axes, the near plane, and the scale that brings the scene within float32."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.validation import Array
+from ..errors import InputError
+from ..scene.camera import Camera
+from ..scene.geometry import camera_axes
+from .shading_tables import scale_for
+
+
+class Extent(NamedTuple):
+    """The bounding box of a scene's vertices, (3,) each, and half its diagonal; None of a scene without faces."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    radius: float
+
+    @classmethod
+    def of(cls, low: Array, high: Array) -> Extent:
+        return cls(tuple(low.tolist()), tuple(high.tolist()), math.hypot(*(high / 2.0 - low / 2.0)))
+
+
+class CameraSpace(NamedTuple):
+    """axes: (3, 3) float64, rows are camera x, y, z in world space. near: distance of the near plane, scene units.
+    scale: the power of two that brings eye-relative positions to about 1."""
+
+    camera: Camera
+    axes: Array
+    near: float
+    scale: float
+
+    @classmethod
+    def of(cls, camera: Camera, extent: Extent | None, near: float | None) -> CameraSpace:
+        """near: as in Settings; None: 1e-4 of the scene's radius. Raises InputError where float64 cannot hold the scene."""
+        farthest, radius = 1.0, 0.0
+        if extent is not None:
+            corners = zip(camera.eye.tolist(), extent.low, extent.high, strict=True)
+            farthest = max(max(abs(low - at), abs(high - at)) for at, low, high in corners)
+            radius = extent.radius
+        if not math.isfinite(farthest):
+            raise InputError("render: scene: expected coordinates whose differences float64 can hold")
+        near = near or 1e-4 * (radius or math.dist(camera.eye, camera.lookat))
+        # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
+        return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)))
+
+    def write_view(self, view: np.void) -> None:
+        """Fills a row of structs.View."""
+        camera = self.camera
+        view["eye"] = camera.eye
+        view["axes"] = self.axes.reshape(-1)
+        view["principal"], view["focal"] = camera.principal, camera.focal
+        view["plane_height"], view["plane_width"] = camera.plane
+        view["columns"], view["rows"] = camera.resolution
+        view["near"], view["scale"] = self.near, self.scale
+
+    def points(self, positions: Array) -> Array:
+        """World positions (..., 3) in camera space, float64."""
+        d = positions.astype(np.float64) - self.camera.eye
+        return np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self.axes], axis=-1)

@@ -1,0 +1,44 @@
+"""What the pixel stages read of the scene and the view: declared here for the host and, by macros, for the kernels."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Annotated, NamedTuple, get_type_hints
+
+from .buffers import Buffer
+
+
+class SurfaceInputs(NamedTuple):
+    """The first arguments of the kernels that shade pixels, in their order, with their element types in OpenCL C.
+
+    F faces, C pieces of clipped ones, V vertices; those that no feature of a scene reads are None.
+    """
+
+    triangles: Annotated[Buffer, "Triangle"]  # F + C, from setup
+    faces: Annotated[Buffer, "int"]  # F x 3, vertices
+    relative: Annotated[Buffer, "real4"]  # V, from project
+    materials: Annotated[Buffer, "Material"]  # at least 1
+    lights: Annotated[Buffer, "Light"]
+    image: Annotated[Buffer, "Image"]  # 1
+    vertices: Annotated[Buffer | None, "Vertex"] = None  # V, from project
+    pieces: Annotated[Buffer | None, "Piece"] = None  # C, from the host
+    normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
+    normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; with NORMAL_INDICES
+    colors: Annotated[Buffer | None, "real4"] = None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB
+    uvs: Annotated[Buffer | None, "real4"] = None  # T, texture coordinates u, v and what rounding leaves of them
+    uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; with UV_INDICES
+    face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
+    textures: Annotated[Buffer | None, "Texture"] = None
+    texels: Annotated[Buffer | None, "float4"] = None  # of all textures, linear RGB
+
+
+@cache
+def macros() -> str:
+    """OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialise a struct of SURFACE_MEMBERS."""
+    hints = get_type_hints(SurfaceInputs, include_extras=True)
+    declared = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
+    return (
+        f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
+        f"#define SURFACE_ARGUMENTS {{{', '.join(declared)}}}\n"
+        f"#define SURFACE_MEMBERS {' '.join(f'{member};' for member in declared.values())}\n"
+    )
