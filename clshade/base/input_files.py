@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
+from .arrays import Array
 from .atomic_files import Path, shown
-from .validation import Array
 
 
 def complaint(owner: str, field: str, expected: str, found: str) -> InputError:

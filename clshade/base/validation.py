@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from .arrays import Array
 from .spelling import hint
 
-Array = np.ndarray
 _VECTOR_SHAPES = ((3,), (1, 3), (3, 1))
 
 

@@ -31,7 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, choice, coefficient, refuse, vector
+from ..base.arrays import Array
+from ..base.validation import choice, coefficient, refuse, vector
 from ..pipeline.opencl.device import Device, shared_device
 from ..pipeline.renderer import Renderer
 from ..pipeline.single_primitive import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach

@@ -12,8 +12,9 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.spelling import hint
-from ..base.validation import Array, coefficient, refuse
+from ..base.validation import coefficient, refuse
 from ..errors import InputError
 from ..scene.camera import MAX_RESOLUTION
 from ..scene.formats import course_values as values

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ..base.validation import Array
+from ..base.arrays import Array
 
 FAMILIES = ("RGB", "XYZ", "UVW")  # components that belong together, by the last part of a channel's name
 

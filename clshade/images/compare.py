@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.input_files import complaint, quoted
 from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
-from ..base.validation import Array
 from .channels import Group, grouped
 from .image_file import Picture, named_pixel
 from .layer_words import LAYER_WORDS

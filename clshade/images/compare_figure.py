@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from . import figures
 from .channels import Group
 from .layer_plots import panel_size, plain_text, show_pixels

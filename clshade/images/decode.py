@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, read_file, reason_of
-from ..base.validation import Array
 from ..errors import InputError
 from . import pnm, tiff
 

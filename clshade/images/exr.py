@@ -17,9 +17,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..base import atomic_files
+from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, quoted, read_file, reason_of
-from ..base.validation import Array, choice
+from ..base.validation import choice
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from . import exr_limits

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..base import console
+from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
 from ..base.input_files import complaint, read_file, size_of
-from ..base.validation import Array
 from ..errors import InputError
 from . import decode, exr
 from .channels import color_group

@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .thumbnails import Thumbnail
 
 MOST = 60  # layers in a figure

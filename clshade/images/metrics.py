@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.json_values import plain
-from ..base.validation import Array, refuse
+from ..base.validation import refuse
 from .tonemap import srgb_curve
 
 # Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.

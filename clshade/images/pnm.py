@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.input_files import complaint, quoted
-from ..base.validation import Array
 
 _MAX_HEADER = 1 << 16  # bytes, of which most are comments
 _CHUNK = 1 << 20  # bytes of text taken at once

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.atomic_files import Path
 from ..base.json_values import in_line, named_values, plain
 from ..base.text_tables import as_lines
-from ..base.validation import Array
 from .image_file import Picture, named_pixel, picture_of
 
 PERCENTILES = (1, 5, 50, 95, 99)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from . import figures
 from .image_file import Picture
 from .layer_plots import draw_thumbnails, first_few, panel_size, plain_text, show_pixels

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .channels import Group, grouped
 from .decode import srgb_to_linear
 from .tonemap import tonemap

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.input_files import complaint
-from ..base.validation import Array
 
 _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..base.validation import choice
 from ..errors import InputError
 
@@ -23,8 +24,6 @@ _TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds come near the denormals, wh
 _SATURATED = 1e30  # every operator has reached its last code long before; keeps the squares below finite
 _LOW_BITS = 15  # a table entry covers the float32 values that agree in all but their last 15 bits
 _BLOCK = 1 << 15  # values per pass, so that the buffers stay in the cache
-
-Array = np.ndarray
 
 
 def srgb_curve(linear: Array) -> Array:

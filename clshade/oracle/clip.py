@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.arrays import Array
 from .transform import Lens, project, snap
-from .vectors import Array
 
 GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
 

@@ -7,11 +7,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..scene.model import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices
-from .vectors import Array
 
 MOST_UV = 2.0**40  # whole numbers beyond 2^24 have no texel of their own left in float32
 

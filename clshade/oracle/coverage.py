@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.arrays import Array
 from .transform import SUBPIXELS, painter_depth
-from .vectors import Array
 
 HALF = SUBPIXELS // 2
 

@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..scene.model import Scene, Settings
 from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, alpha_passes, gather
 from .pixels import Shaded, shade_pixels
-from .vectors import Array
 
 BATCH = 1 << 15  # pixels shaded at a time
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..scene.model import Material, Scene, Settings
 from . import coverage, shade
 from .corners import interpolated
 from .frame import BATCH, Prepared, face_weight_steps, face_weights, opaque_test, owners, prepare, samples_of
 from .pixels import blend, shade_pixels
 from .transform import mirrors
-from .vectors import Array, length, unit
+from .vectors import length, unit
 
 
 @dataclass(frozen=True, eq=False)

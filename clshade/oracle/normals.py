@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.arrays import Array
 from .transform import mirrors
-from .vectors import Array, cross, length, power_of_two, unit
+from .vectors import cross, length, power_of_two, unit
 
 CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
 

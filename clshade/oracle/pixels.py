@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.arrays import Array
 from ..scene.model import Scene, Settings
 from . import shade
 from .corners import Corners, Texels, corner_colors, texels
 from .transform import camera_frame
-from .vectors import Array, length
+from .vectors import length
 
 
 @dataclass(frozen=True, eq=False)

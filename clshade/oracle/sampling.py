@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.arrays import Array
 from .transform import SUBPIXELS
-from .vectors import Array
 
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 

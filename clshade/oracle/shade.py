@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .vectors import Array, dot, length, unit
+from ..base.arrays import Array
+from .vectors import dot, length, unit
 
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are right to 16 roundings
 # where kappa is 1. Where it is more, the directions that they are products of are off by kappa times as much: an error

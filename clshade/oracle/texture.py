@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .vectors import Array
+from ..base.arrays import Array
 
 
 def wrapped(t: Array, wrap: str) -> Array:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..scene.model import Camera
-from .vectors import Array, cross, dot, length, power_of_two, unit
+from ..base.arrays import Array
+from ..scene.camera import Camera
+from .vectors import cross, dot, length, power_of_two, unit
 
 SUBPIXELS = 256  # snapped steps per pixel
 NEAR_FRACTION = 1e-4  # of the scene's bounding radius

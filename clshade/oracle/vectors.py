@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-Array = np.ndarray
+from ..base.arrays import Array
 
 
 def dot(a: Array, b: Array) -> Array:

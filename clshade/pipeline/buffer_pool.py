@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .buffers import Buffer
 from .opencl.device import Device
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..errors import DeviceError
 from . import struct_layout
 from .opencl.device import Device

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.geometry import camera_axes

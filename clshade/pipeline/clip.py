@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.camera import Camera
 from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.camera import Camera
 from . import clip
 from .struct_layout import MOST_DEPTH, Structs

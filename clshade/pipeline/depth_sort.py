@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .struct_layout import KEY_INDEX_BITS
 
 _INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)

@@ -12,10 +12,12 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..base import display
+from ..base.arrays import Array
 from ..base.spelling import hint
-from ..base.validation import Array, choice, flag, known, refuse
+from ..base.validation import choice, flag, known, refuse
 from ..base.validation import path as checked_path
-from ..scene.model import LAYER_REMARKS, LAYER_WORDS, LAYERS, Scene, Settings, default_tonemap
+from ..images.layer_words import LAYER_WORDS
+from ..scene.model import LAYER_REMARKS, LAYERS, Scene, Settings, default_tonemap
 from .image_check import Check
 from .layer_buffers import material_numbers
 

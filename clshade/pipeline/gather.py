@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.geometry import vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from .features import material_key, materials_of, replaces_colors, texture_applies

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from . import struct_layout
 
 _HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number

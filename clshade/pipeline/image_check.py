@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..base.validation import Array
+from ..base.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, uses_normal_indices
 from .gather import Gatherer

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .buffer_pool import Pool
 from .buffers import Buffer
 from .camera_space import CameraSpace

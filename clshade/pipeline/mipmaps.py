@@ -6,7 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.model import Texture
 
 BAND = 1 << 18  # values of the larger level that are halved at a time, in float64: they stay in the cache

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, known, refuse
+from ..base.arrays import Array
+from ..base.validation import known, refuse
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.model import Scene, Settings
 from . import struct_layout
 from .features import Features, derive

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..scene.model import Material, Texture
 from . import shading_tables, struct_layout
 from .buffers import Buffer, TriangleBuffers

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, number, refuse, vector
+from ..base.arrays import Array
+from ..base.validation import number, refuse, vector
 from .camera import Camera, height_seen
 from .geometry import camera_axes
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, choice, flag, floats, integer, number, refuse, sequence, set_fields, vector
+from ..base.arrays import Array
+from ..base.validation import choice, flag, floats, integer, number, refuse, sequence, set_fields, vector
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .camera import Camera
 from .geometry import camera_axes
 

@@ -11,7 +11,7 @@ from collections import Counter
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 
 _ALWAYS = 64  # corners of a polygon that is cut whatever it costs
 _UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it crosses itself

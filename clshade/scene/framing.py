@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from . import geometry
 from .camera import Camera
 from .model import Mesh, PointLight, Scene

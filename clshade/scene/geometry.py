@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, refuse, vector
+from ..base.arrays import Array
+from ..base.validation import refuse, vector
 from ..errors import InputError
 from .camera import Camera
 from .model import Scene

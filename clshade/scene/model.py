@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..base import display
+from ..base.arrays import Array
 from ..base.validation import (
-    Array,
     choice,
     coefficient,
     flag,

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array, number, refuse
+from ..base.arrays import Array
+from ..base.validation import number, refuse
 from .geometry import _blocks, _exponent, _normalized
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from .ear_clipping import Cutter
 
 CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Cuts.left is, in words

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.validation import Array
+from ..base.arrays import Array
 from ..errors import OutputError
 from ..images import png
 from ..pipeline.frame import Frame

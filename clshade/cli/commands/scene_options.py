@@ -86,6 +86,7 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def setting_options(parser: argparse.ArgumentParser) -> None:
+    from ...images.layer_words import LAYER_WORDS
     from ...scene import model
 
     group = parser.add_argument_group("settings (default: those of the preset)")
@@ -104,7 +105,7 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--ambient", choices=model.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
     group.add_argument(
         "--layers",
-        type=names((*model.LAYERS, "all"), words=model.LAYER_WORDS, remarks=model.LAYER_REMARKS),
+        type=names((*model.LAYERS, "all"), words=LAYER_WORDS, remarks=model.LAYER_REMARKS),
         metavar="NAME,...",
         help=f"further layers: {','.join(model.LAYERS)}; or all",
     )

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TextIO, TypeVar
 
 from ...base import atomic_files, text_tables
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...errors import ClshadeError, InputError
 from ...pipeline.opencl.device import Device, open_device
 from ...pipeline.renderer import render

@@ -22,7 +22,8 @@ from dataclasses import replace
 import numpy as np
 
 from ... import course
-from ...base.validation import Array, refuse
+from ...base.arrays import Array
+from ...base.validation import refuse
 from ...errors import ClshadeError
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin

@@ -12,7 +12,8 @@ import time
 import numpy as np
 
 from ... import oracle
-from ...base.validation import Array, refuse
+from ...base.arrays import Array
+from ...base.validation import refuse
 from ...oracle import OracleFrame
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ... import oracle
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...oracle import OracleFrame
 from ...oracle.corners import held
 from ...pipeline.features import OPTIONAL

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...oracle.transform import world_vertices
 from ...scene.model import Mesh, PointLight, Scene
 from .random_shapes import Random

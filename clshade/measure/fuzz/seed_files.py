@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...images import exr
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap

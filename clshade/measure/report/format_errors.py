@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...errors import OutputError
 from ...images import exr, png
 from ...images.metrics import rmse

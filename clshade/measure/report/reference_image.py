@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...images.metrics import rmse
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...base.arrays import Array
 from ...base.atomic_files import shown
-from ...base.validation import Array
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.model import Scene

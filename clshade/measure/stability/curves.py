@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import oracle
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...images import figures
 from ...oracle import coverage, shade, transform
 from ...scene.model import Scene, Settings

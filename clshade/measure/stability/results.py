@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base import atomic_files, text_tables
-from ...base.validation import Array
+from ...base.arrays import Array
 from ...images import png
 from ...images.tonemap import tonemap
 from .cases import Case, Outcome

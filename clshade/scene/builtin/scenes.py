@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.validation import Array, choice, integer, known, refuse
+from ...base.arrays import Array
+from ...base.validation import choice, integer, known, refuse
 from ..camera import Camera
 from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 from . import teapot as newell

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-Array = np.ndarray
+from ...base.arrays import Array
+
 Grids = tuple[Array, Array]  # positions and unit normals of a grid of points, (rows+1, columns+1, 3) each
 
 # One quarter of a round patch. A row (radius, inner, height) stands for the four control points (radius, 0),

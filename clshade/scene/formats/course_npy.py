@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown, write_bytes
 from ...base.input_files import complaint, read_file
-from ...base.validation import Array, coefficient, number, refuse
+from ...base.validation import coefficient, number, refuse
 from ..camera import Camera
 from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.validation import Array, floats, indices, integer, number, refuse, rows, vector
+from ...base.arrays import Array
+from ...base.validation import floats, indices, integer, number, refuse, rows, vector
 from ...errors import InputError
 from ..camera import MAX_RESOLUTION, Camera
 from ..model import MAX_FACES

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import complaint, quoted
-from ...base.validation import Array
 from .. import framing
 from ..model import MAX_FACES, Mesh, Scene
 from ..normals import crease_normals

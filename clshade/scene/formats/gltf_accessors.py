@@ -11,9 +11,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, complaint, quoted, read_file
-from ...base.validation import Array
 from .gltf_json import Item, parse
 
 MAX_BYTES = 1 << 31  # of a file

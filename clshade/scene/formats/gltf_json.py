@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.input_files import complaint
 from ...base.strict_json import found_text, parse_text
-from ...base.validation import Array
 from ...errors import InputError
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import shown
 from ...base.input_files import complaint, quoted, read_file
-from ...base.validation import Array
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT

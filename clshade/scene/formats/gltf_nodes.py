@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...base.validation import Array
+from ...base.arrays import Array
 from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
 from ..model import PointLight

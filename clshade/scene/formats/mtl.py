@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import shown
 from ...base.input_files import beside, complaint, quoted, read_file, within
-from ...base.validation import Array
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import complaint, quoted, read_file
-from ...base.validation import Array
 from .. import framing, geometry
 from ..model import Material, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.input_files import complaint, quoted
-from ...base.validation import Array
 from ...errors import InputError
 from ..model import MAX_FACES
 from ..triangulate import CUT_AS_FANS, triangulated

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, complaint, quoted, read_file
-from ...base.validation import Array
 from ...images.decode import srgb_to_linear
 from .. import framing, geometry
 from ..model import MAX_FACES, Material, Mesh, Scene, Texture

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.input_files import complaint, quoted, runs
-from ...base.validation import Array
 from .text_tokens import is_blank, numbers
 
 MAX_HEADER = 1 << 16  # bytes

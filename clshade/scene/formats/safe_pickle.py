@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.input_files import complaint, quoted
-from ...base.validation import Array
 from .inert_pickle import PickledArray, PickledDtype, Refused, unpickle
 
 MAX_HEADER = 4096  # bytes; a course file's header has 118

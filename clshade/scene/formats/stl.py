@@ -7,9 +7,9 @@ import re
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import complaint, quoted, read_file, runs
-from ...base.validation import Array
 from .. import framing
 from ..model import MAX_FACES, Material, Mesh, Scene
 from ..normals import crease_normals, welded

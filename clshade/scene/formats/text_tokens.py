@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.arrays import Array
 from ...base.input_files import complaint
-from ...base.validation import Array
 
 CHUNK = 1 << 20  # bytes of text taken at once
 MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and needs 32 times as much memory for its tokens

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 
 # Of the largest value in our image. Inside a triangle two renderers in float32 differ by where they snap its corners, up to
 # 1/256 of a pixel (a highlight changes by up to 0.1 of its height from pixel to pixel: 4e-4), and by powers and reciprocal

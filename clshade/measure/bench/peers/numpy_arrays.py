@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....errors import InputError
 from ....scene.camera import Camera
 from ....scene.model import Scene

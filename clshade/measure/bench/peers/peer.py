@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....errors import ClshadeError
 from ....scene.camera import Camera
 from ....scene.model import Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from dataclasses import replace
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....scene.camera import Camera
 from ....scene.model import Scene
 from .. import scanline

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .... import oracle
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....images import exr
 from ....oracle import OracleFrame, shade
 from ....pipeline import shading_tables

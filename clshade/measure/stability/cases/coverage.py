@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....scene.camera import Camera
 from ....scene.model import Mesh, Scene
 from . import flat

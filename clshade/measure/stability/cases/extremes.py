@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .... import oracle
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....errors import InputError
 from ....pipeline import struct_layout
 from ....pipeline.features import OPTIONAL

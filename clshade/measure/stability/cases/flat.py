@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....oracle import coverage
 from ....pipeline.frame import Frame
 from ....pipeline.struct_layout import SUBPIXEL_BITS

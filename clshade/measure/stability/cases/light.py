@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....errors import InputError
 from ....oracle import shade
 from ....pipeline.features import OPTIONAL

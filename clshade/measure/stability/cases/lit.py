@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....scene.camera import Camera
 from ....scene.model import Material, Mesh, PointLight, Scene
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .... import oracle
-from ....base.validation import Array
+from ....base.arrays import Array
 from ....errors import InputError
 from ....pipeline.frame import Frame
 from ....scene.model import PointLight, Scene
