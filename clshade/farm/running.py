@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import stat
+import statistics
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -168,7 +169,7 @@ def _collect(results: Iterator[Drawn | Lost | Silent], bar: Progress, limited: b
             drawn_by.add(each.worker)
             size += each.size
             bar.advance(each)
-    return {"lost": lost, "draw_ms": _median(draw_ms), "size": size, "workers": len(drawn_by)}
+    return {"lost": lost, "draw_ms": statistics.median(draw_ms or [0.0]), "size": size, "workers": len(drawn_by)}
 
 
 def _frames(numbers: Sequence[int]) -> str:
@@ -236,7 +237,3 @@ def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[Drawn]:
     with FrameWriter(job) as writer:
         for task in tasks:
             yield writer.draw(task)
-
-
-def _median(values: Sequence[float]) -> float:
-    return sorted(values)[len(values) // 2] if values else 0.0

@@ -49,11 +49,9 @@ def _set(name: str, value: str) -> None:
 
 def _default_cache_home() -> Path:
     """The folder that pyopencl and PoCL would use: the platform's cache folder of this user."""
-    named = os.environ.get("XDG_CACHE_HOME", "").strip()
-    if not named and sys.platform == "win32":
-        named = os.environ.get("LOCALAPPDATA", "")
-    # expanduser leaves the ~ where a user has no home; such a path is found unusable.
-    return Path(named or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache"))
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir())
 
 
 def _fault(home: Path) -> str:
