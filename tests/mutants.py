@@ -249,7 +249,7 @@ class Copy:
                 path.write_text(text)
             outcome, by = judged(code, printed)
             if outcome in ("found", "timeout"):
-                self.passes([by] if by.startswith("tests/") else group, limit)
+                self.passes([by, "-m", "long or not long"] if by.startswith("tests/") else group, limit)
             if outcome != "survived":
                 break
         diff = list(difflib.unified_diff(text.splitlines(), changed.splitlines(), lineterm="", n=0))[3:]
