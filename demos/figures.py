@@ -23,7 +23,7 @@ import sheet  # noqa: E402
 import clshade  # noqa: E402
 from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.images.decode import as_texture  # noqa: E402
+from clshade.scene.formats.texture import as_texture  # noqa: E402
 from clshade.scene.model import Scene  # noqa: E402
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder

@@ -1,4 +1,4 @@
-"""Everything that README shows is run as it stands there."""
+"""Everything that README.md and the rooms' own show is run as it stands there."""
 
 from __future__ import annotations
 
@@ -18,13 +18,18 @@ from processes import ROOT
 
 from clshade.cli.main import COMMANDS
 
-README = (ROOT / "README.md").read_text()
-PROSE = re.sub(r"^```.*?^```$", "", README, flags=re.MULTILINE | re.DOTALL)
+FILES = [ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md", ROOT / "kernels" / "README.md"]
+FILES += sorted((ROOT / "clshade").rglob("*.md"))
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text() for path in FILES}
+README = TEXTS["README.md"]
+PROSE = {name: re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL) for name, text in TEXTS.items()}
+MOST_LINES = 160  # of README.md: a newcomer's page
 
 
 class Block(NamedTuple):
-    """A fenced block. name: the file that its text is, given after the language, or ""."""
+    """A fenced block of a document. name: the file that its text is, given after the language, or ""."""
 
+    document: str
     language: str
     name: str
     text: str
@@ -32,20 +37,21 @@ class Block(NamedTuple):
 
 
 BLOCKS = [
-    Block(found[1], found[2], found[3], README[: found.start()].count("\n") + 1)
-    for found in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    Block(document, found[1], found[2], found[3], text[: found.start()].count("\n") + 1)
+    for document, text in TEXTS.items()
+    for found in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 OTHERS_OPTIONS = {"--dist", "--info", "--port", "--nworkers", "--nthreads"}  # of pytest-xdist, oiiotool, dask
 
 
 def at_line(block: Block) -> str:
-    return f"line {block.line}"
+    return f"{block.document}, line {block.line}"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Where all of it is run, with the files that README spells out."""
+    """Where all of it is run, with the files that documents spell out."""
     folder = tmp_path_factory.mktemp("readme")
     for block in BLOCKS:
         if block.name:
@@ -54,9 +60,9 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def namespace() -> dict[str, Any]:
-    """What the Python blocks run so far have defined: a block goes on where the one before it ends."""
-    return {"blocks run": 0}
+def namespaces() -> dict[str, dict[str, Any]]:
+    """What the Python blocks of each document have defined so far: a block goes on where the one before it ends."""
+    return {document: {"blocks run": 0} for document in TEXTS}
 
 
 def described(comment: str) -> tuple[tuple[int, ...], str] | None:
@@ -69,7 +75,7 @@ def run_python(block: Block, namespace: dict[str, Any]) -> int:
     """Runs a block; returns how many arrays it describes, of which each is as described."""
     checked, lines = 0, block.text.splitlines()
     for statement in ast.parse(block.text).body:
-        code = compile(ast.Module([statement], []), f"README.md, {at_line(block)}", "exec")
+        code = compile(ast.Module([statement], []), at_line(block), "exec")
         exec(code, namespace)
         expected = described(lines[statement.end_lineno - 1][statement.end_col_offset :].strip())
         if expected and isinstance(statement, ast.Expr):
@@ -80,16 +86,18 @@ def run_python(block: Block, namespace: dict[str, Any]) -> int:
     return checked
 
 
-@pytest.mark.parametrize("index", range(len(PYTHON)), ids=[at_line(block) for block in PYTHON])
-def test_python(opened, folder, namespace, monkeypatch, index):
+@pytest.mark.parametrize("block", PYTHON, ids=at_line)
+def test_python(opened, folder, namespaces, monkeypatch, block):
     monkeypatch.chdir(folder)
-    for block in PYTHON[namespace["blocks run"] : index + 1]:
-        run_python(block, namespace)
+    namespace = namespaces[block.document]
+    own = [each for each in PYTHON if each.document == block.document]
+    for each in own[namespace["blocks run"] : own.index(block) + 1]:
+        run_python(each, namespace)
         namespace["blocks run"] += 1
 
 
 def test_descriptions_of_arrays_are_found_and_checked():
-    good, bad = (Block("python", "", f"x  # ({n}, 2) float64, more\n", 0) for n in (3, 4))
+    good, bad = (Block("made up", "python", "", f"x  # ({n}, 2) float64, more\n", 0) for n in (3, 4))
     assert run_python(good, {"x": np.zeros((3, 2))}) == 1
     with pytest.raises(AssertionError):
         run_python(bad, {"x": np.zeros((3, 2))})
@@ -109,7 +117,7 @@ def commands(block: Block) -> list[list[str]]:
         for words in lines
         if words
         and not {"venv", "install", "--scheduler"} & set(words)
-        and Path(words[0]).name not in ("pytest", "dask")
+        and Path(words[0]).name not in ("pytest", "dask", "ruff", "mypy")
     ]
 
 
@@ -139,7 +147,11 @@ def test_command(opened, folder, words):
 
 def test_the_commands_of_the_quick_start_are_those_that_a_clean_machine_runs():
     tested = next(
-        line for block in BLOCKS if block.language == "sh" for line in block.text.splitlines() if "pytest" in line
+        line
+        for block in BLOCKS
+        if (block.document, block.language) == ("README.md", "sh")
+        for line in block.text.splitlines()
+        if "pytest" in line
     )
     assert tested.split("&&")[1].strip().removeprefix(".venv/bin/") in (ROOT / ".ci" / "run").read_text()
 
@@ -155,24 +167,53 @@ def options_of(command: str) -> set[str]:
 def test_every_option_exists():
     scripts = [str(path) for path in sorted((ROOT / "demos").glob("demo*.py"))]
     known = set().union(*(options_of(f"-m clshade {name}") for name in COMMANDS), *map(options_of, scripts))
-    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", README))
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", "\n".join(TEXTS.values())))
     assert len(named) > 40
     assert not named - known - OTHERS_OPTIONS
 
 
 def test_every_command_is_listed():
-    assert set(re.findall(r"python -m clshade (\w+)", PROSE)) >= set(COMMANDS)
+    assert set(re.findall(r"python -m clshade (\w+)", PROSE["README.md"])) >= set(COMMANDS)
 
 
-def test_every_link_leads_somewhere():
-    headings = {
-        re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-")
-        for title in re.findall(r"^#+ (.*)$", PROSE, re.M)
-    }
-    links = re.findall(r"\]\(([^)]+)\)", README)
-    assert len(links) > 6
-    for link in links:
-        if link.startswith("#"):
-            assert link[1:] in headings
-        elif "://" not in link:
-            assert (ROOT / link).is_file(), link
+def headings(document: str) -> set[str]:
+    titles = re.findall(r"^#+ (.*)$", PROSE[document], re.M)
+    return {re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("document", TEXTS)
+def test_every_link_leads_somewhere(document):
+    for link in re.findall(r"\]\(([^)]+)\)", TEXTS[document]):
+        if "://" in link:
+            continue
+        path, _, title = link.partition("#")
+        target = (ROOT / document).parent / path if path else ROOT / document
+        assert target.is_file(), link
+        if title:
+            assert title in headings(target.resolve().relative_to(ROOT).as_posix()), link
+
+
+def test_readme_is_a_newcomers_page_that_leads_to_all_others():
+    assert README.count("\n") <= MOST_LINES
+    linked = {link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", README)}
+    assert set(TEXTS) - {"README.md"} <= linked
+
+
+@pytest.mark.parametrize(
+    "document", [name for name in TEXTS if name.startswith("clshade/") or name == "kernels/README.md"]
+)
+def test_every_file_that_a_document_names_is_there(document):
+    """Paths in backquotes, from the repository's root or the document's folder."""
+    named = re.findall(r"`((?:[\w.-]+/)*[\w-]+\.(?:py|cl|clh))`", PROSE[document])
+    places = [ROOT, (ROOT / document).parent, ROOT / "kernels", ROOT / "tests"]
+    assert not [name for name in named if not any((place / name).is_file() for place in places)]
+
+
+def test_the_kernels_drawing_names_every_file_and_kernel():
+    text = TEXTS["kernels/README.md"]
+    for path in sorted((ROOT / "kernels").glob("*.cl*")):
+        included = re.findall(r'^#include "(\w+)\.clh"', path.read_text(), re.M)
+        if path.suffix == ".clh":
+            assert f"| `{path.name}` | {', '.join(included)} |".replace("|  |", "| |") in text, path.name
+        for name in re.findall(r"kernel void (\w+)\(", path.read_text()):
+            assert re.search(rf"\b{name}\b", text), name
