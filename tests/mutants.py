@@ -45,7 +45,7 @@ LEAST = 2  # drawn of each file
 WANTED = 0.95  # share to be found
 LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds for each group of tests, by the file's folder
 
-# The tests of each file, cheapest first: tests/test_*.py.
+# The tests of each file, cheapest first: test_*.py anywhere below tests.
 TESTS = {
     "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong light_bounds frames",
     "kernels/bilerp.cl": "kernel_bilerp course_light",
@@ -267,6 +267,12 @@ class Copy:
         }
 
 
+def test_file(name: str) -> str:
+    """tests/.../test_NAME.py, which there is one of."""
+    (found,) = (ROOT / "tests").rglob(f"test_{name}.py")
+    return found.relative_to(ROOT).as_posix()
+
+
 def test_groups(file: str) -> list[list[str]]:
     """Arguments of pytest, group by group: each is tried where the one before notices nothing."""
     named = [TESTS[file], *(KERNELS if file.startswith("kernels/") else LOADERS)]
@@ -275,7 +281,7 @@ def test_groups(file: str) -> list[list[str]]:
     for names in named:
         new = [name for name in names.split() if name not in seen]
         seen |= set(new)
-        groups.append([f"tests/test_{name}.py" for name in new])
+        groups.append([test_file(name) for name in new])
     return [*groups[:1], *([WITH_LANES] if file in LANES else []), *groups[1:]]
 
 

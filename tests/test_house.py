@@ -340,3 +340,21 @@ def test_no_module_has_the_name_of_a_public_function():
     functions = {name for name, home in clshade._HOMES.items() if home != f"clshade.{name}"}
     assert not functions & {name.split(".")[0] for name in PATHS}
     assert {"load", "render", "builtin"} <= functions
+
+
+# Tests
+
+
+def test_tests_mirror_the_rooms():
+    """test_kernel_*.py and those of the repository as a whole lie beside the rooms; no test imports a test."""
+    tests = ROOT / "tests"
+    folders = {path.name for path in tests.iterdir() if path.is_dir() and list(path.glob("test_*.py"))}
+    assert folders <= {name for name in CHAIN if "." not in name}
+    whole = {"house", "imports", "kernel_sources", "mutants", "readme", "typing"}
+    beside = {path.stem.removeprefix("test_") for path in tests.glob("test_*.py")}
+    assert {name for name in beside if not name.startswith("kernel_")} <= whole
+    for path in tests.rglob("*.py"):
+        names = re.findall(r"^\s*(?:from|import) (test_\w+|conftest)", path.read_text(), re.MULTILINE)
+        assert not [name for name in names if name != "test_typing"], path
+    helpers = {path.stem for path in (tests / "support").glob("*.py")}
+    assert not helpers & {path.name for path in ROOT.iterdir()}

@@ -9,6 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from devices import needs_float64
+from kernel_stages import OTHER_LANES, Probe, bits, float32, mask, split
 
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
@@ -17,7 +18,6 @@ from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
 from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.model import Texture
-from kernels import OTHER_LANES, Probe, bits, float32, mask, split
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (16, 9), (1024, 1))  # columns, rows
 WRAPS = ("repeat", "clamp", "mirror")

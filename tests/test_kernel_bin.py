@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernel_stages import Pipeline, samples_at, vertices_at
 from stage_oracle import hull, narrowed, seen_from
 
 from clshade.oracle import coverage
@@ -14,7 +15,6 @@ from clshade.pipeline.renderer import Renderer, render
 from clshade.pipeline.sample_pattern import positions
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
-from kernels import Pipeline, samples_at, vertices_at
 
 TILE = struct_layout.TILE_SIZE
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from devices import needs_float64
+from kernel_stages import OTHER_LANES, Pipeline, samples_at, vertices_at
 from stage_oracle import as_kernels_see, owners_of, seen_from
 
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.sample_pattern import positions
-from kernels import OTHER_LANES, Pipeline, samples_at, vertices_at
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 GUARD = struct_layout.GUARD_PIXELS * 256

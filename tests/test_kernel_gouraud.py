@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import stage_oracle
+from kernel_stages import OTHER_LANES, Pipeline, bits, four
 from stage_oracle import EXPONENTS, options, patches
 
 from clshade.measure.check import oracle_bounds
 from clshade.pipeline.buffers import Buffer
-from kernels import OTHER_LANES, Pipeline, bits, four
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 RESOLUTION = (93, 71)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernel_stages import OTHER_LANES, bits, image_of, mask
 from stage_oracle import as_kernels_see, owners_of
 
 from clshade.oracle import coverage, shade
@@ -11,7 +12,6 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
-from kernels import OTHER_LANES, bits, image_of, mask
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:

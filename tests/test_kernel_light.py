@@ -7,13 +7,13 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from kernel_stages import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 
 from clshade.measure.check import oracle_bounds
 from clshade.oracle import OracleFrame, shade
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
-from kernels import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 
 HALF_ULP = 2.0**-24
 EYE = np.zeros(3)  # points and lights are relative to it

@@ -5,8 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-
-from kernels import LANES, Probe, bits, float32, split
+from kernel_stages import LANES, Probe, bits, float32, split
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one operation
 LOWEST = 100  # powers below 2^-100 are 0

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import stage_oracle
+from kernel_stages import OTHER_LANES, Pipeline, bits
 from stage_oracle import EXPONENTS, options, patches
 
 from clshade.measure.check import oracle_bounds
-from kernels import OTHER_LANES, Pipeline, bits
 
 FILES = ("setup.cl", "bin.cl", "phong.cl")
 RESOLUTION = (93, 71)

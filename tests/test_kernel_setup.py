@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernel_stages import Pipeline, boxes_of, samples_at, vertices_at
 from stage_oracle import hull, narrowed, seen_from
 
 from clshade.oracle import coverage, transform
@@ -11,7 +12,6 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
 from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.sample_pattern import positions
-from kernels import Pipeline, boxes_of, samples_at, vertices_at
 
 COLUMNS, ROWS = 61, 43
 LIMIT = struct_layout.SNAP_LIMIT

@@ -32,7 +32,7 @@ def test_literals_are_found():
 
 
 # Numbers of layout.py that stand for nothing else. Of TILE_SIZE (16) and SUBPIXEL_BITS (8) a kernel may well have other
-# uses; tests/test_frames.py changes the tile's size instead.
+# uses; tests/pipeline/test_frames.py changes the tile's size instead.
 SHARED = [value for value in struct_layout.CONSTANTS.values() if value > 255]
 
 

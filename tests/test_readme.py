@@ -108,7 +108,7 @@ def test_descriptions_of_arrays_are_found_and_checked():
 
 def commands(block: Block) -> list[list[str]]:
     """The command lines of a shell block, without what installs something, runs the tests, or needs servers
-    (tests/test_farm_cluster.py starts those)."""
+    (tests/farm/test_farm_cluster.py starts those)."""
     # Not shlex's comments: to it the # of `out.####.exr` begins one.
     code = [re.sub(r"(^|\s)#\s.*", "", line) for line in block.text.splitlines()]
     lines = [shlex.split(part) for line in code for part in line.split("&&")]
@@ -122,7 +122,7 @@ def commands(block: Block) -> list[list[str]]:
 
 
 def case(words: list[str]) -> Any:
-    """The demos and a whole turn take long; tests/test_demos.py and tests/test_farm.py run them on small images."""
+    """The demos and a whole turn take long; test_demos.py and test_farm.py run them on small images."""
     slow = any(word.startswith("demos/") or word == "turntable" for word in words)
     return pytest.param(words, id=" ".join(words[1:]), marks=[pytest.mark.long] if slow else [])
 
@@ -205,7 +205,12 @@ def test_readme_is_a_newcomers_page_that_leads_to_all_others():
 def test_every_file_that_a_document_names_is_there(document):
     """Paths in backquotes, from the repository's root or the document's folder."""
     named = re.findall(r"`((?:[\w.-]+/)*[\w-]+\.(?:py|cl|clh))`", PROSE[document])
-    places = [ROOT, (ROOT / document).parent, ROOT / "kernels", ROOT / "tests"]
+    places = [
+        ROOT,
+        (ROOT / document).parent,
+        ROOT / "kernels",
+        *(path for path in (ROOT / "tests").rglob("*") if path.is_dir()),
+    ]
     assert not [name for name in named if not any((place / name).is_file() for place in places)]
 
 

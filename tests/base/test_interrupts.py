@@ -1,0 +1,164 @@
+"""Ctrl-C and signals that kill, at any moment of a run: what is left behind, and that the next run works."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from processes import ROOT
+
+COMMAND = ("render", "box_room", "--resolution", "160,120", "--deterministic", "--quiet")
+OUTPUTS = ("out.exr", "out.png")
+EARLIER = b"earlier"
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+
+# Says when it starts and where it is stuck: in C, where Python can't handle a signal, for half a minute if nobody ends it.
+START = """
+import sys
+print("started", flush=True)
+sys.argv[0] = "clshade"
+def stuck(*arguments, **options):
+    import hashlib
+    print("stuck", file=sys.__stdout__, flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 60_000_000)
+from clshade import __main__
+from clshade.cli import main as cli
+run = cli.main
+def main():
+    {hook}
+    return run()
+cli.main = main
+__main__.entry()
+"""
+BUILDING = "from clshade.pipeline import programs; programs.build = stuck"
+WRITING = "import os; os.fsync = stuck"
+# What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
+WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
+CLEARING = "from clshade.base import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
+# As where OpenEXR reads: what it prints by itself is kept from standard error meanwhile.
+UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
+FAILING = "from clshade.base import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
+THROWN_AWAY = "from clshade.pipeline.opencl import cache_slots as slots; slots.SLOTS = 0; " + BUILDING
+
+
+def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
+    """A run in `folder` with this cache; it has printed that it started."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", START.format(hook=hook), *COMMAND],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "started\n"
+    return process
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit code and standard error."""
+    _, err = process.communicate(timeout=240)
+    return process.returncode, err
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with earlier output."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for name in OUTPUTS:
+        (folder / name).write_bytes(EARLIER)
+    return folder
+
+
+def contents(folder: Path) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in OUTPUTS]
+
+
+def assert_kept(folder: Path) -> None:
+    assert contents(folder) == [EARLIER] * len(OUTPUTS)
+
+
+def assert_ends_soon(process: subprocess.Popen[str]) -> None:
+    """An interrupt of a stuck run ends it, in one line, long before what it is stuck in would (30 s)."""
+    assert process.stdout.readline() == "stuck\n"
+    sent = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    assert finish(process) == (130, "clshade: interrupted\n")
+    assert time.perf_counter() - sent < 15.0
+
+
+@pytest.mark.parametrize(
+    "hook", [BUILDING, WRITING, WAITING, FAILING, UNHEARD], ids=["building", "writing", "waiting", "failing", "unheard"]
+)
+def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, hook):
+    assert_ends_soon(start(folder, tmp_path / "cache", hook))
+    assert_kept(folder)
+    assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
+
+
+def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
+    assert_ends_soon(start(folder, tmp_path / "cache", CLEARING))
+    assert_kept(folder)
+
+
+def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
+    """As a process has one where all slots are taken."""
+    process = start(folder, tmp_path / "cache", THROWN_AWAY)
+    assert process.stdout.readline() == "stuck\n"
+    assert list((tmp_path / "cache" / "clshade").glob("once-*"))
+    process.send_signal(signal.SIGINT)
+    assert finish(process) == (130, "clshade: interrupted\n")
+    assert not list((tmp_path / "cache" / "clshade").glob("once-*"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_killed_while_writing(opened, folder, tmp_path, number):
+    """A temporary file may stay: the next one to write there an hour later removes it."""
+    process = start(folder, tmp_path / "cache", WRITING)
+    assert process.stdout.readline() == "stuck\n"
+    process.send_signal(number)
+    assert finish(process) == (-number, "")
+    assert_kept(folder)
+    assert all(name in OUTPUTS or name.startswith(".clshade-") for name in os.listdir(folder))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(opened, tmp_path_factory):
+    """How long a run takes with an empty cache, seconds, and the bytes of its files."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    began = time.perf_counter()
+    assert finish(start(folder, folder / "cache")) == (0, "")
+    return time.perf_counter() - began, contents(folder)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.6, 0.8, 0.95])
+def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
+    """With an empty cache; share: of the time that a run takes. Each file is the earlier or the new one, whole; after an
+    interrupt all are earlier ones or all new."""
+    seconds, expected = undisturbed
+    process = start(folder, tmp_path / "cache")
+    time.sleep(share * seconds)
+    process.send_signal(number)
+    code, err = finish(process)
+    left = contents(folder)
+    if code == 0:  # it was faster
+        assert left == expected
+    elif number == signal.SIGINT:
+        assert (code, err) == (130, "clshade: interrupted\n")
+        assert left in ([EARLIER] * len(OUTPUTS), expected)
+    else:
+        assert (code, err) == (-number, "")
+        assert all(found in (EARLIER, new) for found, new in zip(left, expected, strict=True))
+    assert finish(start(folder, tmp_path / "cache")) == (0, "")
+    assert contents(folder) == expected

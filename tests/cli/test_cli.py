@@ -1,0 +1,384 @@
+"""The command line: files, exit codes, one line on stderr for whatever is refused, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scene_files
+from command_line import SMALL, assert_refused, listing, needs_device, process, run, scene_of, without_compiling
+from devices import working_devices
+from processes import ROOT
+
+from clshade.cli.commands import render
+from clshade.cli.main import main
+from clshade.images import exr, png
+
+# Rendering
+
+
+@needs_device
+@pytest.mark.parametrize(
+    ("output", "stem"),
+    [("picture", "picture"), ("picture.exr", "picture"), ("a.png", "a"), ("v1.2", "v1.2"), ("sub/x", "sub/x")],
+)
+def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
+    (tmp_path / "sub").mkdir()
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / output)
+    assert (code, err) == (0, [])
+    assert listing(tmp_path) == sorted([f"{stem}.exr", f"{stem}.png", "sub"])
+    assert "32x24" in out
+    assert f"{stem}.exr" in out
+    channels, _ = exr.read(tmp_path / f"{stem}.exr")
+    assert set(channels) == {"R", "G", "B", "A", "Z", "id"}
+    assert channels["R"].shape == (24, 32)
+    assert png.read(tmp_path / f"{stem}.png").shape == (24, 32, 3)
+
+
+@needs_device
+def test_render_as_a_process_in_a_folder(tmp_path):
+    """The default of -o: `out.exr` and `out.png` here."""
+    done = process(*SMALL, cwd=tmp_path)
+    assert (done.returncode, without_compiling(done.stderr)) == (0, [])
+    assert listing(tmp_path) == ["out.exr", "out.png"]
+
+
+@needs_device
+def test_options_reach_the_image(tmp_path, capsys):
+    options = ("--deterministic", "--stats")
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", *options)
+    assert (code, err) == (0, [])
+    stats = json.loads(out)
+    assert stats["resolution"] == [32, 24]
+    assert "phong" in stats["times_ms"]
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert channels["id"].min() > 0
+    assert "renderTimeSeconds" not in header
+    first = (tmp_path / "a.exr").read_bytes()
+    assert run(capsys, *SMALL, "-o", tmp_path / "b", *options)[0] == 0
+    assert (tmp_path / "b.exr").read_bytes() == first
+    assert run(capsys, *SMALL, "-o", tmp_path / "c", *options, "--lights", "1")[0] == 0
+    assert exr.read(tmp_path / "c.exr")[0]["G"].mean() < channels["G"].mean()
+
+
+def test_options_reach_the_scene():
+    plain, chosen = scene_of("quads"), scene_of("quads", "--lights", "1", "--components", "ambient,specular")
+    assert len(plain.lights) == 2
+    assert [light.position.tolist() for light in chosen.lights] == [plain.lights[1].position.tolist()]
+    was, now = plain.meshes[0].material, chosen.meshes[0].material
+    assert (now.ka.tolist(), now.kd.tolist(), now.ks.tolist()) == (was.ka.tolist(), [0, 0, 0], was.ks.tolist())
+
+
+@needs_device
+def test_a_file_is_rendered(tmp_path, capsys):
+    mesh = scene_files.write(tmp_path / "one.obj", scene_files.TRIANGLE + "f 1 2 3\n")
+    code, _, err = run(capsys, "render", mesh, "--resolution", "32,24", "-o", tmp_path / "one")
+    assert (code, err) == (0, [])
+    assert exr.read(tmp_path / "one.exr")[0]["A"].sum() > 20
+
+
+@needs_device
+def test_exposure_and_tone_map_change_the_png_alone(tmp_path, capsys):
+    run(capsys, *SMALL, "-o", tmp_path / "a", "--deterministic")
+    run(capsys, *SMALL, "-o", tmp_path / "b", "--deterministic", "--exposure", "-2", "--tonemap", "aces")
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert png.read(tmp_path / "a.png").mean() > png.read(tmp_path / "b.png").mean() + 5
+
+
+# Refusals
+
+
+USAGE = [
+    (("render", "--shader", "flat"), ("--shader", "'flat'", "gouraud")),
+    (("render", "--preset", "fancy"), ("--preset", "fancy")),
+    (("render", "--tonemap", "film"), ("--tonemap", "film")),
+    (("render", "--layers", "Z,N7"), ("--layers", "'N7'")),
+    (("render", "--components", "shine"), ("--components", "'shine'")),
+    (("render", "--resolution", "10"), ("--resolution", "'10'")),
+    (("render", "--resolution", "10,x"), ("--resolution", "'10,x'")),
+    (("render", "--lights", "one"), ("--lights", "'one'")),
+    (("render", "--exposure", "bright"), ("--exposure", "bright")),
+    (("render", "--near", "far"), ("--near", "far")),
+    (("render", "--precision", "float16"), ("--precision", "float16")),
+    (("render", "--no-such-option"), ("--no-such-option",)),
+    (("paint",), ("paint",)),
+    ((), ("COMMAND",)),
+    (("inspect",), ("FILE",)),
+    (("inspect", "a.exr", "extra"), ("extra",)),
+    (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), USAGE, ids=[" ".join(arguments) for arguments, _ in USAGE])
+def test_bad_usage(capsys, arguments, parts):
+    assert_refused(run(capsys, *arguments), *parts)
+
+
+BAD = [
+    (("no_such_file.obj",), ("no_such_file.obj",)),
+    (("no_such_file.npy",), ("no_such_file.npy",)),
+    (("no_such_scene",), ("no_such_scene", "a file or one of", "teapot")),
+    (("n" * 5000,), ("nnn", "a file or one of")),
+    (("scene.xyz",), ("scene.xyz", "extension", ".npy", ".obj")),
+    (("empty.obj",), ("empty.obj",)),
+    (("text.npy",), ("text.npy",)),
+    (("folder.obj",), ("folder.obj",)),
+    (("quads", "--resolution", "0,10"), ("resolution", "0")),
+    (("quads", "--resolution", "10,99999"), ("resolution", "99999")),
+    (("quads", "--near", "-1"), ("near", "-1")),
+    (("quads", "--near", "nan"), ("near", "nan")),
+    (("quads", "--lights", "5"), ("--lights", "0 to 1", "5")),
+    (("quads", "--texture", "x.png"), ("--texture", "quads")),
+    (("quads", "--focal", "3"), ("--focal", "quads")),
+    (("quads", "-o", "missing/out"), ("missing/out", "missing")),
+    (("quads", "--device", "no such platform"), ("no such platform",)),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), BAD, ids=[" ".join(arguments) for arguments, _ in BAD])
+def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.xyz").write_text("what is this")
+    (tmp_path / "empty.obj").write_text("")
+    (tmp_path / "text.npy").write_text("not NumPy's")
+    (tmp_path / "folder.obj").mkdir()
+    before = listing(tmp_path)
+    assert_refused(run(capsys, "render", *arguments), *parts)
+    assert listing(tmp_path) == before
+
+
+@pytest.fixture
+def no_loading(monkeypatch):
+    """Fails where a scene is loaded: what cannot be saved is refused before."""
+    monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
+
+
+@pytest.mark.usefixtures("no_loading")
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (("--compression", "lzma"), ("compression", "lzma", "zip")),
+        (("--exposure", "nan"), ("exposure", "nan")),
+        (("--exposure", "1000"), ("exposure", "1000")),
+        (("-o", "."), ("a file name", "'.'")),
+        (("-o", "out.jpg"), ("out.exr and out.png", "'out.jpg'")),
+        (("-o", "-"), ("image.exr and image.png", "'-'")),
+        (("-o", "missing/out"), ("missing/out.exr", "there is no folder")),
+        (("-o", "n" * 256), ("nnn.exr", "too long")),
+        (("-o", "file/out"), ("file/out.exr", "not a folder")),
+    ],
+)
+def test_refused_output_options_leave_nothing(tmp_path, capsys, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", *options), *parts)
+    assert listing(tmp_path) == ["file"]
+
+
+@pytest.mark.usefixtures("no_loading")
+@pytest.mark.parametrize("taken", ["out.exr", "out.png"])
+def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
+    """A folder in the place of either file: the other is not left alone."""
+    (tmp_path / taken).mkdir()
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), taken)
+    assert listing(tmp_path) == [taken]
+
+
+@pytest.mark.usefixtures("no_loading")
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(tmp_path, capsys):
+    tmp_path.chmod(0o500)
+    try:
+        assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), "out")
+        assert listing(tmp_path) == []
+    finally:
+        tmp_path.chmod(0o700)
+
+
+@needs_device
+def test_earlier_files_survive_a_refusal(tmp_path, capsys):
+    (tmp_path / "out.exr").write_text("kept")
+    (tmp_path / "out.png").write_text("kept too")
+    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", "--device", "no such platform"), "no such platform")
+    assert (tmp_path / "out.exr").read_text() == "kept"
+    assert (tmp_path / "out.png").read_text() == "kept too"
+
+
+def test_refusals_as_a_process(tmp_path):
+    """Exit code, one line, no traceback: as a shell sees them."""
+    for arguments in (("render", "none.obj"), ("render", "--shader", "flat")):
+        done = process(*arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert done.stderr.count("\n") == 1
+        assert done.stderr.startswith("clshade")
+    assert listing(tmp_path) == []
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    done = process("--debug", "render", "none.obj", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+    assert "none.obj" in done.stderr
+
+
+def test_interrupted(capsys, monkeypatch):
+    def stop(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(render, "load_scene", stop)
+    code, out, err = run(capsys, *SMALL)
+    assert (code, out) == (130, "")
+    assert len(err) == 1
+
+
+@pytest.mark.parametrize(("error", "line"), [(MemoryError(), ""), (MemoryError("9 GiB\nwanted"), ": 9 GiB wanted")])
+def test_out_of_memory(capsys, monkeypatch, error, line):
+    def stop(*arguments):
+        raise error
+
+    monkeypatch.setattr(render, "load_scene", stop)
+    assert run(capsys, *SMALL) == (2, "", [f"clshade: out of memory{line}"])
+    with pytest.raises(MemoryError):
+        run(capsys, "--debug", *SMALL)
+
+
+def interrupted(code: str, cwd: Path) -> tuple[int, str]:
+    """Exit code and standard error of `python -m clshade render` where `code` runs first and sends SIGINT."""
+    (cwd / "sitecustomize.py").write_text(code)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(cwd), str(ROOT)])}
+    command = [sys.executable, "-m", "clshade", "render", "quads"]
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(
+    "module", ["argparse", "clshade.errors", "clshade.cli.main", "clshade.scene.model", "numpy", "_signal"]
+)
+def test_interrupted_while_importing(tmp_path, module):
+    code = f"""
+import os, signal, sys
+def interrupt(*arguments):
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1_000_000_000):  # until the interrupt comes
+        pass
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            interrupt()
+sys.meta_path.insert(0, Interrupt())
+if {module!r} == "_signal":  # not imported any more: between the imports and the scene
+    import clshade.cli.main
+    clshade.cli.main.with_values = interrupt
+"""
+    status, err = interrupted(code, tmp_path)
+    assert status == 130, err
+    assert err in ("", "clshade: interrupted\n")
+    assert listing(tmp_path) in (["sitecustomize.py"], ["__pycache__", "sitecustomize.py"])
+
+
+# Standard output
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("inspect", "a.exr"), ("render", *SMALL[1:])])
+def test_a_full_disk_behind_standard_output(tmp_path, arguments):
+    if arguments[0] == "render" and not working_devices():
+        pytest.skip("no OpenCL device works here")
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", *arguments]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert without_compiling(done.stderr) == ["clshade: standard output: cannot be written: No space left on device"]
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("inspect", "a.exr")])
+def test_nobody_reads_standard_output(tmp_path, arguments):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", *arguments]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_without_standard_output(tmp_path, capsys, monkeypatch):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(["inspect", str(tmp_path / "a.exr")]) == 0
+
+
+# The other commands
+
+
+def test_help_and_version(capsys):
+    for arguments in (("--help",), ("render", "--help"), ("devices", "--help"), ("inspect", "--help"), ("--version",)):
+        code, out, err = run(capsys, *arguments)
+        assert (code, err) == (0, [])
+        assert out.startswith(("usage: clshade", "clshade "))
+    help_text = run(capsys, "render", "--help")[1]
+    for option in (
+        "--shader",
+        "--preset",
+        "--resolution",
+        "--layers",
+        "--tonemap",
+        "--exposure",
+        "--device",
+        "--stats",
+    ):
+        assert option in help_text
+
+
+def test_devices(capsys):
+    code, out, err = run(capsys, "devices")
+    assert err == []
+    assert code == (0 if working_devices() else 1)
+    assert all(index in out for index in working_devices())
+    assert "works" in out or "install" in out
+
+
+def test_inspect(tmp_path, capsys):
+    image = np.random.default_rng(1).uniform(0, 2, (12, 16, 3)).astype(np.float32)
+    exr.write(tmp_path / "a.exr", image)
+    code, out, err = run(capsys, "inspect", tmp_path / "a.exr")
+    assert (code, err) == (0, [])
+    assert listing(tmp_path) == ["a.exr"]
+    assert all(f"\n{name} " in f"\n{out}" or f" {name} " in out for name in "RGB")
+    code, _, _ = run(capsys, "inspect", tmp_path / "a.exr", "-o", tmp_path / "b.png")
+    assert code == 0
+    assert (tmp_path / "b.png").exists()
+
+
+def test_inspect_reads_the_file_once(tmp_path, capsys, monkeypatch):
+    exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
+    reads, read = [], exr.read
+    monkeypatch.setattr(exr, "read", lambda path: reads.append(path) or read(path))
+    assert run(capsys, "inspect", tmp_path / "a.exr")[0] == 0
+    assert reads == [str(tmp_path / "a.exr")]
+
+
+def test_inspect_refuses(tmp_path, capsys):
+    (tmp_path / "bad.exr").write_bytes(b"v/1\x01" + bytes(40))
+    for name in ("none.exr", "bad.exr"):
+        assert_refused(run(capsys, "inspect", tmp_path / name), name)
+    assert listing(tmp_path) == ["bad.exr"]
+
+
+def test_devices_as_json(capsys):
+    code, out, err = run(capsys, "devices", "--json")
+    assert (code == 0, err) == (bool(working_devices()), [])
+    assert tuple(info["index"] for info in json.loads(out) if info["works"]) == working_devices()

@@ -1,0 +1,160 @@
+"""The command line's options for mesh files, and what it says of a file that is slow or holds what is not rendered."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+
+import numpy as np
+import pytest
+from command_line import run, scene_of
+from devices import working_devices
+from mesh_writers import triangle
+from scene_files import TRIANGLE, course_dict, save_npy, write
+
+from clshade.cli.commands import DONE, render
+from clshade.cli.commands.scene_options import load_scene
+from clshade.images import exr
+from clshade.scene import framing
+from clshade.scene.formats import load
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
+
+
+def test_creases(tmp_path):
+    path = write(tmp_path / "roof.obj", ROOF)
+    assert scene_of(path).meshes[0].normals is None
+    for options, count in (("--crease 30", 4), ("--crease 10", 6), ("--crease 0", 2), ("--flat", 2)):
+        assert len(scene_of(path, *options.split()).meshes[0].normals) == count, options
+
+
+@pytest.mark.parametrize("up", framing.UPS)
+@pytest.mark.parametrize("form", ["--up={}", "--up {}"])
+def test_up(tmp_path, up, form):
+    scene = scene_of(write(tmp_path / "a.obj", ROOF), *form.format(up).split())
+    axis = np.zeros(3)
+    axis["xyz".index(up[-1])] = -1.0 if up[0] == "-" else 1.0
+    assert scene.camera.up.tolist() == axis.tolist()
+    assert (scene.camera.eye - scene.camera.lookat) @ axis > 0  # from above
+    assert (scene.lights[0].position - scene.camera.lookat) @ axis > 0
+
+
+def test_the_views_of_all_axes_are_rotations_of_one():
+    for axes in framing.UPS.values():
+        assert np.linalg.det(np.array(axes)) == 1.0
+        assert np.array_equal(np.cross(axes[0], axes[1]), axes[2])
+
+
+def test_two_sided(tmp_path):
+    path = triangle().glb(tmp_path / "a.glb")
+    for options, two_sided, sides in (
+        ([], False, "front"),
+        (["--two-sided"], True, "both"),
+        (["--no-two-sided"], False, "front"),
+    ):
+        material = scene_of(path, *options).meshes[0].material
+        assert (material.two_sided, material.sides) == (two_sided, sides)
+    is_open = write(tmp_path / "a.obj", ROOF)
+    assert [scene_of(is_open, *o).meshes[0].material.two_sided for o in ([], ["--no-two-sided"])] == [True, False]
+
+
+@pytest.mark.parametrize("resolution", ["200,800", "800,200"])
+def test_a_mesh_fits_into_an_image_of_any_shape(tmp_path, resolution):
+    path = write(tmp_path / "a.obj", ROOF)
+    wanted = tuple(map(int, resolution.split(",")))
+    camera = scene_of(path, "--resolution", resolution).camera
+    assert camera.resolution == wanted
+    assert camera.eye.tolist() == load.load(path, resolution=wanted).camera.eye.tolist()
+
+
+def test_values_that_begin_with_a_dash(tmp_path):
+    path = write(tmp_path / "a.obj", ROOF)
+    camera = scene_of(path, "--camera-position", "-1,-2,3", "--camera-focal-point", "-.5,0,0").camera
+    assert (camera.eye.tolist(), camera.lookat.tolist()) == ([-1, -2, 3], [-0.5, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (("a.obj", "--crease", "200"), ("crease", "degrees from 0 to 180", "200")),
+        (("a.obj", "--crease", "-1"), ("crease", "degrees from 0 to 180", "-1")),
+        (("a.obj", "--crease", "nan"), ("crease", "nan")),
+        (("a.obj", "--crease", "x"), ("--crease", "'x'")),
+        (("a.obj", "--crease", "3", "--flat"), ("--crease", "--flat")),
+        (("a.obj", "--up", "w"), ("--up", "'w'", "-z")),
+        (("a.obj", "--up"), ("--up", "expected one argument")),
+        (("a.npy", "--crease", "30"), ("crease", "none for a course scene")),
+        (("a.npy", "--up", "-z"), ("up", "none for a course scene")),
+        (("teapot", "--flat"), ("--flat", "'teapot'")),
+        (("teapot", "--no-two-sided"), ("--two-sided", "'teapot'")),
+        (("teapot", "--crease", "0"), ("--crease", "'teapot'")),
+    ],
+)
+def test_refused_options(tmp_path, capsys, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a.obj", ROOF)
+    save_npy(tmp_path / "a.npy", course_dict())
+    before = sorted(tmp_path.iterdir())
+    code, out, err = run(capsys, "render", *options)
+    assert (code, out, len(err)) == (2, "", 1), err
+    assert all(part in err[0] for part in parts), err[0]
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@needs_device
+def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
+    document = triangle(material=0)
+    document.add("materials", {"normalTexture": {"index": 0}, "emissiveFactor": [1, 1, 1]})
+    path = document.glb(tmp_path / "a.glb")
+    small = ("render", path, "--resolution", "32,24", "-o", tmp_path / "out")
+    code, out, err = run(capsys, *small)
+    assert (code, err) == (0, [f"clshade: warning: {path}: not rendered: normal maps, emission"])
+    assert "\nignored normal maps, emission\n" in out
+    stats = json.loads(run(capsys, *small, "--stats")[1])
+    assert stats["ignored"] == ["normal maps", "emission"]
+    plain = run(capsys, "render", triangle().glb(tmp_path / "b.glb"), *small[2:])
+    assert plain[2] == []
+    assert "ignored" not in plain[1]
+
+
+def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
+    path = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
+    monkeypatch.setattr(render, "run", lambda given: load_scene(given, given.scenes[0]) and DONE)
+    code, _, err = run(capsys, "render", path)
+    assert code == 0
+    assert err == [
+        f"clshade: warning: {path}: line 1: mtllib: there is no file 'none.mtl'",
+        f"clshade: warning: {path}: usemtl: no library defines the material 'm'",
+    ]
+    monkeypatch.setattr(render, "run", lambda arguments: warnings.warn("two\nlines", stacklevel=1))
+    assert run(capsys, "render", path)[2] == ["clshade: warning: two lines"]
+
+
+def test_a_slow_file_is_told(tmp_path, capsys, monkeypatch):
+    path = write(tmp_path / "a.obj", ROOF)
+    load.load(path)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(load, "SLOW", 0.01)
+    monkeypatch.setattr(load, "read_obj", lambda path, options: time.sleep(0.3) or framing)
+    assert load.load(path) is framing
+    assert capsys.readouterr().err == f"clshade: loading {path} ...\n"
+
+
+@needs_device
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_a_mirrored_placement_shows_its_front(tmp_path, capsys, mirror):
+    """A single-sided triangle under a node that mirrors it: its front stays its front, and lit as before."""
+    document = triangle()
+    document.add("nodes", {"mesh": 0, "scale": [mirror, 1, 1]})
+    path = document.glb(tmp_path / "a.glb")
+    view = ("--camera-position", f"{mirror * 0.3},0.3,3", "--camera-focal-point", f"{mirror * 0.3},0.3,0")
+    options = ("render", path, "--resolution", "32,32", "-o", tmp_path / "front", "--components", "ambient,diffuse")
+    assert run(capsys, *options, *view)[0] == 0
+    front, _ = exr.read(tmp_path / "front.exr")
+    assert front["A"].sum() > 50
+    assert front["R"][front["A"] > 0].min() > 0.11  # more than the ambient light
+    behind = (*view[:1], f"{mirror * 0.3},0.3,-3", *view[2:])
+    assert run(capsys, *options, *behind)[0] == 0
+    assert not exr.read(tmp_path / "front.exr")[0]["A"].any()

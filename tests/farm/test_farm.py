@@ -1,0 +1,395 @@
+"""Frames of a turn or of a file's cameras: numbers, file names, cameras, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devices import working_devices
+
+from clshade.cli.main import main
+from clshade.errors import InputError
+from clshade.farm import Run, draw_frames
+from clshade.farm.cameras import FIELDS, orbit, read_cameras
+from clshade.farm.frames import parse_frames, parse_pattern
+from clshade.images import exr
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.camera import Camera
+
+SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
+BASE = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.5), (30, 20))
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command line."""
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    return code, *capsys.readouterr()
+
+
+def assert_refused(found: tuple[int, str, str], *parts: str) -> None:
+    code, out, err = found
+    assert (code, out, len(err.splitlines())) == (2, "", 1), found
+    assert all(part in err for part in parts), err
+
+
+# Numbers and names
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers", "ends"),
+    [
+        ("5", [5], (5, 5)),
+        ("3..6", [3, 4, 5, 6], (3, 6)),
+        ("1..10..4", [1, 5, 9], (1, 10)),
+        ("7,1..3, 2", [1, 2, 3, 7], (1, 7)),
+        ("007..8", [7, 8], (7, 8)),
+        ("0", [0], (0, 0)),
+    ],
+)
+def test_frames(text, numbers, ends):
+    found = parse_frames(text)
+    assert (list(found.numbers), (found.first, found.last)) == (numbers, ends)
+    assert found.span == ends[1] - ends[0] + 1
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a", "1-5", "1...5", "5..1", "1..5..0", "-3..3", "1..", "1,,2", "1..1000000000", "9" * 40, "1.5", "²"]
+)
+def test_refused_frames(text):
+    with pytest.raises(InputError, match=r"^--frames: expected "):
+        parse_frames(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "number", "stem"),
+    [
+        ("out.####.exr", 7, "out.0007"),
+        ("a/b_##", 123, "a/b_123"),
+        ("###.png", 0, "000"),
+        ("v1.2.#.exr", 10, "v1.2.10"),
+        ("take#3/out.##.exr", 4, "take#3/out.04"),
+        ("/a/#", 4, "/a/4"),
+        ("a.exr.#.PNG", 4, "a.exr.4"),
+        ("single.exr", 9, "single"),
+    ],
+)
+def test_file_names(text, number, stem):
+    assert parse_pattern(text, 1).names(number) == (f"{stem}.exr", f"{stem}.png")
+
+
+@pytest.mark.parametrize(("text", "count"), [("out.exr", 2), ("a#b#.exr", 1), ("##/out.exr", 2), ("##/", 1), ("", 1)])
+def test_refused_file_names(text, count):
+    with pytest.raises(InputError):
+        parse_pattern(text, count)
+
+
+# Cameras
+
+
+def test_a_turn_is_closed_and_even():
+    turn = parse_frames("1..8")
+    eyes = np.array([camera.eye for camera in orbit(BASE, turn.numbers, turn).values()])
+    assert (eyes[0] == BASE.eye).all()
+    np.testing.assert_allclose(eyes[2], [5, 0, 0], atol=1e-14)  # to the right; 5 * 2^-53 of rounding, some times
+    np.testing.assert_allclose(eyes[4], [0, 0, -5], atol=1e-14)
+    steps = np.linalg.norm(np.roll(eyes, -1, axis=0) - eyes, axis=1)
+    np.testing.assert_allclose(steps, 10 * np.sin(np.pi / 8), rtol=1e-14)
+
+
+def test_some_frames_of_a_turn_are_where_all_of_them_are():
+    turn = parse_frames("1..8")
+    whole = orbit(BASE, turn.numbers, turn)
+    for text in ("3..5", "1..8..2", "7"):
+        part = orbit(BASE, parse_frames(text).numbers, turn)
+        assert all((part[k].eye == whole[k].eye).all() for k in part)
+    later = orbit(BASE, [9], turn)
+    assert (later[9].eye == BASE.eye).all()
+    every_second = parse_frames("1..8..2")
+    assert (orbit(BASE, [7], every_second)[7].eye == whole[7].eye).all()
+
+
+def test_cameras_of_a_turn_are_made_when_they_are_asked_for(monkeypatch):
+    made: list[float] = []
+    monkeypatch.setattr("clshade.farm.cameras.moved", lambda camera, azimuth: made.append(azimuth))
+    turn = parse_frames("1..1000000")
+    found = orbit(BASE, turn.numbers, turn)
+    assert (len(found), next(iter(found)), 0 in found) == (1_000_000, 1, False)
+    assert found[250_001] is None
+    assert made == [90.0]
+    with pytest.raises(KeyError):
+        found[0]
+
+
+def test_a_turn_the_other_way_and_a_part_of_one():
+    turn = parse_frames("0..3")
+    np.testing.assert_allclose(orbit(BASE, [1], turn, -360.0)[1].eye, [-5, 0, 0], atol=1e-14)
+    np.testing.assert_allclose(orbit(BASE, [2], turn, 180.0)[2].eye, [5, 0, 0], atol=1e-14)
+
+
+def cameras_of(folder: Path, value: object) -> tuple[Camera, ...]:
+    path = folder / "cameras.json"
+    path.write_text(value if isinstance(value, str) else json.dumps(value))
+    return read_cameras(path, BASE)
+
+
+def test_cameras_of_a_file(tmp_path):
+    every = {
+        "eye": [1, 2, 3],
+        "lookat": [0, 1, 0],
+        "up": [0, 0, 1],
+        "focal": 2,
+        "plane": [2, 3],
+        "resolution": [40, 20],
+        "principal": [0.25, 0.5],
+        "orthographic": True,
+    }
+    assert {*every, "fov"} == set(FIELDS)
+    first, second, third, fourth = cameras_of(
+        tmp_path, [every, {}, {"eye": [0, 0, 9], "fov": 90}, {"resolution": [60, 20]}]
+    )
+    for name, value in every.items():
+        assert np.array_equal(getattr(first, name), value), name
+    assert all(np.array_equal(getattr(second, name), getattr(BASE, name)) for name in every)
+    assert third.eye.tolist() == [0, 0, 9]
+    assert third.plane[0] / third.focal == pytest.approx(2.0, rel=1e-15)
+    assert fourth.plane == (1.0, 3.0)
+
+
+REFUSED = [
+    ([{"eye": [1, 2, 3]}, {"lokat": [0, 0, 0]}], ("camera 2", "'lokat'", "did you mean 'lookat'?")),
+    ([{"Eye": [1, 2, 3]}], ("camera 1", "'Eye'", "did you mean 'eye'?")),
+    ([{"zzzzzzzz": 1}], ("camera 1", "'zzzzzzzz'", "eye, lookat, up")),
+    ([{"eye": [1, 2]}], ("camera 1", "eye", "three finite numbers")),
+    ([{"eye": [1, 2, "3"]}], ("camera 1", "eye", "numbers")),
+    ([{"eye": None}], ("camera 1", "eye")),
+    ([{"eye": [[1, 2], [3]]}], ("camera 1", "eye")),
+    ([{"focal": True}], ("camera 1", "focal", "numbers")),
+    ([{"focal": -1}], ("camera 1", "focal", "above 0")),
+    ([{"fov": 180}], ("camera 1", "fov", "to less than 180")),
+    ([{"fov": 1e-320}], ("camera 1", "fov", "from 1e-6")),
+    ([{"fov": 40, "focal": 1}], ("camera 1", "fov", "either fov or focal")),
+    ([{"orthographic": 1}], ("camera 1", "orthographic", "true or false")),
+    ([{"resolution": [40, 0]}], ("camera 1", "resolution")),
+    ([{"resolution": [1e9, 20]}], ("camera 1", "resolution")),
+    ([{"eye": [0, 0, 0]}], ("camera 1", "lookat", "other than eye")),
+    ([{"up": [0, 0, 1]}], ("camera 1", "up", "parallel")),
+    ([[1, 2, 3]], ("camera 1", "an object")),
+    ({"eye": [1, 2, 3]}, ("a list of cameras",)),
+    ([], ("a list of cameras", "empty")),
+    ("3", ("a list of cameras",)),
+    ('[{"eye": [NaN, 0, 1]}]', ("NaN",)),
+    ('[{"eye": [1e999, 0, 1]}]', ("camera 1", "eye")),
+    (f'[{{"focal": 1{"0" * 400}}}]', ("camera 1", "focal")),
+    (f'[{{"focal": 1{"0" * 5000}}}]', ("JSON",)),
+    ('[{"eye": [1,2,3], "eye": [3,2,1]}]', ("the key eye twice",)),
+    ("[{}", ("line 1, column 4",)),
+    ("[" * 100_000, ("nesting",)),
+    ("[" + "1," * 2_200_000 + "1]", ("at most",)),
+]
+
+
+@pytest.mark.parametrize(("value", "parts"), REFUSED)
+def test_refused_camera_files(tmp_path, value, parts):
+    with pytest.raises(InputError) as caught:
+        cameras_of(tmp_path, value)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path}/cameras.json: ")
+    assert "\n" not in message
+    assert all(part in message for part in parts), message
+
+
+def test_the_readme_s_cameras(tmp_path):
+    text = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+    example = text.split("```json cameras.json\n")[1].split("```")[0]
+    first, second, third = cameras_of(tmp_path, example)
+    assert (first.eye.tolist(), second.resolution) == ([-2.4, 4.9, 9.2], (640, 480))
+    assert (third.plane, third.principal) == ((0.6, 0.8), (0.5, 0.45))
+
+
+# Commands
+
+
+@needs_device
+def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = ("turntable", "icosphere", *SMALL, "--frames", "8..10", "--turn", "1..12")
+    code, out, err = run(capsys, *command)
+    assert code == 0
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [f"out.{k:04d}.{kind}" for k in (8, 9, 10) for kind in ("exr", "png")]
+    assert "3/3 frames, " in err
+    assert "frames/s" in err
+    assert "3 drawn" in out
+    whole = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(set(whole.values())) == 6
+
+    (tmp_path / "out.0009.exr").unlink()  # one file of a frame is none
+    (tmp_path / "out.0010.png").write_bytes(b"")
+    (tmp_path / ".clshade-0123456789abcdef.tmp").write_bytes(b"of a process that was killed")
+    code, out, err = run(capsys, *command, "--json")
+    found = json.loads(out)
+    assert (code, found["drawn"], found["skipped"], found["frames"]) == (0, 2, 1, 3)
+    assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
+
+    assert "warning" not in err
+    err = run(capsys, *command, "--resolution", "64,48")[2]
+    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+
+    (tmp_path / "out.0009.exr").write_bytes(b"something else")
+    assert run(capsys, *command, "--quiet") == (0, "", "")
+    assert (tmp_path / "out.0009.exr").read_bytes() == b"something else"
+    assert run(capsys, *command, "--quiet", "--overwrite") == (0, "", "")
+    assert (tmp_path / "out.0009.exr").read_bytes() == whole["out.0009.exr"]
+
+
+@pytest.mark.parametrize("options", [{}, {"workers": 2}], ids=["one process", "workers"])
+@pytest.mark.parametrize("drawn_before", [False, True])
+def test_what_is_no_camera_is_refused_by_its_frame(tmp_path, options, drawn_before):
+    """Before it reaches a worker; and where the frame is there already, whose size is compared."""
+    if drawn_before:
+        for kind in ("exr", "png"):
+            (tmp_path / f"f.7.{kind}").write_bytes(b"some")
+    with pytest.raises(InputError, match=r"^draw_frames: cameras: frame 7: expected a Camera, found 'front'$"):
+        draw_frames(builtin("quads"), {7: "front", 8: None}, str(tmp_path / "f.#.exr"), progress=False, **options)
+
+
+@needs_device
+def test_the_folder_of_the_frames_is_made(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "turntable", "icosphere", *SMALL, "--count", "2", "-o", "new/deep/f.#.exr")
+    assert code == 0, err
+    assert sorted(path.name for path in (tmp_path / "new" / "deep").iterdir()) == [
+        "f.1.exr",
+        "f.1.png",
+        "f.2.exr",
+        "f.2.png",
+    ]
+    assert "new/deep/f.1.exr ... new/deep/f.2.exr" in out
+
+
+def drawn_with(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[int], dict[str, object]]]:
+    """What `draw_frames` is called with from now on, without drawing."""
+    calls: list[tuple[list[int], dict[str, object]]] = []
+
+    def note(scene: object, cameras: dict[int, Camera], output: str, **options: object) -> Run:
+        calls.append((list(cameras), options))
+        return Run(len(cameras), 0, 0, 1.0, 1.0, 1, 1, output, output)
+
+    monkeypatch.setattr("clshade.farm.draw_frames", note)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("arguments", "numbers", "warned"),
+    [
+        (("--count", "3"), [1, 2, 3], False),
+        (("--frames", "36"), [36], True),
+        (("--frames", "36..36"), [36], True),
+        (("--frames", "1"), [1], False),
+        (("--frames", "36", "--turn", "1..120"), [36], False),
+        (("--frames", "36", "-o", "single.exr"), [36], False),
+        (("--frames", "1..3"), [1, 2, 3], False),
+        (("--frames", "2,7"), [2, 7], False),
+    ],
+)
+def test_a_count_and_one_frame_that_may_have_been_meant_for_it(capsys, monkeypatch, arguments, numbers, warned):
+    calls = drawn_with(monkeypatch)
+    code, _, err = run(capsys, "turntable", "quads", *arguments)
+    assert (code, calls[0][0]) == (0, numbers)
+    line = "clshade: warning: --frames 36 is one frame, that of number 36: --count 36 draws 36 frames\n"
+    assert err == (line if warned else "")
+
+
+def test_the_limit_of_a_frame_s_time_is_handed_on(capsys, monkeypatch):
+    calls = drawn_with(monkeypatch)
+    for command in (("turntable", "quads"), ("turntable", "quads", "--workers", "2", "--frame-timeout", "2.5")):
+        assert run(capsys, *command)[0] == 0
+    assert [options["frame_timeout"] for _, options in calls] == [None, 2.5]
+
+
+@needs_device
+def test_a_frame_is_what_render_draws(tmp_path, capsys):
+    """An eighth of a turn, and the first camera of a file; all of it, bit for bit."""
+    (tmp_path / "c.json").write_text('[{"eye": [3, 2, 9]}, {"eye": [3, 2, 9], "orthographic": true, "plane": [6, 8]}]')
+    turn = ("--frames", "2", "--turn", "1..8", "-o", tmp_path / "turn.exr")
+    assert run(capsys, "turntable", "icosphere", *SMALL, *turn, "--quiet")[0] == 0
+    assert run(capsys, "render", "icosphere", *SMALL, "-o", tmp_path / "a", "--camera-azimuth-angle", "45")[0] == 0
+    assert (tmp_path / "turn.exr").read_bytes() == (tmp_path / "a.exr").read_bytes()
+    code, *_ = run(capsys, "animate", "icosphere", *SMALL, "--quiet", "-o", tmp_path / "#.exr", tmp_path / "c.json")
+    assert code == 0
+    assert run(capsys, "render", "icosphere", *SMALL, "-o", tmp_path / "b", "--camera-position", "3,2,9")[0] == 0
+    assert (tmp_path / "1.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert (tmp_path / "1.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    first, second = (exr.read(tmp_path / f"{k}.exr")[0]["R"] for k in (1, 2))
+    assert first.shape == second.shape
+    assert (first != second).any()
+
+
+@needs_device
+def test_cameras_choose_their_resolutions(tmp_path, capsys):
+    (tmp_path / "c.json").write_text('[{"resolution": [20, 10]}, {"resolution": [10, 20]}]')
+    command = ("animate", "icosphere", tmp_path / "c.json", "--preset", "course", "--quiet")
+    assert run(capsys, *command, "-o", tmp_path / "own#.exr")[0] == 0
+    assert [exr.read(tmp_path / f"own{k}.exr")[0]["R"].shape for k in (1, 2)] == [(10, 20), (20, 10)]
+    assert run(capsys, *command, "-o", tmp_path / "one#.exr", "--resolution", "16,8", "--frames", "2")[0] == 0
+    assert exr.read(tmp_path / "one2.exr")[0]["R"].shape == (8, 16)
+    assert not (tmp_path / "one1.exr").exists()
+
+
+COMMANDS = [
+    (("turntable", "--frames", "9..3"), ("--frames", "'9..3'", "not before the first")),
+    (("turntable", "--frames", "1-9"), ("--frames", "'1-9'", "1..120")),
+    (("turntable", "--turn", "x"), ("--turn", "'x'")),
+    (("turntable", "--degrees", "nan"), ("--degrees", "nan")),
+    (("turntable", "-o", "out.exr"), ("--output", "'out.exr'", "out.####.exr")),
+    (("turntable", "--workers", "0"), ("workers", "0")),
+    (("turntable", "--timeout", "0"), ("timeout", "above 0")),
+    (("turntable", "--count", "0"), ("--count", "from 1 to 1000000", "0")),
+    (("turntable", "--count", "two"), ("--count", "'two'")),
+    (("turntable", "--count", "3", "--frames", "3"), ("--count", "not allowed with")),
+    (("turntable", "--frame-timeout", "3"), ("--frame-timeout", "two --workers or more", "--scheduler")),
+    *(
+        (
+            ("turntable", "--workers", "2", "--frame-timeout", value),
+            ("--frame-timeout", "seconds above 0", f"'{value}'"),
+        )
+        for value in ("0", "-1", "nan", "inf", "x")
+    ),
+    (("turntable", "-o", "new/deep/f.##.exr", "--device", "no-such"), ("frame 1", "no OpenCL device")),
+    (("turntable", "-o", "new/f.##.exr", "--compression", "rar"), ("compression", "'rar'")),
+    (("turntable", "-o", "c.json/f.##.exr"), ("c.json is not a folder",)),
+    (("turntable", "--workers", "two"), ("--workers", "'two'")),
+    (("turntable", "--compression", "rar"), ("compression", "'rar'")),
+    (("turntable", "--device", "no-such"), ("frame 1", "no OpenCL device matches 'no-such'")),
+    (("animate", "icosphere"), ("CAMERAS.json",)),
+    (("animate", "icosphere", "none.json"), ("none.json", "no such file")),
+    (("animate", "icosphere", "c.json", "--frames", "1..3"), ("--frames", "1..2")),
+    (("animate", "icosphere", "c.json", "--frames", "0"), ("--frames", "1..2")),
+    (("animate", "icosphere", "bad.json"), ("bad.json", "camera 1", "'focl'", "did you mean 'focal'?")),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), COMMANDS)
+def test_refused_command_lines(tmp_path, capsys, monkeypatch, arguments, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.json").write_text("[{}, {}]")
+    (tmp_path / "bad.json").write_text('[{"focl": 2}]')
+    assert_refused(run(capsys, *arguments, *SMALL), *parts)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.json", "c.json"]
+
+
+@needs_device
+def test_from_python(tmp_path):
+    scene = builtin("icosphere")
+    camera = replace(scene.camera, resolution=(32, 24))
+    found = draw_frames(scene, {4: camera}, str(tmp_path / "a.#.exr"), preset="course", progress=False)
+    assert (found.drawn, found.skipped, found.lost, found.workers) == (1, 0, 0, 1)
+    assert found.size == sum(path.stat().st_size for path in tmp_path.iterdir())
+    with pytest.raises(InputError, match="cameras"):
+        draw_frames(scene, {}, str(tmp_path / "a.#.exr"))

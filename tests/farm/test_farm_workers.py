@@ -1,0 +1,387 @@
+"""Frames by several processes: the same bits as by one, whoever is killed, and nothing left of an interrupted run."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import farm_jobs
+import pytest
+from devices import working_devices
+from farm_jobs import hanging, job
+from processes import ROOT
+
+from clshade.errors import DeviceError, OutputError, WorkerError
+from clshade.farm import local, waiting
+from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
+from clshade.farm.local import ATTEMPTS, draw_locally
+from clshade.images import exr
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+
+COUNT = 24
+
+pytestmark = [
+    pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here"),
+    pytest.mark.skipif(sys.platform == "win32", reason="signals"),
+]
+
+
+def tasks(folder: Path, count: int = COUNT) -> list[Task]:
+    return farm_jobs.tasks(folder, count, (32, 24))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory) -> dict[str, bytes]:
+    """The files as one process writes them."""
+    folder = tmp_path_factory.mktemp("one")
+    with FrameWriter(job()) as writer:
+        assert [writer.draw(task).number for task in tasks(folder)] == list(range(1, COUNT + 1))
+    found = contents(folder)
+    assert len(found) == 2 * COUNT
+    assert len(set(found.values())) > COUNT  # frames differ
+    return found
+
+
+def children() -> list[int]:
+    return [child.pid for child in multiprocessing.active_children() if child.pid]
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 180.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_two_workers_one_of_which_is_killed(tmp_path, expected):
+    found, killed = [], 0
+    for each in draw_locally(job(), tasks(tmp_path), 2):
+        found.append(each)
+        if len(found) == COUNT // 3:
+            killed = children()[0]
+            os.kill(killed, signal.SIGKILL)
+    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    assert sorted(drawn) == list(range(1, COUNT + 1))
+    assert killed
+    lost = [each for each in found if isinstance(each, Lost)]
+    assert [each.reason for each in lost] == ["was killed by SIGKILL"]
+    assert written(tmp_path) == expected
+    assert not children()
+
+
+class Deadly:
+    """A camera that ends the process that it comes to."""
+
+    def __reduce__(self) -> tuple:
+        return os._exit, (7,)
+
+
+def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
+    good, *_ = tasks(tmp_path)
+    bad = Task(2, Deadly(), tmp_path / "002")  # type: ignore[arg-type]
+    found: list[Drawn | Lost] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* exit code 7$"):
+        found.extend(draw_locally(job(), [good, bad], 2))
+    assert sum(isinstance(each, Lost) for each in found) == ATTEMPTS - 1
+    assert not children()
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    """Without what a process that was killed was writing."""
+    return {name: data for name, data in contents(folder).items() if not name.startswith(".clshade-")}
+
+
+def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
+    monkeypatch.setattr(waiting, "SILENT", 0.5)
+    found: list[Drawn | Lost | Silent] = []
+    silent: list[Silent] = []  # of the worker that is stopped
+    stopped = 0
+    for each in draw_locally(job(), tasks(tmp_path), 2):
+        found.append(each)
+        if not stopped and sum(isinstance(one, Drawn) for one in found) == COUNT // 3:
+            stopped = children()[0]
+            os.kill(stopped, signal.SIGSTOP)
+        elif isinstance(each, Silent) and each.worker == str(stopped):
+            silent.append(each)
+            if len(silent) == 2:
+                os.kill(stopped, signal.SIGCONT)
+    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    assert sorted(drawn) == list(range(1, COUNT + 1))
+    first, second, *_ = silent
+    assert first.numbers == second.numbers
+    assert second.seconds >= 2.0 * first.seconds >= 1.0
+    assert drawn.index(first.numbers[0]) > COUNT // 3
+    assert not any(isinstance(each, Lost) for each in found)
+    assert written(tmp_path) == expected
+
+
+def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
+    found: list[Drawn | Lost | Silent] = []
+    for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
+        found.append(each)
+        if len(found) == COUNT // 3:
+            stopped = children()[0]
+            os.kill(stopped, signal.SIGSTOP)
+    assert sorted(each.number for each in found if isinstance(each, Drawn)) == list(range(1, COUNT + 1))
+    lost = [each for each in found if isinstance(each, Lost)]
+    assert [each.reason.partition(" for ")[0] for each in lost].count(f"{stopped} gave no sign") == 1
+    assert written(tmp_path) == expected
+    assert not is_alive(stopped)
+    assert not children()
+
+
+def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
+    bad = hanging(tasks(tmp_path, 2)[1])
+    found: list[Drawn | Lost | Silent] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* gave no sign for [0-9.]+ s$"):
+        found.extend(draw_locally(job(), [bad], 2, frame_timeout=0.5))
+    assert [each.numbers for each in found if isinstance(each, Lost)] == [(2,)] * (ATTEMPTS - 1)
+    assert not children()
+
+
+def test_starting_does_not_count(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    task = tasks(tmp_path, 1)[0]
+    worker, other = (MagicMock(task=task, ready=False, clock=waiting.Clock()) for _ in range(2))
+    crew = local._Crew(job(), 2, 5.0)
+    monkeypatch.setattr(crew, "_start", lambda: other)
+    now[0] += waiting.PREPARING + 4.0
+    assert [type(each) for each in crew._look_at(worker)] == [Silent]
+    worker.ready = True
+    worker.clock.restart()
+    now[0] += 4.0
+    assert list(crew._look_at(worker)) == []
+    now[0] += 2.0
+    assert [each.numbers for each in crew._look_at(worker)] == [(1,)]
+    worker.kill.assert_called_once()
+    assert other.begin.call_args[0][0] is task
+
+
+@pytest.mark.parametrize("away", [0.0, 60.0])
+def test_time_in_which_this_process_was_stopped_does_not_count(tmp_path, monkeypatch, away):
+    monkeypatch.setattr(waiting, "SILENT", 0.05)  # less than a worker takes to start
+    monkeypatch.setattr(waiting.Pauses, "latest", lambda self: away)
+    found = list(draw_locally(job(), tasks(tmp_path, 1), 2))
+    assert any(isinstance(each, Silent) for each in found) == (away == 0.0)
+
+
+def test_kernels_are_compiled_before_a_frame_counts(tmp_path, monkeypatch):
+    order: list[str] = []
+    render = Renderer.render
+
+    def watched(self: Renderer, camera: Camera) -> object:
+        order.append("{}x{}".format(*camera.resolution))
+        return render(self, camera)
+
+    monkeypatch.setattr(Renderer, "render", watched)
+    with FrameWriter(job()) as writer:
+        for task in tasks(tmp_path, 2):
+            writer.draw(task, lambda: order.append("ready"))
+    assert order == ["16x16", "ready", "32x24", "ready", "32x24"]
+
+
+def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
+    worker = local._Worker(1, timed=False)
+    try:
+        os.kill(worker.process.pid, signal.SIGSTOP)  # type: ignore[arg-type]
+        start = time.monotonic()
+        worker.begin(tasks(tmp_path, 1)[0], bytes(1 << 24))
+        assert time.monotonic() - start < 5.0
+    finally:
+        worker.kill()
+        worker.dismiss()
+    assert worker._sender is not None
+    assert not worker._sender.is_alive()
+
+
+def draw_all(given: Job, listed: Iterable[Task]) -> None:
+    for _ in draw_locally(given, list(listed), 2):
+        pass
+
+
+def test_errors_of_workers_name_the_frame(tmp_path):
+    first, *_ = tasks(tmp_path)
+    away = Task(3, first.camera, tmp_path / "none" / "003")
+    with pytest.raises(OutputError, match=r"^frame 3: .*003\.exr: cannot be written: there is no folder"):
+        draw_all(job(), [away])
+    with pytest.raises(DeviceError, match=r"^frame 1: no OpenCL device matches 'no-such'"):
+        draw_all(job(device="no-such"), [first])
+    with pytest.raises(WorkerError, match=r"^frame 5: AttributeError: ") as caught:
+        draw_all(job(), [Task(5, "camera", tmp_path / "005")])  # type: ignore[arg-type]
+    assert "Traceback" in caught.value.__notes__[0]
+    assert not children()
+
+
+def test_leaving_early_ends_the_workers(tmp_path):
+    results = draw_locally(job(), tasks(tmp_path), 2)
+    next(results)
+    assert len(children()) == 2
+    results.close()  # type: ignore[attr-defined]
+    assert not children()
+
+
+# Runs of the command
+
+
+def start(folder: Path, *further: str, silent: float = 10.0) -> subprocess.Popen[str]:
+    """silent: seconds until a worker without a sign is told of."""
+    code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry; entry()"
+    frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
+    command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def descendants(pid: int) -> list[int]:
+    found = []
+    with contextlib.suppress(OSError):  # a thread or process that has just ended
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                found += [int(child), *descendants(int(child))]
+    return found
+
+
+def under_way(folder: Path) -> subprocess.Popen[str]:
+    """A run that has drawn some of its frames."""
+    process = start(folder)
+    wait_until(lambda: len(list(folder.glob("*.png"))) > 5 or process.poll() is not None)
+    assert process.poll() is None
+    return process
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, number):
+    process = under_way(tmp_path)
+    others = descendants(process.pid)
+    assert len(others) >= 2
+    process.send_signal(number)
+    _, err = process.communicate(timeout=180)
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert err.splitlines()[-1] == "clshade: interrupted"
+        assert "Traceback" not in err
+    wait_until(lambda: not any(is_alive(pid) for pid in others))
+    left = sorted(path.stem for path in tmp_path.glob("*.exr"))
+    assert 5 < len(left) < 20 * COUNT
+    assert all(exr.read(path)[0]["R"].shape == (24, 32) for path in tmp_path.glob("*.exr"))
+    if number == signal.SIGINT:
+        assert not list(tmp_path.glob(".clshade-*"))
+    before = {
+        name: (tmp_path / f"{name}.exr").stat().st_mtime_ns for name in left if (tmp_path / f"{name}.png").exists()
+    }
+    process = start(tmp_path, "--frames", f"1..{len(left) + 4}", "--turn", f"1..{20 * COUNT}")
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == len(left) + 4
+    assert all((tmp_path / f"{name}.exr").stat().st_mtime_ns == when for name, when in before.items())
+    assert f"{len(before)} there already" in out
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    return [pid for pid in descendants(process.pid) if b"spawn_main" in command_line(pid)]
+
+
+def command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def blocked(pid: int) -> int:
+    """The signals that a process holds back, as a mask."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.split("SigBlk:")[1].split()[0], 16)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_interrupts_wait_until_workers_have_started(tmp_path):
+    """Else an interrupt of the whole group, as by a terminal, shows a traceback of each worker's imports."""
+    process = start(tmp_path)
+    wait_until(lambda: workers_of(process) or process.poll() is not None)
+    assert [blocked(pid) >> (signal.SIGINT - 1) & 1 for pid in workers_of(process)[:1]] == [1]
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=180)
+    assert (process.returncode, err) == (130, "clshade: interrupted\n")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_says_that_a_worker_was_killed(tmp_path):
+    process = start(tmp_path, "--frames", f"1..{5 * COUNT}")
+    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
+    workers = workers_of(process)
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert "drawn again: the worker was killed by SIGKILL" in err
+    assert "; 1 lost, the frames drawn again" in out
+    assert f"{5 * COUNT}/{5 * COUNT}" in err
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path):
+    process = start(tmp_path, silent=0.5)
+    first = [tmp_path / f"{number:03d}.png" for number in (1, 2)]
+    wait_until(lambda: all(path.exists() for path in first) or process.poll() is not None)
+    time.sleep(0.2)  # until that has been answered, too
+    assert process.poll() is None
+    workers = workers_of(process)
+    for worker in workers:
+        os.kill(worker, signal.SIGSTOP)
+    form = r"clshade: warning: no sign of worker (\d+) for \d+ s, at frame (\d+) \(--frame-timeout SECONDS gives .*\)\n"
+    silent: set[int] = set()
+    while silent != set(workers):
+        line = process.stderr.readline()  # type: ignore[union-attr]
+        if re.match(r"clshade: \d+/\d+ frames, ", line):  # a slow start's
+            continue
+        found = re.fullmatch(form, line)
+        assert found, line
+        if int(found[2]) > 2:  # the first two may have waited for their workers to start
+            silent.add(int(found[1]))
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=180)
+    assert (process.returncode, err.splitlines()[-1:]) == (130, ["clshade: interrupted"])
+    wait_until(lambda: not any(is_alive(pid) for pid in workers))
+    assert "\r" not in err
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
+def test_a_run_goes_on_without_the_worker_that_is_stopped(tmp_path):
+    process = start(tmp_path, "--frames", f"1..{2 * COUNT}", "--frame-timeout", "3")
+    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
+    stopped = workers_of(process)[0]
+    os.kill(stopped, signal.SIGSTOP)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert f"drawn again: the worker {stopped} gave no sign for " in err
+    assert "lost, the frames drawn again" in out
+    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 2 * COUNT

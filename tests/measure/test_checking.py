@@ -1,0 +1,384 @@
+"""`clshade.check` and `render --check`: the error of an image, found where it was planted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import run
+from devices import working_devices
+
+import clshade
+from clshade import oracle
+from clshade.errors import InputError
+from clshade.images import exr
+from clshade.measure.check import check, oracle_bounds
+from clshade.oracle import coverage
+from clshade.pipeline.frame import Frame
+from clshade.scene.builtin import scenes
+from clshade.scene.model import Camera, Material, Mesh, Scene, Settings, Texture
+
+LAYERS = ("Z", "id")
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+
+
+def frame_of(scene: Scene, settings: Settings) -> Frame:
+    """What a renderer without any error but rounding would give; no device is needed."""
+    expected = oracle.render(scene, settings)
+    rgba = np.concatenate([expected.rgb, expected.alpha[..., None]], axis=-1).astype(np.float32)
+    layers = {"Z": expected.Z.astype(np.float32), "id": expected.id}
+    stats = {"times_ms": {"frame": 1.0}}
+    return Frame(rgba, {name: layers[name] for name in settings.layers}, scene, settings, lambda: stats)
+
+
+def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> Frame:
+    return frame_of(scenes.teapot(3, (80, 60)), Settings.from_preset(preset, layers=layers))
+
+
+# The oracle at some pixels
+
+
+def random_triangles(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Snapped triangles of all sizes in 50 x 40 pixels, partly outside."""
+    generator = np.random.default_rng(seed)
+    xy = generator.integers(-2000, 14000, (60, 3, 2))
+    setup = coverage.setup(xy, 50, 40)
+    return xy[~setup.culled], setup.box[~setup.culled]
+
+
+@pytest.mark.parametrize("limit", [1, 7, 1 << 18])
+def test_samples_at_finds_what_samples_finds(limit):
+    xy, boxes = random_triangles(1)
+    generator = np.random.default_rng(2)
+    column, row = generator.integers(0, 50, 90), generator.integers(0, 40, 90)  # some of them twice
+    expected = set()
+    for triangle, at_column, at_row, _ in coverage.samples(xy, boxes):
+        for t, c, r in zip(triangle.tolist(), at_column.tolist(), at_row.tolist(), strict=True):
+            expected |= {(t, int(q)) for q in np.flatnonzero((column == c) & (row == r))}
+    found, latest = [], np.full(90, -1)
+    for triangle, pixel, edges in coverage.samples_at(xy, boxes, column, row, limit):
+        found += zip(triangle.tolist(), pixel.tolist(), strict=True)
+        assert np.array_equal(edges, coverage.edge_functions(xy[triangle], column[pixel], row[pixel]))
+        for at, t in zip(pixel, triangle, strict=True):
+            assert latest[at] < t  # one pixel's triangles come in order
+            latest[at] = t
+    assert len(found) == len(expected) > 300
+    assert set(found) == expected
+
+
+def test_no_pixel_and_no_triangle():
+    xy, boxes = random_triangles(1)
+    none = np.zeros(0, np.int64)
+    assert list(coverage.samples_at(xy, boxes, none, none)) == []
+    assert list(coverage.samples_at(xy[:0], boxes[:0], none + 1, none)) == []
+
+
+@pytest.mark.parametrize("preset", ["course", "standard"])
+@pytest.mark.parametrize("name", ["box_room", "quads"])
+def test_some_pixels_equal_those_of_the_whole_image(name, preset):
+    scene = {"box_room": scenes.box_room(3, (61, 47)), "quads": scenes.quads(20, 3, (53, 37))}[name]
+    settings = Settings.from_preset(preset)
+    whole = oracle.render(scene, settings)
+    rows, columns = np.divmod(np.random.default_rng(3).integers(0, whole.id.size, 300), whole.id.shape[1])
+    some = oracle.sample(scene, settings, rows, columns)
+    for field in vars(whole):
+        assert np.array_equal(getattr(some, field), getattr(whole, field)[rows, columns])
+
+
+def two_cards(apart: float) -> Scene:
+    """Two cards across the image, the second `apart` behind the first."""
+    verts = np.array([[-9, -9, 0], [9, -9, 0], [0, 18, 0]])
+    meshes = tuple(
+        Mesh(verts + [0, 0, z], [[0, 1, 2]], material=Material(color=color))
+        for z, color in ((0.0, (1, 0, 0)), (apart, (0, 1, 0)))
+    )
+    return Scene(meshes, Camera((0, 0, -4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (16, 12)), ambient=1.0)
+
+
+def test_the_second_depth_is_that_of_the_card_behind():
+    rows, columns = np.array([0, 5, 11]), np.array([0, 7, 15])
+    found = oracle.nearest_depths(two_cards(0.25), Settings(), rows, columns)[0, 1]
+    assert np.allclose(found, 4.25, rtol=1e-12)
+    scene = two_cards(0.25)
+    alone = replace(scene, meshes=scene.meshes[:1])
+    assert np.isposinf(oracle.nearest_depths(alone, Settings(), rows, columns)[0, 1]).all()
+
+
+# What is found
+
+
+@pytest.mark.parametrize("preset", ["course", "standard"])
+def test_a_right_image_passes(preset):
+    frame = teapot_frame(preset)
+    for pixels in (4096, 500, "all"):
+        found = clshade.check(frame, pixels)
+        assert found.passed
+        assert (found.wrong, found.ties, found.gates) == (0, 0, 0)
+        assert 0.0 < found.bounds <= 1.0  # the rounding of the result alone
+        assert 0.0 < found.error < 2.0**-22
+        assert found.depth is not None
+        assert 0.0 < found.depth <= 1.0
+        assert found.ids
+        assert frame.check is found
+        assert found.pixels == (4800 if pixels == "all" else pixels)
+        assert found.complete == (pixels == "all")
+
+
+def plant(frame: Frame, row: int, column: int, relative: float) -> None:
+    """An error of so much of the light budget, in green."""
+    expected = oracle.sample(frame.scene, frame.settings, np.array([row]), np.array([column]))
+    frame.rgba[row, column, 1] += relative * expected.budget[0, 1]
+
+
+def test_one_changed_pixel_of_all_is_found():
+    frame = teapot_frame()
+    row, column = (int(i) for i in np.argwhere(frame.alpha > 0)[700])
+    plant(frame, row, column, 1e-3)
+    found = clshade.check(frame, "all")
+    assert not found.passed
+    assert found.worst == (row, column)
+    assert found.error == pytest.approx(1e-3, rel=1e-3)
+    assert found.bounds > 32.0
+    assert found.wrong == 0
+    assert found.image is not None
+    assert np.unravel_index(found.image.argmax(), found.image.shape) == (row, column)
+    assert (found.image > 1.0).sum() == 1
+
+
+def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
+    """And not one elsewhere: what it says is a lower bound."""
+    frame = teapot_frame()
+    looked_at = check._sample(check._strata(frame).ravel(), 400, 0)
+    assert len(looked_at) == len(set(looked_at.tolist())) == 400
+    covered = np.flatnonzero(frame.alpha.ravel() > 0)
+    inside, outside = np.intersect1d(covered, looked_at)[99], np.setdiff1d(covered, looked_at)[99]
+    for index, seen in ((inside, True), (outside, False)):
+        changed = teapot_frame()
+        row, column = (int(i) for i in np.divmod(index, 80))
+        plant(changed, row, column, 1e-4)
+        found = clshade.check(changed, 400)
+        assert found.passed is not seen
+        assert (found.worst == (row, column)) is seen
+        assert "lower bound" in " ".join(found.lines())
+
+
+def test_wrong_owners_coverage_depths_and_values_that_are_not_finite():
+    for name in ("id", "alpha", "Z", "rgb"):
+        frame = teapot_frame()
+        row, column = (int(i) for i in np.argwhere(frame.alpha > 0)[700])
+        if name == "rgb":
+            frame.rgba[row, column, 2] = np.nan
+        elif name == "alpha":
+            frame.rgba[row, column, 3] = 0.0
+        elif name == "Z":
+            frame["Z"][row, column] *= np.float32(1.0 + 1e-5)
+        else:
+            frame["id"][row, column] += 1
+        found = clshade.check(frame, "all")
+        assert not found.passed, name
+        assert found.wrong == (0 if name == "Z" else 1)
+        assert found.image is not None
+        assert np.isinf(found.image[row, column]) == (name != "Z")
+        assert (found.depth > 100.0) == (name == "Z")
+
+
+def test_values_that_are_not_finite_are_always_looked_at():
+    frame = teapot_frame()
+    frame.rgba[30, 40, 0] = np.inf
+    found = clshade.check(frame, 20)
+    assert found.wrong == 1
+    assert found.strata["not finite"][0] == 1
+
+
+def test_without_layers_coverage_and_colors_are_checked():
+    frame = teapot_frame(layers=())
+    found = clshade.check(frame, "all")
+    assert found.passed
+    assert not found.ids
+    assert found.depth is None
+    frame.rgba[0, 0, 3] = 1.0
+    assert clshade.check(frame, "all").wrong == 1
+
+
+@pytest.mark.parametrize("layers", [LAYERS, ()])
+@pytest.mark.parametrize(("apart", "tied"), [(1e-12, True), (1e-7, False)])
+def test_either_of_two_faces_at_one_depth_may_own_a_pixel(layers, apart, tied):
+    frame = frame_of(two_cards(apart), Settings(layers=layers))
+    assert clshade.check(frame, "all").passed
+    frame.rgba[3, 3, :3] = (0.0, 1.0, 0.0)
+    if layers:
+        frame["id"][3, 3] = 2
+    found = clshade.check(frame, "all")
+    assert found.passed is tied
+    assert found.ties == int(tied)
+
+
+def test_a_highlights_gate_may_be_decided_either_way():
+    frame = teapot_frame()
+    frame.rgba[30, 40, :3] += 1e-3
+    assert clshade.check(frame, "all").gates == 0
+    rows, columns = np.divmod(np.arange(4800), 80)
+    expected = oracle.sample(frame.scene, frame.settings, rows, columns)
+    for highlight, excepted in ((1e-3, True), (9e-4, False)):
+        jump = expected.jump.copy()
+        jump[30 * 80 + 40] = highlight
+        found = check._Found(frame, replace(expected, jump=jump), rows, columns)
+        assert found.gates.sum() == int(excepted)
+        assert bool(found.counted.max() <= 1.0) is excepted
+
+
+# The sample
+
+
+def test_the_same_seed_gives_the_same_pixels():
+    strata = check._strata(teapot_frame()).ravel()
+    first = check._sample(strata, 300, 7)
+    assert np.array_equal(first, check._sample(strata, 300, 7))
+    assert not np.array_equal(first, check._sample(strata, 300, 8))
+
+
+def test_edges_and_highlights_have_their_share():
+    frame = teapot_frame()
+    found = clshade.check(frame, 400)
+    counts = {name: count for name, (count, _) in found.strata.items()}
+    assert sum(counts.values()) == 400
+    assert counts["silhouettes"] >= 80
+    assert counts["highlights"] >= 80
+    assert counts["background"] >= 10
+    limit = np.quantile(frame.rgb.max(axis=-1)[frame.alpha > 0], 0.9)
+    strata = check._strata(frame)
+    assert (frame.rgb.max(axis=-1)[strata == check.STRATA.index("highlights")] >= limit).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 17, 4799, 4800, 10**9])
+def test_any_number_of_pixels(count):
+    frame = teapot_frame()
+    assert clshade.check(frame, count).pixels == min(count, 4800)
+
+
+def test_an_image_of_one_pixel_and_an_empty_one():
+    scene = scenes.teapot(3, (80, 60))
+    for resolution in ((1, 1), (1, 5), (7, 1)):
+        small = replace(scene, camera=scene.camera.with_resolution(resolution))
+        assert clshade.check(frame_of(small, Settings(layers=LAYERS))).passed
+    away = replace(scene, meshes=())
+    assert clshade.check(frame_of(away, Settings(layers=LAYERS))).passed
+
+
+@pytest.mark.parametrize("pixels", [0, -1, 2.5, "some", None, True])
+def test_refused_numbers_of_pixels(pixels):
+    with pytest.raises(InputError, match="check: pixels: expected a whole number"):
+        clshade.check(teapot_frame(), pixels)
+
+
+def test_only_frames_are_checked():
+    with pytest.raises(InputError, match="check: frame: expected a Frame"):
+        clshade.check(np.zeros((4, 4, 3)))
+
+
+# On devices
+
+
+def cut_out(orthographic: bool) -> Scene:
+    """Textured cards with an alpha test, seen in either projection."""
+    generator = np.random.default_rng(5)
+    image = generator.uniform(0, 1, (6, 5, 4)).astype(np.float32)
+    verts, uvs = generator.uniform(-1, 1, (90, 3)), generator.uniform(-1, 2, (90, 2))
+    material = Material(texture=Texture(image), alpha_cutoff=0.4, two_sided=True, n=60.0)
+    mesh = Mesh(verts, np.arange(90).reshape(-1, 3), uvs=uvs, material=material)
+    camera = Camera((0.3, 0.4, -4), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (64, 64), orthographic=orthographic)
+    return Scene((mesh,), camera, scenes.teapot(3).lights)
+
+
+@pytest.mark.parametrize("orthographic", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_textures_alpha_tests_and_projections(device, orthographic):
+    frame = clshade.render(cut_out(orthographic), device=device, layers=LAYERS)
+    assert 0.05 < frame.alpha.mean() < 0.95
+    assert clshade.check(frame, 300).passed
+    assert clshade.check(frame, "all").passed
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("preset", ["course", "standard"])
+@pytest.mark.parametrize("shader", ["gouraud", "phong", "nolight"])
+@pytest.mark.parametrize("name", ["teapot", "course", "box_room", "quads", "icosphere"])
+def test_built_in_scenes_pass(device, name, shader, preset):
+    frame = clshade.render(
+        scenes.builtin(name), device=device, preset=preset, shader=shader, resolution=(160, 120), layers=LAYERS
+    )
+    assert clshade.check(frame).passed
+    assert clshade.check(frame, "all").passed
+
+
+# The command line
+
+SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
+
+
+@needs_device
+def test_check_prints_its_error_and_writes_it_into_the_header(tmp_path, capsys):
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--check", "200")
+    assert (code, err) == (0, [])
+    assert "200 of 768 pixels computed again in float64" in out
+    assert "a lower bound" in out
+    assert "0 wrong" in out
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert set(channels) == {"R", "G", "B", "A", "Z", "id"}
+    assert header["check"].startswith("lower bound of the largest error: 200 of 768 pixels")
+    assert header["checkPixels"] == 200
+    assert header["checkWrongPixels"] == 0
+    assert 0.0 < header["checkErrorBounds"] < 32.0
+    assert 0.0 < header["checkErrorRelative"] < 1e-4
+    assert 0.0 <= header["checkDepthRoundings"] <= oracle_bounds.DEPTH_ROUNDINGS
+
+
+@needs_device
+def test_check_all_adds_a_layer(tmp_path, capsys):
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--check", "all")
+    assert (code, err) == (0, [])
+    assert "every pixel was looked at" in out
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert header["check"].startswith("largest error: 768 of 768 pixels")
+    assert channels["error"].dtype == np.float32
+    assert channels["error"].max() == pytest.approx(header["checkErrorBounds"])
+
+
+@needs_device
+def test_check_in_the_figures_as_json(tmp_path, capsys):
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--stats", "--check")
+    found = json.loads(out)["check"]
+    assert code == 0
+    assert (found["passed"], found["allowed"], found["pixels"], found["of"]) == (True, 32.0, 768, 768)
+
+
+@needs_device
+def test_the_scene_may_stand_after_check(tmp_path, capsys):
+    code, out, _ = run(capsys, "render", "--check", *SMALL[1:], "-o", tmp_path / "a")
+    assert code == 0
+    assert "quads" in out
+
+
+@pytest.mark.parametrize("value", ["1e4", "0.5"])
+def test_a_number_after_check_is_no_scene(capsys, value):
+    code, out, err = run(capsys, "render", "--check", value)
+    assert (code, out, len(err)) == (2, "", 1)
+    assert f"--check: expected a number of pixels or all, found '{value}'" in err[0]
+
+
+@needs_device
+def test_a_failed_check_is_an_exit_code(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(oracle_bounds, "HALF_ULP", 2.0**-40)
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--check")
+    assert code == 1
+    assert "FAILED" in out
+    assert (tmp_path / "a.exr").exists()
+
+
+@pytest.mark.parametrize("value", ["0", "-3", "1.5"])
+def test_refused_checks(capsys, value):
+    code, out, err = run(capsys, "render", "teapot", f"--check={value}")
+    assert (code, out) == (2, "")
+    assert len(err) == 1
+    assert "expected a number of pixels or all" in err[0]

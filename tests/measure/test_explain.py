@@ -1,0 +1,334 @@
+"""`render --explain`: what was left out, and that leaving out saves work and changes no bit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import run
+from devices import working_devices
+
+from clshade.cli import commands
+from clshade.measure import timing
+from clshade.measure.report import feature_savings
+from clshade.pipeline import gather, programs
+from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.model import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
+
+
+# Each feature alone
+
+
+def rich_scene(without: str = "") -> Scene:
+    """Sixty triangles whose image needs every optional feature but this one, and what makes no sense without it."""
+    generator = np.random.default_rng(4)
+    given = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": without != "TWO_SIDED"}
+    given |= {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}.get(
+        without, {}
+    )
+    texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)))
+    if without != "TEXTURED":
+        given |= {"texture": texture, "alpha_cutoff": None if without == "ALPHA_TEST" else 0.4}
+    sides = "both" if without == "SIDES" else "front"
+    materials = (
+        Material(**given),
+        Material(**{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]}, sides=sides),
+    )
+    faces = np.arange(90).reshape(-1, 3)
+    meshes = []
+    for material in materials if without != "MATERIALS" else (materials[0], materials[0]):
+        colors = None if without == "VERTEX_COLORS" else generator.uniform(0.2, 1, (90, 3))
+        verts, uvs = generator.uniform(-1, 1, (90, 3)), generator.uniform(0, 2, (90, 2))
+        normals = {"normals": generator.normal(size=(40, 3)), "normal_faces": generator.integers(40, size=(30, 3))}
+        meshes.append(
+            Mesh(
+                np.float32(verts) if without == "DOUBLE_POSITIONS" else verts,
+                faces,
+                colors=colors,
+                uvs=uvs,
+                uv_faces=None if without == "UV_INDICES" else faces[::-1],
+                material=material,
+                **({} if without == "NORMAL_INDICES" else normals),
+            )
+        )
+    camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
+    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9)))
+    background = None if without == "BACKGROUND" else (0.1, 0.2, 0.3)
+    return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
+
+
+# Fields of Settings that make all but one feature needed.
+NEEDS = {"LIT": {"shader": "nolight"}, "OWNERS": {"layers": ()}, "MIPMAPS": {"texture_filter": "bilinear"}}
+ALONG = {  # what is left out with a feature, for it means nothing without it
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "TWO_SIDED", "NORMAL_INDICES"},
+    "SPECULAR": {"POWER"},
+    "TEXTURED": {"UV_INDICES", "MIPMAPS", "ALPHA_TEST"},
+    "MATERIALS": {"SIDES"},
+}
+
+
+def plain_scene() -> Scene:
+    """Sixty white triangles of one material, lit by one term alone, on black."""
+    scene = rich_scene("VERTEX_COLORS")
+    material = Material(ka=0.0, kd=0.6, ks=0.0)
+    meshes = [Mesh(np.float32(mesh.verts), mesh.faces, uvs=mesh.uvs, material=material) for mesh in scene.meshes]
+    return replace(scene, meshes=tuple(meshes), background=0.0)
+
+
+def draw(device, scene: Scene, **options: Any) -> Frame:
+    with Renderer(scene, device=device, **options) as renderer:
+        return renderer.render()
+
+
+def draw_rich(device, without: str = "", **options: Any) -> Frame:
+    fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear"}
+    return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
+
+
+def needed_by(frame: Frame) -> set[str]:
+    return set(frame.stats["features"]) & set(OPTIONAL)
+
+
+EVERY_DAY = ("TEXTURED",)  # each mask is a program to build
+SHADERS = ["phong", pytest.param("gouraud", marks=pytest.mark.long)]
+NAMES = [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in OPTIONAL]
+
+
+@pytest.mark.parametrize("shader", SHADERS)
+@pytest.mark.parametrize("name", NAMES)
+def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shader):
+    """It is off by itself; forced, the image is the same."""
+    lean = draw_rich(device, name, shader=shader)
+    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set())
+    full = draw_rich(device, name, shader=shader, forced=OPTIONAL)
+    assert needed_by(full) == set(OPTIONAL)
+    assert same_bits(lean, full)
+    assert len(np.unique(lean.rgb)) > 100
+
+
+@pytest.mark.parametrize(
+    ("shader", "needed"),
+    [
+        ("nolight", set()),
+        pytest.param("phong", {"LIT", "DIFFUSE"}, marks=pytest.mark.long),
+        pytest.param("gouraud", {"LIT", "DIFFUSE"}, marks=pytest.mark.long),
+    ],
+)
+@pytest.mark.parametrize("name", NAMES)
+def test_alone_on_or_alone_off_a_feature_that_is_not_needed_changes_no_bit(device, name, shader, needed):
+    scene = plain_scene()
+    lean = draw(device, scene, shader=shader)
+    assert needed_by(lean) == needed
+    on, off = (draw(device, scene, shader=shader, forced=forced) for forced in ({name}, set(OPTIONAL) - {name}))
+    assert needed_by(on) == needed | {name}
+    assert needed_by(off) == set(OPTIONAL) - ({name} - needed)
+    assert same_bits(lean, on)
+    assert same_bits(lean, off)
+    assert lean.alpha.mean() > 0.2
+
+
+def test_every_feature_can_be_needed(device):
+    assert needed_by(draw_rich(device)) == set(OPTIONAL)
+
+
+def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
+    """What is not white, forced upon white triangles, shows: which is how the tests above can fail."""
+    lean = draw(device, plain_scene(), shader="nolight")
+    monkeypatch.setattr(gather, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
+    grey = draw(device, plain_scene(), shader="nolight", forced={"TEXTURED"})
+    covered = lean.alpha > 0
+    assert (lean.rgb[covered] == 1.0).all()
+    assert (grey.rgb[covered] == 0.5).all()
+
+
+def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
+    """Ten normals and one texture coordinate, each with indices, of a mesh of 90 vertices that is lit and textured by
+    force alone."""
+    (first, second) = plain_scene().meshes
+    indices = {"normal_faces": np.full((30, 3), 9), "uv_faces": np.zeros((30, 3), int)}
+    mesh = replace(first, normals=np.eye(3)[np.arange(10) % 3], uvs=[[0.3, 0.4]], **indices)
+    scene = replace(plain_scene(), meshes=(mesh, second), lights=())
+    assert same_bits(draw(device, scene, shader="phong"), draw(device, scene, shader="phong", forced=OPTIONAL))
+
+
+# What is said
+
+
+def test_what_is_left_out_and_what_it_saves(device):
+    found = feature_savings.explain(plain_scene(), frames=3, device=device, shader="phong")
+    assert found.passed
+    assert set(found.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
+    assert found.needed == ("LIT", "DIFFUSE")
+    assert found.alone == {}
+    assert found.left_out["SPECULAR"] == "ks is 0"
+    assert found.frames == 3
+    assert found.full.bytes - found.lean.bytes >= 61 * 47 * 4  # the owners, at least
+    assert set(found.lean.ms) == set(found.full.ms) >= {"frame", "sort"}
+    assert found.lean.extra == (0.0, 0.0, 0.0)
+    assert found.full.extra.low != 0.0
+    text = "\n".join(found.lines())
+    assert "highlights (SPECULAR): ks is 0" in text
+    assert "the same bits" in text
+    assert "medians of 3 frames" in text
+    json.dumps(found.stats())
+
+
+@pytest.mark.long
+def test_what_each_costs_alone(device):
+    found = feature_savings.explain(plain_scene(), frames=3, each=True, device=device)
+    assert found.passed
+    assert set(found.alone) == set(found.left_out)
+    assert found.alone["OWNERS"].bytes == found.lean.bytes + 61 * 47 * 4
+    assert found.alone["DOUBLE_POSITIONS"].bytes == found.lean.bytes + 180 * 12
+    assert all(side.ms["frame"] > 0.0 for side in found.alone.values())
+    text = "\n".join(found.lines())
+    assert text.count("on alone it costs") == len(found.left_out)
+    json.dumps(found.stats())
+
+
+def test_images_that_differ_are_a_failure(device, monkeypatch):
+    monkeypatch.setattr(feature_savings, "same_bits", lambda *_: False)
+    found = feature_savings.explain(plain_scene(), frames=1, device=device)
+    assert not found.passed
+    assert "FAILED" in "\n".join(found.lines())
+
+
+def test_where_everything_is_needed_nothing_is_saved(device):
+    found = feature_savings.explain(rich_scene(), device=device, layers=("Z",), texture_filter="trilinear")
+    assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
+    assert "saved: nothing" in "\n".join(found.lines())
+
+
+def test_work_that_the_view_and_the_settings_do_without(device):
+    scene = plain_scene()
+    spare = replace(scene.meshes[0], verts=np.concatenate([scene.meshes[0].verts, np.zeros((7, 3))]), uvs=None)
+    scene = replace(scene, meshes=(spare, scene.meshes[1]), lights=(*scene.lights, PointLight((0, 0, 1), (0, 0, 0))))
+    unneeded = feature_savings.explain(scene, frames=1, device=device).unneeded
+    assert unneeded["vertices"] == "7 of 187 in no face"
+    assert unneeded["lights"] == "1 of 3 of intensity 0"
+    assert unneeded["clipping"].startswith("60 of 60 triangles")
+    assert unneeded["layers"] == f"{', '.join(LAYERS)} not asked for"
+    assert unneeded["shading"].endswith(f"of {61 * 47:,} pixels show no triangle")
+    assert "perspective division" not in unneeded
+    away = replace(scene, camera=replace(scene.camera, lookat=np.array([0.0, 0.0, -9.0])))
+    unneeded = feature_savings.explain(away, frames=1, device=device).unneeded
+    assert "60 behind the eye, of 60" in unneeded["triangles"]
+    assert unneeded["tiles"] == "12 of 12 hold no triangle"
+
+
+def test_what_the_course_preset_does_without(device):
+    frame = draw(device, plain_scene(), shader="phong")
+    found = feature_savings.explain(plain_scene(), frames=1, device=device, preset="course", shader="nolight").unneeded
+    assert found["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
+    covered = np.count_nonzero(frame.alpha)
+    assert found["perspective division"] == f"interpolation affine, {covered:,} pixels"
+    assert found["shading"].startswith(f"{61 * 47 - covered:,} of")
+
+
+def test_empty_tiles_are_counted(device):
+    """One small triangle, in one of 5 x 4 tiles, in front of a camera that sees it or not."""
+    mesh = Mesh(np.array([[0.02, 0.02, 0], [0.1, 0.02, 0], [0.02, 0.1, 0]]), [[0, 1, 2]])
+    camera = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 3.0, (1.0, 1.0), (80, 64))
+    with Renderer(Scene((mesh,), camera), device=device) as renderer:
+        for seen, empty in ((camera, 19), (replace(camera, lookat=(0, 0, -9)), 20), (camera, 19)):
+            stats = renderer.render(camera=seen).stats
+            assert (stats["tiles"], stats["empty_tiles"]) == (20, empty)
+
+
+def test_no_more_frames_than_there_is_time_for(device, monkeypatch):
+    monkeypatch.setattr(feature_savings, "SECONDS", 0.0)
+    assert feature_savings.explain(plain_scene(), device=device).frames == timing.FEWEST
+
+
+def test_programs_are_counted(device):
+    feature_savings.explain(plain_scene(), frames=1, device=device)
+    before = programs.built()
+    found = feature_savings.explain(plain_scene(), frames=1, device=device)
+    assert programs.built() == before  # the second time nothing is built
+    assert found.compiled[0] + found.loaded[0] == len(before)
+    assert all(program.seconds > 0.0 for program in before)
+
+
+def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch):
+    """Not for another size, camera, light position or number of lights, nor for other values of what is in use."""
+    monkeypatch.setattr(programs, "_built", {})
+    scene = plain_scene()
+    draw(device, scene, shader="phong")
+    before = programs.built()
+    assert len(before) == 2  # geometry and pixels
+    material = replace(scene.meshes[0].material, kd=0.2, n=5.0, name="other")
+    for changed in (
+        replace(scene, camera=scene.camera.with_resolution((50, 20))),
+        replace(scene, camera=replace(scene.camera, eye=(1.0, 2.0, -5.0), focal=2.0)),
+        replace(scene, lights=(PointLight((3, 3, -3)),) * 2),
+        *(replace(scene, lights=(PointLight((3, 3, -3)),) * count) for count in (1, 3, 40)),
+        replace(scene, meshes=tuple(replace(mesh, material=material) for mesh in scene.meshes)),
+        replace(scene, meshes=scene.meshes[:1]),
+    ):
+        assert draw(device, changed, shader="phong").alpha.any()
+        assert programs.built() == before
+    draw(device, replace(scene, lights=()), shader="phong")  # another mask
+    assert len(programs.built()) == len(before) + 1
+
+
+@pytest.mark.parametrize("keeps_programs", [False, True], ids=["by us", "by the runtime"])
+def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatch, keeps_programs):
+    opened = replace(opened, keeps_programs=keeps_programs)
+    monkeypatch.setattr(programs, "_built", {})
+    monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "binary")
+    stored = []
+    for _ in range(2):
+        programs._built.clear()
+        program = programs.build(opened, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), ("bilerp.cl",))
+        stored.append(program.stored)
+    assert stored == [False, True]
+
+
+# The command line
+
+
+@needs_device
+def test_explain_is_printed_after_the_summary(tmp_path, capsys):
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")
+    assert (code, err) == (0, [])
+    assert out.startswith("scene")
+    assert "texture lookups (TEXTURED): no texture" in out
+    assert "the same bits" in out
+    assert "loaded from the cache" in out
+
+
+@needs_device
+def test_explain_in_the_figures_as_json(tmp_path, capsys):
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain", "--stats")
+    found = json.loads(out)["explain"]
+    assert code == 0
+    assert found["identical"] is True
+    assert found["left_out"]["TEXTURED"] == "no texture"
+    assert found["everything_on"]["bytes"] > found["lean"]["bytes"]
+
+
+@needs_device
+@pytest.mark.long
+def test_explain_each_tells_what_each_costs_alone(tmp_path, capsys):
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain-each")
+    assert code == 0
+    words = " ".join(out.split())  # lines are wrapped
+    assert words.count("on alone it costs") == words.count("left out: ") > 5
+
+
+@needs_device
+def test_images_that_differ_are_an_exit_code(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(feature_savings, "same_bits", lambda *_: False)
+    assert run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")[0] == commands.FAILED
+
+
+def test_every_feature_has_a_name_for_people():
+    assert set(feature_savings.WORK) == set(OPTIONAL)

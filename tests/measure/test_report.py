@@ -1,0 +1,320 @@
+"""`report`: errors and times of variants, tables, figure, the command."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import assert_refused, run
+from studies import SMALL, small_study, sphere
+
+from clshade.base import text_tables
+from clshade.errors import InputError
+from clshade.images import png
+from clshade.images.metrics import rmse
+from clshade.measure import timing
+from clshade.measure.report import figure, labels, report, study, tables, variants
+from clshade.measure.report.format_errors import formats
+from clshade.measure.report.labels import Box, placed
+from clshade.measure.report.measure import measure
+from clshade.measure.report.reference_image import reference
+from clshade.measure.report.tessellation import loglog_slope, tessellation
+from clshade.measure.report.variants import BASE, base_settings, named, variants_for
+from clshade.pipeline.renderer import render, settle
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
+
+# Measuring
+
+
+def test_measured_errors_are_those_of_the_images(device):
+    """A planted error in the reference is found, the image's own arithmetic is not blamed for it."""
+    scene = sphere()
+    base = base_settings(scene)
+    own = render(scene, settings=base, device=device).rgb.astype(np.float64)
+    planted = replace(reference(scene, base, device), rgb=own + 0.125)
+    chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
+    standard, gouraud = measure(scene, chosen, base, device, planted, frames=3)
+    assert standard.error == pytest.approx(0.125, rel=1e-6)
+    assert gouraud.error != standard.error
+    for each in (standard, gouraud):
+        assert each.arithmetic.wrong == 0
+        assert 0.0 < each.arithmetic.rms < each.arithmetic.error < 1e-5
+        assert each.frame_ms.low > 0.0
+        assert each.upload_ms > 0.0
+    assert (standard.settings, gouraud.settings) == (base, replace(base, shader="gouraud"))
+
+
+def test_the_root_mean_square_of_the_arithmetic():
+    """Not above the largest, and it counts the pixels without error."""
+    from clshade import check
+
+    frame = render(sphere())
+    found = check(frame, "all")
+    assert 0.0 < found.rms < found.error / 2
+
+
+def test_turns_alternate_and_end():
+    seen: list[tuple[str, int]] = []
+    draws = [lambda k, name=name: seen.append((name, k)) or k for name in "ab"]
+    assert timing.in_turns(draws, 3, seconds=60.0) == [(0, 0), (1, 1), (2, 2)]
+    assert seen == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
+    assert len(timing.in_turns(draws, 100, seconds=0.0)) == timing.FEWEST
+    assert timing.spread([4.0, 1.0, 2.0, 3.0, 5.0]) == (2.0, 3.0, 4.0)
+
+
+def test_power_laws():
+    x = np.array([1.0, 10.0, 40.0, 1000.0])
+    assert loglog_slope(x, 7.0 * x**-1.5) == pytest.approx(-1.5)
+
+
+def test_tessellation(device):
+    """Both shadings are of second order in the edge's length, so of first order in the number of triangles, once the
+    sphere's highlight, about 20 degrees wide, holds some of them."""
+    found = tessellation(device, SMALL)
+    gouraud, phong = found.errors["gouraud"], found.errors["phong"]
+    assert found.triangles == tuple(20 * 4**level for level in range(7))
+    assert found.finest == 20 * 4**7
+    assert all(p < g for p, g in zip(phong, gouraud, strict=True))
+    assert all(b < a for each in (gouraud, phong) for a, b in itertools.pairwise(each))
+    assert loglog_slope(found.triangles[3:], phong[3:]) == pytest.approx(-1.0, abs=0.25)
+    assert found.slope("gouraud") == pytest.approx(-0.9, abs=0.25)
+
+
+def test_formats(device):
+    frame = render(sphere(), device=device)
+    found = {each.name: each for each in formats(frame)}
+    brightest = float(frame.rgb.max())
+    assert (found["EXR float"].rmse, found["EXR float"].largest) == (0.0, 0.0)
+    assert 0.0 < found["EXR half"].largest <= brightest * 2.0**-11  # half a unit in the last of 11 bits
+    assert 0.0 < found["EXR pxr24"].largest <= brightest * 2.0**-16  # 15 bits are kept after the first
+    for name in ("EXR half b44", "EXR half dwaa"):
+        assert found["EXR half"].rmse < found[name].rmse < 0.1
+    # A step of the sRGB curve is at most 2.4/1.055 / 255 wide at white; above it all is lost.
+    assert found["PNG 8 bit srgb"].largest <= max(brightest - 1.0 + 0.005, 0.005)
+    assert all(each.bytes > 100 and each.write_ms.median > 0.0 for each in found.values())
+
+
+# Tables and the figure
+
+
+def test_tables():
+    header, rows = ("name", "n"), [("a", "10"), ("long|er", "5")]
+    assert text_tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
+    assert text_tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
+    assert list(csv.reader(io.StringIO(text_tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
+    assert (text_tables.digits(0.00123456), text_tables.digits(None)) == ("0.00123", "-")
+
+
+def test_labels_lie_apart():
+    """Eighteen names, six of them of points that nearly coincide, with a line through the middle."""
+    rng = np.random.default_rng(2)
+    points = [*rng.uniform([40, 40], [560, 410], (12, 2)), *(np.array([300.0, 200.0]) + rng.uniform(-6, 6, (6, 2)))]
+    sizes = [(w, 11.0) for w in rng.uniform(30, 90, 18)]
+    frame, line = Box(0, 0, 600, 450), Box(0, 224, 600, 226)
+    boxes = placed([tuple(p) for p in points], sizes, frame, [line])
+    dots = [Box(x, y, x + 1e-9, y + 1e-9) for x, y in points]
+    for box, size in zip(boxes, sizes, strict=True):
+        assert (box.right - box.left, box.top - box.bottom) == pytest.approx(size)
+        assert box.overlap(frame) == pytest.approx(box.area)
+        assert not box.overlap(line)
+        assert not any(box.overlap(dot) for dot in dots)
+    assert not any(a.overlap(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_labels_where_there_is_no_room():
+    boxes = placed([(5.0, 5.0)] * 3, [(50.0, 50.0)] * 3, Box(0, 0, 10, 10))
+    assert len(boxes) == 3
+
+
+def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study:
+    """The study with so many variants of these times and errors."""
+    one = found.measured[0]
+    error = one.approximation
+    measured = [
+        replace(
+            one,
+            variant=replace(one.variant, name=f"variant-{k}"),
+            frame_ms=timing.Spread(0.9 * cost, cost, 1.2 * cost),
+            approximation=replace(error, rmse=rmse_of),
+        )
+        for k, (cost, rmse_of) in enumerate(costs)
+    ]
+    return replace(found, measured=tuple(measured))
+
+
+@pytest.fixture
+def found(device) -> study.Study:
+    return small_study(device)
+
+
+def test_the_tables_fit_a_terminal(found):
+    """Also with names without end, and times of minutes."""
+    long = [replace(each, variant=replace(each.variant, name="many_letters" * 9)) for each in found.measured]
+    slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
+    lines = "\n".join(tables.lines(replace(found, measured=tuple(slow)))).splitlines()
+    assert max(map(len, lines)) <= 100
+    for word in ("many_letters", "half of them", "arithmetic", "upload ms", "slope", "write ms"):
+        assert any(word in line for line in lines)
+
+
+def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
+    several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
+    assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
+    names = [each.name for each in study.worth_showing(several.measured)]
+    assert names == ["variant-1", "variant-0", "variant-4", "variant-2"]
+
+
+def test_pictures_are_those_of_the_variants(found):
+    scene = sphere()
+    for each in found.measured:
+        drawn = render(scene, settings=each.settings).rgb
+        assert rmse(found.pictures[each.name], found.reference.rgb) == each.error
+        assert (found.pictures[each.name] == drawn).all()
+    off = figure.difference(found.reference.rgb + [0.0, 0.25, -0.5], found.reference.rgb)
+    assert off == pytest.approx(np.full(SMALL[::-1], 0.5))
+
+
+def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_for(found):
+    known = found.reference.error
+    errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
+    made = made_up(found, [(float(count), error) for count, error in errors.items()])
+    names = [BASE, *(f"samples-{count}" for count in errors if count > 1)]
+    measured = tuple(
+        replace(each, variant=replace(each.variant, name=name, changes={"samples": count}))
+        for each, name, count in zip(made.measured, names, errors, strict=True)
+    )
+    slope, gain = replace(made, measured=measured).sampling()["samples"]
+    assert (slope, gain) == (pytest.approx(-1.0), pytest.approx(16.0))
+    assert replace(made, measured=measured[2:]).sampling() == {}
+
+
+def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
+    several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
+    written: list[str] = []
+    original = labels.label_points
+    monkeypatch.setattr(
+        figure,
+        "label_points",
+        lambda axes, x, y, names, lines: written.extend(names) or original(axes, x, y, names, lines),
+    )
+    figure.plot(several, tmp_path / "a.png")
+    assert written == [f"variant-{k}" for k in range(10)]
+    assert png.read(tmp_path / "a.png").std() > 20.0
+
+
+# The command
+
+
+def no_constants(text: str) -> float:
+    raise AssertionError(f"{text} is no JSON")
+
+
+def test_run_writes_all(found, device, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    text = io.StringIO()
+    options = {"out": tmp_path / "new" / "folder", "stream": text, "budget": 1e6}
+    assert report.run(sphere(), device.index, **options)
+    folder = tmp_path / "new" / "folder"
+    assert {path.name for path in folder.iterdir()} == {"report.csv", "report.json", "report.md", "report.png"}
+    figures = json.loads((folder / "report.json").read_text(), parse_constant=no_constants)
+    assert [each["variant"] for each in figures["variants"]] == [BASE, "gouraud"]
+    assert figures["variants"][0]["approximation"]["rmse"] == found.measured[0].error
+    assert figures["use"] == min(found.measured, key=lambda each: each.error).name
+    assert figures["machine"] == study.machine()
+    rows = list(csv.DictReader((folder / "report.csv").open()))
+    assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
+    assert float(rows[0]["rmse"]) == found.measured[0].error
+    assert {row["study"] for row in rows} == {"variant", "format", "tessellation"}
+    shown = text.getvalue()
+    for part in (found.device, found.machine, f"use {figures['use']}: ", "PNG 8 bit srgb", "5,120"):
+        assert part in shown
+        assert part in (folder / "report.md").read_text()
+
+
+@pytest.fixture
+def no_figure(monkeypatch):
+    """Drawing it takes seconds."""
+    monkeypatch.setattr(figure, "plot", lambda study, path: path.touch())
+
+
+@pytest.mark.parametrize("name", ["course", "teapot", "quads"])
+def test_the_options_named_draw_what_was_measured(device, name):
+    """Whatever the preset that `render` would take for the scene."""
+    from clshade.cli.commands import render as command
+
+    own = builtin(name)
+    scene = replace(own, camera=own.camera.with_resolution((48, 36)))
+    base = base_settings(scene)
+    parser = argparse.ArgumentParser()
+    command.add_options(parser)
+    for each in variants_for(scene, base, device):
+        options = tables.render_options(each.settings(base), scene)
+        arguments = parser.parse_args([name, *options])
+        kept = command._render_options(arguments)
+        kept.pop("device")
+        again, settings = settle(own, **kept)
+        assert settings == each.settings(base), each.name
+        assert again.camera.resolution == (48, 36)
+    standard = [] if own.preset == "standard" else ["--preset", "standard"]
+    assert tables.render_options(Settings(), scene)[2:] == standard
+
+
+@pytest.mark.usefixtures("no_figure")
+def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
+    """What was measured is there all the same."""
+    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    with pytest.raises(InputError, match=r"--tolerance: .*reference is good to \(the best, .* has .*\), found 1e-12"):
+        report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())
+    assert (tmp_path / "report.png").exists()
+    assert json.loads((tmp_path / "report.json").read_text())["use"] is None
+
+
+@pytest.mark.usefixtures("no_figure")
+def test_wrong_coverage_fails(found, device, tmp_path, monkeypatch):
+    one = found.measured[0]
+    spoiled = replace(one, arithmetic=replace(one.arithmetic, wrong=1))
+    monkeypatch.setattr(report, "study", lambda *arguments: replace(found, measured=(spoiled,)))
+    assert not report.run(sphere(), device.index, out=tmp_path, stream=io.StringIO())
+
+
+@pytest.mark.usefixtures("no_figure")
+def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(report, "study", lambda *arguments: given.append(arguments) or found)
+    command = ("report", "icosphere", "--device", device.index, "--out", tmp_path, "--only", BASE, "--frames", "2")
+    code, out, err = run(capsys, *command, "--budget", "1000s")
+    assert (code, err) == (0, [])
+    assert "use " in out
+    scene, _, chosen, frames = given[0]
+    assert (scene.camera.resolution, [each.name for each in chosen], frames) == ((320, 240), [BASE], 2)
+    code, out, err = run(capsys, "report", "--list")
+    assert (code, err, out.count("\n")) == (0, [], len(variants.VARIANTS))
+
+
+REFUSED = [
+    (("--only", "guro"), ("--only", "standard", "'guro'")),
+    (("--frames", "0"), ("--frames", "0")),
+    (("--budget", "0ms"), ("--budget", "'0ms'")),
+    (("--budget", "-3"), ("--budget", "'-3'")),
+    (("--tolerance", "0"), ("--tolerance", "'0'")),
+    (("--budget", "5ms", "--tolerance", "1e-3"), ("--tolerance", "not allowed with", "--budget")),
+    (("--resolution", "0,5"), ("resolution", "0")),
+    (("--out", "file/x"), ("file/x", "--out")),
+]
+
+
+@pytest.mark.parametrize(("options", "parts"), REFUSED, ids=[" ".join(options) for options, _ in REFUSED])
+def test_refused(device, capsys, tmp_path, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    monkeypatch.setattr(report, "study", lambda *arguments: pytest.fail("something was measured"))
+    assert_refused(run(capsys, "report", "icosphere", "--device", device.index, *options), *parts)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -1,0 +1,178 @@
+"""Cache folders that are full, vanish or are shared; probing processes that are interrupted."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from processes import ROOT
+
+from clshade.errors import DeviceError
+from clshade.pipeline.opencl import cache_slots, environment, probe
+from clshade.pipeline.opencl.probe import DeviceInfo
+
+POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor")
+
+
+@pytest.fixture
+def fresh_cache(tmp_path, monkeypatch):
+    """An empty cache root for what this process keeps from now on."""
+    (tmp_path / "clshade").mkdir()
+    monkeypatch.setattr(environment, "_home", tmp_path)
+    return tmp_path / "clshade"
+
+
+def no_space(*arguments, **options):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+# Full disks
+
+
+@pytest.fixture
+def disks(tmp_path, monkeypatch):
+    """Two disks, for the home and for temporary files; free[name] says how many bytes are free."""
+    free = {"home": 1 << 30, "tmp": 1 << 30}
+    for name in free:
+        (tmp_path / name).mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setattr(environment, "_home", None)
+
+    def usage(path):
+        name = Path(path).relative_to(tmp_path).parts[0]
+        return SimpleNamespace(total=1 << 30, used=0, free=free[name])
+
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    return free
+
+
+def test_a_home_with_room_is_used(disks, tmp_path):
+    disks["home"] = environment.ROOM
+    assert environment.cache_home() == tmp_path / "home"
+
+
+@pytest.mark.parametrize("left", [0, 300_000, environment.ROOM - 1])
+def test_a_full_home_is_left_for_the_temporary_folder(disks, tmp_path, left):
+    disks["home"] = left
+    assert environment.cache_home().parent == tmp_path / "tmp"
+    assert os.environ["XDG_CACHE_HOME"] == str(environment.cache_home())
+
+
+def test_full_disks_are_named(disks, tmp_path):
+    disks.update(home=300_000, tmp=0)
+    with pytest.raises(DeviceError) as caught:
+        environment.cache_home()
+    message = str(caught.value)
+    assert "\n" not in message
+    assert f"{tmp_path}/home: 0.3 MB free, 67 MB needed" in message
+    assert f"{tmp_path}/tmp/clshade-" in message
+    assert "XDG_CACHE_HOME" in message
+
+
+def test_looking_for_room_takes_no_time(fresh_cache):
+    times = []
+    for _ in range(20):
+        start = time.perf_counter()
+        assert environment._fault(fresh_cache.parent) == ""
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.002
+
+
+@pytest.mark.parametrize("made", ["mkdtemp", "mkdir"])
+def test_a_throw_away_folder_that_cannot_be_made(fresh_cache, monkeypatch, made):
+    monkeypatch.setattr(*((tempfile, made) if made == "mkdtemp" else (Path, made)), no_space)
+    with pytest.raises(DeviceError, match=r"the cache folder .* cannot be used: No space left on device"):
+        cache_slots.throw_away(fresh_cache)
+
+
+@pytest.mark.parametrize("home", [tempfile, subprocess], ids=["folder", "process"])
+def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch, home):
+    monkeypatch.setattr(home, "mkdtemp" if home is tempfile else "Popen", no_space)
+    with pytest.raises(DeviceError, match=r"0:0 .* cannot be tried out: No space left on device"):
+        probe.Probe(POCL)
+    assert not list(fresh_cache.iterdir())
+    assert not probe._running
+
+
+# Other processes
+
+
+def test_leftovers_of_probes_that_vanish_meanwhile(fresh_cache, monkeypatch):
+    """Another process removes them between the listing and the look at each."""
+    old = fresh_cache / "probe-old"
+    old.mkdir()
+    os.utime(old, (1, 1))
+    listed = [fresh_cache / "probe-gone", old]
+    monkeypatch.setattr(Path, "glob", lambda self, pattern: iter(listed))
+    monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "pass"])
+    running = probe.Probe(POCL)
+    assert not old.exists()
+    running.abandon()
+    assert not list(fresh_cache.iterdir())
+
+
+INTERRUPTED = """
+import os, signal, sys, threading
+from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import probe as probing
+from clshade.pipeline.opencl.probe import DeviceInfo
+infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
+device._enumerate = lambda name: [(info, None) for info in infos]
+device._connect = lambda *_: None
+probing.probe_command = lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
+start = probing.Probe.__init__
+def started(self, info):
+    start(self, info)
+    print(self.process.pid, flush=True)
+    if info.index == sys.argv[2]:
+        signal.raise_signal(signal.SIGINT)
+probing.Probe.__init__ = started
+if not sys.argv[2]:
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    device.list_devices() if sys.argv[1] == "list" else device.open_device("")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize(
+    ("call", "at"), [("list", ""), ("list", "0:0"), ("list", "1:0"), ("open", ""), ("open", "0:0")]
+)
+def test_an_interrupt_ends_probes_and_removes_their_folders(tmp_path, call, at):
+    """at: the device whose probe had just been started; "": while waiting for the first."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", INTERRUPTED, call, at]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=50)
+    assert (done.returncode, done.stderr) == (130, "")
+    assert not list((tmp_path / "clshade").glob("probe-*"))
+    children = [int(pid) for pid in done.stdout.split()]
+    assert children
+    for pid in children:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch):
+    if not hasattr(os, "fork"):
+        pytest.skip("no fork here")
+    monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "input()"])
+    running = probe.Probe(POCL)
+    try:
+        child = os.fork()
+        if child == 0:
+            probe._abandon_all()
+            os._exit(0)
+        os.waitpid(child, 0)
+        assert Path(running.folder).is_dir()
+    finally:
+        running.abandon()

@@ -1,0 +1,461 @@
+"""Whole frames: against the oracle, against each other bit by bit, and at the edges of what a scene may be."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from kernel_stages import OTHER_LANES
+
+from clshade import load, oracle
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
+from clshade.pipeline import programs, struct_layout
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.renderer import Renderer
+from clshade.scene import model as scene_module
+from clshade.scene.builtin import scenes
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+
+LAYERS = ("Z", "id")
+EXPONENTS = (1.0, 20.0, 200.0, 1e4)
+SCENES = {
+    "course": lambda: scenes.course(4, (96, 80)),
+    "teapot": lambda: scenes.teapot(4, (120, 90)),
+    "box_room": lambda: scenes.box_room(3, (101, 67)),  # the eye is inside: the near plane cuts the walls
+    "quads": lambda: scenes.quads(20, 3, (83, 47)),
+}
+
+
+@cache
+def scene_of(name: str) -> Scene:
+    return SCENES[name]()
+
+
+def draw(device: Device, scene: Scene, **options: Any) -> Frame:
+    """One frame with all layers."""
+    with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
+        return renderer.render()
+
+
+def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
+    """Ids exact, depths within 4 ulp, colors within DESIGN's bound. Returns the largest error, in bounds."""
+    expected = oracle.render(frame.scene, frame.settings)
+    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
+
+
+# Against the oracle
+
+
+# Each feature mask is a program to build, for two seconds. These are drawn every day, the rest with -m long.
+EVERY_DAY = {
+    ("course", "course", "phong"),
+    ("course", "course", "gouraud"),
+    ("teapot", "standard", "phong"),
+    ("teapot", "standard", "nolight"),
+    ("box_room", "standard", "gouraud"),
+    ("quads", "course", "phong"),
+}
+
+
+def combinations() -> list[Any]:
+    """Every built-in scene with every preset and shader."""
+    every = itertools.product(SCENES, scene_module.PRESETS, scene_module.SHADERS)
+    return [pytest.param(*case, marks=[] if case in EVERY_DAY else pytest.mark.long) for case in every]
+
+
+@pytest.mark.parametrize(("name", "preset", "shader"), combinations())
+def test_built_in_scenes_equal_the_oracle(device, name, preset, shader):
+    """Measured: at most 3 of the 32 bounds that DESIGN allows."""
+    frame = draw(device, scene_of(name), preset=preset, shader=shader)
+    assert (frame["id"] > 0).mean() > 0.15
+    assert assert_equals_oracle(frame) < 16.0
+    if name == "box_room":
+        assert frame.stats["clipped"] > 0
+
+
+def with_exponent(scene: Scene, n: float) -> Scene:
+    """The same, every material with exponent n."""
+    meshes = tuple(replace(mesh, material=replace(mesh.material, n=n)) for mesh in scene.meshes)
+    return replace(scene, meshes=meshes)
+
+
+GOURAUD_LONG = ["phong", pytest.param("gouraud", marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize("shader", GOURAUD_LONG)
+def test_exponents(device, shader):
+    for n in EXPONENTS:
+        assert_equals_oracle(draw(device, with_exponent(scene_of("course"), n), shader=shader))
+
+
+@pytest.mark.parametrize("shader", GOURAUD_LONG)
+def test_the_course_file(device, data_folder, shader):
+    """The course's own scene, for every exponent."""
+    scene = load(data_folder / "cat.npy", resolution=(96, 96))
+    for n in EXPONENTS:
+        frame = draw(device, with_exponent(scene, n), shader=shader)
+        assert frame.settings.visibility == "painter"
+        assert (frame["id"] > 0).mean() > 0.05
+        assert_equals_oracle(frame)
+
+
+def test_the_comparison_notices_another_scene(device):
+    """Planted: a light moved a little, a vertex color changed, a triangle turned."""
+    scene = scene_of("course")
+    frame = draw(device, scene, shader="phong")
+    mesh, light = scene.meshes[0], scene.lights[0]
+    moved = replace(scene, lights=(replace(light, position=light.position + 1e-3), *scene.lights[1:]))
+    nudged = mesh.verts.copy()
+    nudged[:, 1] += 0.01
+    lifted = replace(scene, meshes=(replace(mesh, verts=nudged),))
+    for wrong, message in ((moved, "colors off"), (lifted, "ids differ")):
+        expected = oracle.render(wrong, frame.settings)
+        with pytest.raises(AssertionError, match=message):
+            oracle_bounds.assert_frame(frame, expected, wrong, frame.settings)
+
+
+# A scene of its own: what follows shares few feature masks
+
+
+PRESETS = ("standard", "course")
+COURSE_LONG = ("standard", pytest.param("course", marks=pytest.mark.long))
+
+
+def blob_scene(**fields: Any) -> Scene:
+    return Scene(**{"meshes": (blob(),), "camera": CAMERA, "lights": LIGHTS, "background": (0.25, 0.5, 2.0), **fields})
+
+
+def flat(*corners: tuple[float, float, float]) -> Mesh:
+    """One triangle with the feature mask of `blob`."""
+    colors = np.array([[1.0, 0.5, 0.2], [0.1, 0.9, 0.3], [0.2, 0.3, 0.7]])
+    return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, material=MATERIAL)
+
+
+def assert_background(frame: Frame) -> None:
+    assert (frame.rgb == np.float32([0.25, 0.5, 2.0])).all()
+    assert not frame.alpha.any()
+    assert not frame["id"].any()
+    assert (frame["Z"] == np.inf).all()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("resolution", [(61, 61), (1, 1), (1, 7), (17, 33), (333, 1), (16384, 2)])
+def test_odd_sizes(device, preset, resolution):
+    height, width = 1.0, 1.0
+    camera = replace(CAMERA, resolution=resolution, plane=(height, width))
+    frame = draw(device, blob_scene(camera=camera), preset=preset)
+    assert frame.rgba.shape == (*resolution[::-1], 4)
+    assert_equals_oracle(frame)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_crop_is_that_part_of_the_whole(device, preset):
+    """An image with its principal point moved shows a part of the larger one, bit for bit."""
+    camera = replace(CAMERA, resolution=(64, 64))
+    whole = draw(device, blob_scene(camera=camera), preset=preset)
+    for left, bottom, columns, rows in ((0, 0, 1, 1), (31, 17, 1, 7), (5, 9, 17, 33), (1, 30, 63, 1), (17, 3, 32, 48)):
+        part = replace(
+            camera,
+            resolution=(columns, rows),
+            plane=(rows / 64, columns / 64),
+            principal=((32 - left) / columns, (32 - bottom) / rows),
+        )
+        frame = draw(device, blob_scene(camera=part), preset=preset)
+        cut = np.s_[64 - bottom - rows : 64 - bottom, left : left + columns]
+        assert np.array_equal(frame["id"], whole["id"][cut])
+        assert np.array_equal(frame.rgba, whole.rgba[cut])
+        assert np.array_equal(frame["Z"], whole["Z"][cut])
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_offset_and_scale(device, preset):
+    """The whole scene at +1e6 (its vertices on a grid that float64 holds there) and at scales from 1e-20 to 1e20: the
+    oracle's image of that scene; a power of two gives the same bits."""
+    mesh = blob()
+    grid = replace(mesh, verts=np.round(mesh.verts * 2**20) / 2**20 + 2.0**-26)
+    scene = blob_scene(meshes=(grid,))
+    plain = draw(device, scene, preset=preset)
+
+    def moved(scale: float, shift: float) -> Frame:
+        camera = replace(CAMERA, eye=CAMERA.eye * scale + shift, lookat=CAMERA.lookat * scale + shift)
+        lights = tuple(replace(light, position=light.position * scale + shift) for light in LIGHTS)
+        changed = replace(grid, verts=grid.verts * scale + shift)
+        return draw(device, replace(scene, meshes=(changed,), camera=camera, lights=lights), preset=preset)
+
+    for scale, shift in ((1e-20, 0.0), (1e20, 0.0), (1.0, 1e6)):
+        frame = moved(scale, shift)
+        assert_equals_oracle(frame)
+        assert (frame["id"] != plain["id"]).mean() < 0.01
+    for exponent in (-70, 90):
+        frame = moved(2.0**exponent, 0.0)
+        assert np.array_equal(frame.rgba, plain.rgba)
+        assert np.array_equal(frame["id"], plain["id"])
+        assert np.array_equal(frame["Z"], np.ldexp(plain["Z"], exponent))
+
+
+# Nothing to see
+
+
+@pytest.mark.parametrize("preset", COURSE_LONG)
+def test_an_empty_scene_is_background(device, preset):
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))
+    unused = Mesh(np.ones((3, 3)), np.zeros((0, 3), int))
+    for meshes in ((), (nothing,), (nothing, unused)):
+        frame = draw(device, blob_scene(meshes=meshes), preset=preset)
+        assert_background(frame)
+        assert frame.stats["triangles"] == frame.stats["visible"] == 0
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_everything_behind_the_eye_is_background(device, preset):
+    mesh = blob()
+    frame = draw(device, blob_scene(meshes=(replace(mesh, verts=mesh.verts + [0.0, 0, 15]),)), preset=preset)
+    assert_background(frame)
+    assert frame.stats["behind"] == len(mesh.faces)
+
+
+def test_triangles_without_area_draw_nothing(device):
+    verts = np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0], [1e-9, 0, 0]]) * (1 + 2.0**-40)
+    faces = np.array([[0, 1, 2], [0, 0, 1], [1, 1, 1], [0, 3, 0]])
+    mesh = Mesh(verts, faces, colors=np.full((4, 3), 0.5), material=MATERIAL)
+    assert_background(draw(device, blob_scene(meshes=(mesh,))))
+
+
+# Clipping
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_triangles_through_the_near_plane(device, preset):
+    """Faces about the eye, many of them with corners on both sides of it."""
+    mesh = blob()
+    near = replace(mesh, verts=mesh.verts + [0.0, 0, 4.5])
+    frame = draw(device, blob_scene(meshes=(near,)), preset=preset)
+    assert frame.stats["clipped"] > 10
+    assert (frame["id"] > 0).any()
+    assert_equals_oracle(frame)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_floor_to_the_horizon(device, preset):
+    floor = flat((-900.0, -1.0, 90.0), (900.0, -1.0, 90.0), (0.0, -1.0, -900.0))
+    frame = draw(device, blob_scene(meshes=(floor,)), preset=preset, near=0.5)
+    assert frame.stats["clipped"] == 1
+    assert 0.3 < frame.alpha.mean() < 0.7
+    assert_equals_oracle(frame)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
+    """Two floors through the near plane, or two walls beyond the guard band, that cross at an angle of 2^-25: which one
+    is nearer is decided below the last bit of float32."""
+    camera = replace(CAMERA, eye=(0.0, 0.0, 5.0), lookat=(0.0, 0.0, 0.0)) if orthographic else CAMERA
+    camera = replace(camera, orthographic=orthographic)
+    far, tilt = 900.0, 2.0**-25
+    floor = np.array([[-far, -1.0, 90.0], [far, -1.0, 90.0], [0.0, -1.0, -far]])
+    wall = 1e5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    first = wall if orthographic else floor
+    second = first.copy()
+    second[:, 2 if orthographic else 1] += tilt * first[:, 0]
+    meshes = tuple(Mesh(verts, [[0, 1, 2]], material=MATERIAL) for verts in (first, second))
+    frame = draw(device, blob_scene(meshes=meshes, camera=camera), preset="standard", near=0.5)
+    assert frame.stats["clipped"] == 2
+    assert {1, 2} <= set(np.unique(frame["id"]))
+    assert_equals_oracle(frame)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("far", [1e4, 1e10])
+def test_a_triangle_far_larger_than_the_screen(device, preset, far):
+    """1e4 times the screen and more: every pixel is its, and it is as deep as the oracle says."""
+    width = 5.0 / 1.3  # of the image at the origin
+    mesh = flat((-far * width, -far * width, 0.0), (far * width, -far * width, 0.1), (0.1, far * width, 0.2))
+    frame = draw(device, blob_scene(meshes=(mesh,)), preset=preset, near=0.1)
+    assert (frame["id"] == 1).all()
+    assert_equals_oracle(frame)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
+    """A triangle out to 1e20, 1e36, 1e100 among the others: what it covers is the oracle's, and no digit is lost beside
+    it. (Its own plane is anywhere: it is seen where corners so far off put it in float64.)"""
+    for far in (1e20, 1e36, 1e100):
+        mesh = flat((-far, -far, -20.0), (far, -far, -20.0), (0.0, far, -20.0))
+        frame = draw(device, blob_scene(meshes=(blob(), mesh)), preset=preset, near=0.1)
+        near = (frame["id"] > 0) & (frame["id"] <= 250)
+        assert near.mean() > 0.3
+        expected = oracle.render(frame.scene, frame.settings)
+        ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
+        oracle_bounds.assert_colors_within(frame.rgb, expected, skip=ties)
+        oracle_bounds.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # 1e100 deep is beyond float32
+
+
+# Light and background
+
+
+@pytest.mark.parametrize("preset", COURSE_LONG)
+def test_without_lights_and_background(device, preset):
+    """Only ambient light is left; where nothing covers, rgb is 0 and so is alpha. A light that does not shine is none."""
+    for lights in ((), (PointLight((1.0, 2, 3), (0.0, 0, 0)),)):
+        frame = draw(device, blob_scene(lights=lights, ambient=0.5, background=None), preset=preset)
+        assert_equals_oracle(frame)
+        assert {"DIFFUSE", "SPECULAR"} <= set(frame.stats["left_out"])
+        assert not frame.rgba[frame["id"] == 0].any()
+        assert (frame["id"] == 0).any()
+
+
+CAMERAS = {
+    "perspective": CAMERA,
+    "orthographic": replace(CAMERA, orthographic=True, plane=(4.0, 5.0), principal=(0.4, 0.55)),
+}
+
+
+@pytest.mark.parametrize("camera", [pytest.param("perspective", marks=pytest.mark.long), "orthographic"])
+@pytest.mark.parametrize("shader", GOURAUD_LONG)
+def test_sides_alpha_and_light_on_both_sides(device, camera, shader):
+    """Cards about the origin seen from both sides: culled, lit from behind, cut out by their texture's alpha, mirrored;
+    in parallel projection, off center."""
+    image = np.random.default_rng(8).uniform(0, 1, (5, 4, 4)).astype(np.float32)
+    uvs = np.tile([[0.0, 0.0], [1.5, 0.1], [0.2, 1.3]], (250, 1))
+    materials = (
+        Material(sides="front", color=(0.5, 1.0, 0.7)),
+        Material(two_sided=True, texture=Texture(image, ("mirror", "clamp")), alpha_cutoff=0.5),
+        Material(n=200.0),
+    )
+    mirrored = np.diag([-1.0, 1.0, 1.0, 1.0])[None]
+    meshes = [blob(250, seed, uvs=uvs, material=material) for seed, material in enumerate(materials)]
+    meshes[2] = replace(meshes[2], instances=mirrored)
+    scene = blob_scene(meshes=meshes, camera=CAMERAS[camera])
+    frame = draw(device, scene, shader=shader)
+    assert {"SIDES", "TWO_SIDED", "ALPHA_TEST"} <= set(frame.stats["features"])
+    assert_equals_oracle(frame)
+    opaque = [replace(mesh, material=replace(mesh.material, alpha_cutoff=None)) for mesh in meshes]
+    seen = oracle.render(replace(scene, meshes=opaque), frame.settings)
+    assert (seen.id != frame["id"]).mean() > 0.01
+
+
+@pytest.mark.long
+def test_parallel_projection(device):
+    frame = draw(device, blob_scene(camera=CAMERAS["orthographic"]))
+    assert (frame["id"] > 0).mean() > 0.3
+    assert_equals_oracle(frame)
+
+
+# Bit by bit
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("course", {"shader": "gouraud"}),
+        pytest.param("box_room", {"shader": "gouraud"}, marks=pytest.mark.long),
+        pytest.param("quads", {"preset": "course", "shader": "phong"}, marks=pytest.mark.long),
+        pytest.param("course", {"preset": "standard", "shader": "nolight"}, marks=pytest.mark.long),
+        pytest.param("course", {"preset": "standard", "samples": 4}, marks=pytest.mark.long),
+    ],
+)
+def test_leaving_out_changes_no_bit(device, name, options):
+    lean = draw(device, scene_of(name), **options)
+    full = draw(device, scene_of(name), forced=OPTIONAL, **options)
+    assert set(full.stats["left_out"]) < set(lean.stats["left_out"])
+    assert same_bits(lean, full)
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_lanes_change_no_bit(device, lanes):
+    scene = scene_of("teapot")
+    frame = draw(device, scene, shader="phong", lanes=lanes)
+    assert frame.stats["lanes"] == lanes
+    assert same_bits(frame, draw(device, scene, shader="phong", lanes=16))
+
+
+@pytest.mark.parametrize("size", [8, pytest.param(32, marks=pytest.mark.long)])
+def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
+    """Which also shows that no kernel has the host's number written in it."""
+    plain = draw(device, blob_scene())
+    monkeypatch.setattr(struct_layout, "TILE_SIZE", size)
+    monkeypatch.setitem(struct_layout.CONSTANTS, "TILE_SIZE", size)
+    monkeypatch.setattr(programs, "_built", {})
+    frame = draw(device, blob_scene())
+    assert len(programs._built) == 2  # of the geometry and of the pixels
+    assert same_bits(frame, plain)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_two_runs_give_the_same_bits(device, preset):
+    frames = [draw(device, blob_scene(), preset=preset)]
+    with Renderer(blob_scene(), device=device, preset=preset, layers=LAYERS) as renderer:
+        frames += [renderer.render() for _ in range(3)]
+    assert all(same_bits(frames[0], frame) for frame in frames[1:])
+
+
+def cameras() -> list[Camera]:
+    """Views from elsewhere, closer (which clips), and in another resolution."""
+    eyes = ((-2.0, 1.0, 4.0), (0.3, 0.1, 0.8), (0.0, 9.0, 0.1))
+    views = [replace(CAMERA, eye=np.array(eye)) for eye in eyes]
+    return [*views, views[0].with_resolution((40, 23)), CAMERA]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_moved_camera_equals_a_fresh_render(device, preset):
+    with Renderer(blob_scene(), device=device, preset=preset, layers=LAYERS) as renderer:
+        for camera in cameras():
+            frame = renderer.render(camera=camera)
+            assert frame.scene.camera is camera
+            assert same_bits(frame, draw(device, blob_scene(camera=camera), preset=preset))
+
+
+# Memory
+
+
+def address(frame: Frame) -> int:
+    return frame.rgba.__array_interface__["data"][0]
+
+
+def test_frames_own_their_memory(device):
+    with Renderer(blob_scene(), device=device, layers=LAYERS) as renderer:
+        first = renderer.render()
+        kept = {name: array.copy() for name, array in first.channels().items()}
+        others = [renderer.render(camera=camera) for camera in cameras() * 2]
+        assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
+        assert len({address(frame) for frame in (first, *others)}) == 1 + len(others)
+    # The renderer is closed: frames stay as they are.
+    assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
+    assert same_bits(others[4], first)
+
+
+def test_memory_is_recycled_once_no_view_is_held(device):
+    with Renderer(blob_scene(), device=device, layers=LAYERS) as renderer:
+        frame = renderer.render()
+        place, depth_place = address(frame), frame["Z"].__array_interface__["data"][0]
+        del frame
+        frame = renderer.render()
+        assert address(frame) == place
+        assert frame["Z"].__array_interface__["data"][0] == depth_place
+        view, content = frame.rgb[::2, 1:], frame.rgb[::2, 1:].copy()
+        del frame
+        other = renderer.render(camera=cameras()[0])
+        assert address(other) != place
+        assert np.array_equal(view, content)
+        del view, other
+        places = {address(renderer.render()) for _ in range(10)}
+        assert len(places) <= 2
+
+
+def test_stats_say_what_was_done(device):
+    frame = draw(device, blob_scene())
+    stats = frame.stats
+    assert stats["triangles"] == 250
+    assert 0 < stats["visible"] <= 250
+    assert stats["resolution"] == (61, 61)
+    assert set(stats["features"]).isdisjoint(stats["left_out"])
+    assert all(time >= 0.0 for time in stats["times_ms"].values())
+    assert {"project", "setup", "sort", "bin_count", "bin_fill", "phong", "frame"} <= set(stats["times_ms"])
+    assert frame.settings == Settings(layers=LAYERS)

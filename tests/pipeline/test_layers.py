@@ -1,0 +1,318 @@
+"""The layers of a frame: against the float64 oracle and each other; nothing is done for those not asked for."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from kernel_stages import OTHER_LANES
+from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
+
+import clshade
+from clshade import oracle
+from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.pipeline import layer_buffers, programs
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.layer_buffers import MACROS, material_numbers
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
+from clshade.scene.model import LAYERS, Material, Mesh, Scene, Settings
+
+PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
+CASES = {
+    "standard": (mixed(), "standard", {}),
+    "course": (mixed(), "course", {"shader": "gouraud"}),
+    "trilinear, several samples": (mixed(), "standard", {"texture_filter": "trilinear", "samples": 5}),
+    "affine, looked up at the corners": (
+        mixed(),
+        "standard",
+        {"interpolation": "affine", "texture_at": "vertex", "shader": "nolight"},
+    ),
+    "orthographic": (mixed(camera=PARALLEL), "standard", {"shader": "gouraud", "samples": 2}),
+    "fast": (mixed(), "standard", {"precision": "fast"}),
+    "float64": (mixed(), "standard", {"precision": "float64", "samples": 3}),
+    "float64, course": (mixed(camera=PARALLEL), "course", {"precision": "float64"}),
+    "the teapot": (clshade.builtin("teapot"), "standard", {"resolution": (80, 60)}),
+    "the course's scene": (clshade.builtin("course"), "course", {"resolution": (64, 64)}),
+    "a room": (clshade.builtin("box_room"), "standard", {"resolution": (72, 40), "shader": "nolight"}),
+}
+
+
+def draw(device, scene: Scene, preset: str = "standard", **options) -> Frame:
+    with Renderer(scene, device=device, preset=preset, **{"layers": "all", **options}) as renderer:
+        return renderer.render()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_layers_are_the_oracles(device, case):
+    scene, preset, options = CASES[case]
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    frame = draw(device, scene, preset, **options)
+    expected = oracle.render(frame.scene, frame.settings)
+    layers = oracle.render_layers(frame.scene, frame.settings)
+    ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
+    assert ties.mean() < 0.01
+    assert frame.layers == LAYERS
+    found = layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
+    assert set(found) == set(LAYERS) - {"Z", "id"}
+    assert (frame["id"] > 0).mean() > 0.2
+    assert_background_is_0(frame)
+
+
+def assert_background_is_0(frame: Frame) -> None:
+    empty = frame["id"] == 0
+    assert frame["barycentrics"].min() >= 0
+    for name in set(LAYERS) - {"Z"}:
+        assert not frame[name][empty].any(), name
+    assert np.isposinf(frame["Z"][empty]).all()
+
+
+def test_the_scene_has_of_everything(device):
+    """What the first test draws: clipped faces, both sides of a two-sided mesh, mirrored and plain placements."""
+    frame = draw(device, mixed())
+    assert frame.stats["clipped"] >= 2
+    assert set(np.unique(frame["object_id"])) == {0, 1, 3, 4, 5}
+    assert set(np.unique(frame["material_id"])) == {0, 1, 3, 4}  # wedge and tile have equal materials
+    face = frame["id"].astype(int) - 1 - len(floor().faces)
+    placement = np.where((face >= 0) & (face < 42), face // 14, -1)
+    assert set(np.unique(placement)) >= {-1, 0, 1, 2}
+    assert (frame["uv"][frame["object_id"] == 3] != 0).any()
+    assert not frame["uv"][frame["object_id"] == 4].any()
+
+
+def test_normals_of_a_two_sided_material_are_turned_round(device):
+    """Where the mesh is seen from behind, and only there."""
+    two, one = (
+        draw(device, Scene((replace(dome(), material=Material(two_sided=sides)),), CAMERA)) for sides in (True, False)
+    )
+    turned = (two["N"] == -one["N"]).all(axis=-1) & (two["id"] > 0)
+    alike = (two["N"] == one["N"]).all(axis=-1)
+    assert (turned | alike).all()
+    assert turned.sum() > 20
+    assert (alike & (two["id"] > 0)).sum() > 20
+    assert np.array_equal(two["id"], one["id"])
+
+
+def test_a_square_in_closed_form(device):
+    """A square of two triangles, seen at a slant: each layer is a formula of the pixel's place on it."""
+    square = Mesh(
+        [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
+        [[0, 1, 2], [0, 2, 3]],
+        colors=[[0, 0, 0.5], [1, 0, 0.5], [1, 1, 0.5], [0, 1, 0.5]],
+        uvs=[[-1, -1], [1, -1], [1, 1], [-1, 1]],
+        material=Material(color=(1.0, 1.0, 0.5)),
+    )
+    camera = Camera((2.0, 1.0, 3.0), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (40, 40))
+    frame = draw(device, Scene((square,), camera))
+    shown = frame["id"] > 0
+    x, y, z = frame["P"][shown].T
+    assert len(x) > 200
+    # Of float32: the largest coordinate is 4, and snapping to 1/256 px moves a point by 4/40/256.
+    assert np.abs(z).max() < 1e-6
+    off = (camera.eye - frame["P"])[shown]
+    assert np.allclose(frame["Z"][shown], off @ -camera_axes(camera)[2], rtol=1e-6)
+    assert np.allclose(frame["uv"][shown], np.stack([x, y], axis=-1), atol=2e-6)
+    assert np.allclose(
+        frame["albedo"][shown], np.stack([(x + 1) / 2, (y + 1) / 2, np.full_like(x, 0.25)], -1), atol=2e-6
+    )
+    assert np.array_equal(frame["N"][shown], np.tile(np.float32([0, 0, 1]), (len(x), 1)))
+    weights = np.where((frame["id"] == 1)[shown, None], np.stack([1 - x, x - y, 1 + y], -1), 0) / 2
+    weights += np.where((frame["id"] == 2)[shown, None], np.stack([1 - y, 1 + x, y - x], -1), 0) / 2
+    assert np.abs(frame["barycentrics"][shown] - weights).max() < 2e-6
+
+
+def test_corners_and_weights_give_the_other_layers(device):
+    """As a user would: attributes of the mesh's own corners, also where a placement mirrors."""
+    mesh = dome()
+    frame = draw(device, Scene((mesh,), CAMERA))
+    shown = np.nonzero(frame["id"])
+    placement, face = np.divmod(frame["id"][shown].astype(int) - 1, len(mesh.faces))
+    weights = frame["barycentrics"][shown].astype(np.float64)
+    assert set(placement) == {0, 1, 2}
+    assert np.abs(weights.sum(axis=1) - 1).max() <= 2.0**-22
+    uv = np.einsum("kc,kcd->kd", weights, mesh.uvs[mesh.uv_faces[face]])
+    assert np.abs(uv - frame["uv"][shown]).max() <= 2.0**-18  # coordinates up to 10.5
+    matrices = np.asarray(mesh.instances)[placement]
+    corners = np.einsum("kde,kce->kcd", matrices[:, :3, :3], mesh.verts[mesh.faces[face]]) + matrices[:, None, :3, 3]
+    points = np.einsum("kc,kcd->kd", weights, corners)
+    assert np.abs(points - frame["P"][shown]).max() <= 2.0**-20
+
+
+@pytest.mark.parametrize(
+    ("preset", "options"),
+    [("standard", {}), ("course", {}), ("standard", {"texture_filter": "trilinear"})],
+)
+def test_albedo_is_the_image_without_light(device, preset, options):
+    frame = draw(device, mixed(), preset, **options)
+    unlit = draw(device, mixed(), preset, shader="nolight", layers=(), **options)
+    assert np.array_equal(frame["albedo"].view("u4"), unlit.rgb.copy().view("u4"))
+
+
+def test_positions_far_from_the_origin(device):
+    """Float64: a scene moved by 2^30 has the same picture, whose points float32 would put 64 apart."""
+    needs_float64(device)
+    there = np.array([2.0**30, -(2.0**31), 2.0**30])
+    mesh = replace(wedge(), verts=wedge().verts.astype(np.float64))
+    moved = replace(mesh, verts=mesh.verts + there)
+    camera = replace(CAMERA, eye=CAMERA.eye * 16 // 1 / 16, lookat=CAMERA.lookat * 16 // 1 / 16)
+    away = replace(camera, eye=camera.eye + there, lookat=camera.lookat + there)
+    near, far = (
+        draw(device, Scene((m,), c), layers=("P", "id"))
+        for m, c in ((replace(mesh, verts=moved.verts - there), camera), (moved, away))
+    )
+    assert np.array_equal(near["id"], far["id"])
+    shown = far["id"] > 0
+    assert shown.any()
+    # float64 has steps of 2^-22 there.
+    assert np.abs(far["P"][shown] - there - near["P"][shown]).max() <= 2.0**-21
+
+
+# Only what is asked for
+
+
+def test_the_image_does_not_depend_on_the_layers(device):
+    """Neither its bits nor its program."""
+    scene = mixed()
+    every = draw(device, scene, samples=2)
+    before = {id(program) for program in programs.built()}
+    fewer = draw(device, scene, samples=2, layers=("Z", "id"))
+    assert {id(program) for program in programs.built()} == before
+    without = draw(device, scene, samples=2, layers=())
+    for frame in (fewer, without):
+        assert np.array_equal(frame.rgba.view("u4"), every.rgba.view("u4"))
+    assert same_bits(fewer, Frame(every.rgba, {n: every[n] for n in ("Z", "id")}, scene, every.settings, dict))
+    assert "surface_layers" in every.stats["times_ms"] or not device.profiling
+    assert not {"surface_layers", "layer_object_id"} & set(fewer.stats["times_ms"])
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_each_layer_alone_has_the_same_bits(device, name):
+    scene = Scene((dome(), wedge()), CAMERA, background=None)
+    together, alone = draw(device, scene), draw(device, scene, layers=name)
+    assert alone.layers == (name,)
+    assert alone[name].tobytes() == together[name].tobytes()
+
+
+def test_programs_know_which_layers_are_asked_for(device):
+    with Renderer(mixed(), device=device, layers=("N", "uv", "id")) as renderer:
+        values = dict(renderer.stages._programs["surface_layers"].features.values)
+    assert {name for name in MACROS if values[MACROS[name]]} == {"N", "uv"}
+    assert not values["TEXTURED"]
+    assert not values["VERTEX_COLORS"]
+    with Renderer(mixed(), device=device, layers=("Z", "material_id")) as renderer:
+        assert "surface_layers" not in renderer.stages._programs
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+@pytest.mark.parametrize("options", [{}, {"precision": "float64", "texture_filter": "trilinear"}], ids=str)
+def test_lanes_do_not_change_a_bit(device, lanes, options):
+    if options:
+        needs_float64(device)
+    first, other = (draw(device, mixed(), lanes=count, samples=3, **options) for count in (16, lanes))
+    assert same_bits(first, other)
+
+
+def test_features_do_not_change_a_bit(device):
+    assert same_bits(draw(device, mixed()), draw(device, mixed(), forced=OPTIONAL))
+
+
+def test_each_frame_has_its_own_arrays(device):
+    with Renderer(mixed(), device=device, layers="all") as renderer:
+        first = renderer.render()
+        copies = {name: first[name].copy() for name in first.layers}
+        second = renderer.render(replace(CAMERA, eye=(0.1, 0.6, 2.5)))
+    arrays = [frame[name] for frame in (first, second) for name in LAYERS]
+    assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])
+    assert all(np.array_equal(first[name], copies[name]) for name in LAYERS)
+    assert (second["N"] != first["N"]).any()
+
+
+@pytest.mark.parametrize("meshes", [(), (Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)),)])
+def test_a_scene_of_nothing(device, meshes):
+    frame = draw(device, Scene(meshes, CAMERA))
+    assert not frame["id"].any()
+    assert_background_is_0(frame)
+
+
+# Numbers
+
+
+def test_equal_materials_share_a_number():
+    red, other = Material(color=(1, 0, 0)), Material(color=(1, 0, 0), texture=CHECKERS)
+    copy = replace(CHECKERS, image=np.array(CHECKERS.image))
+    same = [
+        red,
+        Material(color=(1, 0, 0)),
+        other,
+        replace(other, texture=copy),
+        replace(other, kd=0.7),
+        replace(red, name="r"),
+    ]
+    scene = mixed()
+    scene = replace(scene, meshes=tuple(replace(wedge(), material=material) for material in (*same, red)))
+    assert material_numbers(scene) == (1, 1, 2, 2, 3, 4, 1)
+    assert tuple(oracle.layers.material_numbers(scene)) == material_numbers(scene)
+    assert material_numbers(replace(scene, meshes=())) == ()
+
+
+def test_many_materials_are_not_compared_in_pairs(monkeypatch):
+    """Of 3000 scalars alone, none; of two textures of one size, one comparison."""
+    compared = []
+    monkeypatch.setattr(layer_buffers.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
+    materials = [Material(kd=k / 3000, name=f"{k % 7}") for k in range(3000)]
+    materials += [Material(texture=replace(CHECKERS, image=CHECKERS.image + np.float32(k))) for k in range(2)]
+    scene = Scene(tuple(replace(wedge(), material=material) for material in materials), CAMERA)
+    assert material_numbers(scene) == tuple(range(1, 3003))
+    assert len(compared) == 1
+
+
+def test_all_is_every_layer():
+    assert Settings(layers="all").layers == Settings(layers=("uv", "all")).layers == LAYERS
+    assert Settings(layers=("uv", "N", "Z")).layers == ("Z", "N", "uv")
+    with pytest.raises(clshade.errors.InputError, match="'normals'"):
+        Settings(layers=("normals",))
+
+
+# The comparator
+
+
+@pytest.mark.parametrize("name", [name for name in LAYERS if name not in ("Z", "id")])
+def test_an_error_of_a_layer_is_noticed(opened, name):
+    """One pixel off by ten times what is allowed, or by one number."""
+    frame = draw(opened, mixed())
+    expected = oracle.render_layers(frame.scene, frame.settings)
+    layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
+    row, column = np.argwhere(frame["object_id"] == 3)[7]
+    value = frame[name][row, column]
+    if name.endswith("_id"):
+        frame[name][row, column] += 1
+    else:
+        bound = {
+            **layer_bounds.layer_bounds(expected, frame.scene, frame.settings),
+            "albedo": np.full((48, 64), 4e-6),
+        }
+        assert bound[name][row, column] < 1e-3
+        frame[name][row, column] = value + np.float32(10 * bound[name][row, column])
+    with pytest.raises(AssertionError, match=f"{name} differs: 1 of"):
+        layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
+
+
+# SHA-256 of image and all layers, the first 16 digits, as in test_same_bits
+GOLDEN = {"mixed": "e04a640a74fea0a4", "teapot": "473357e471c6304b"}
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_layers(device, name):
+    scene = mixed() if name == "mixed" else clshade.builtin(name)
+    options = {"texture_filter": "trilinear", "samples": 3} if name == "mixed" else {"resolution": (161, 97)}
+    frame = draw(device, scene, **options)
+    found = hashlib.sha256(frame.rgba.tobytes())
+    for layer in LAYERS:
+        found.update(frame[layer].tobytes())
+    assert found.hexdigest()[:16] == GOLDEN[name]

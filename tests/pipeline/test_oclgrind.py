@@ -1,0 +1,79 @@
+"""Every kernel under Oclgrind, a simulated device: no access out of bounds, no data race, no read of unset memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import ROOT
+
+LIBRARIES = ("/usr/lib/oclgrind/liboclgrind-rt-icd.so", "/usr/lib/x86_64-linux-gnu/oclgrind/liboclgrind-rt-icd.so")
+KERNELS = {
+    name for path in (ROOT / "kernels").glob("*.cl") for name in re.findall(r"\bkernel void (\w+)", path.read_text())
+}
+pytestmark = pytest.mark.long
+
+
+def library() -> str:
+    """Oclgrind's library for ICD loaders: pyopencl has a loader of its own, which the command does not reach."""
+    command = shutil.which("oclgrind")
+    beside = Path(command or "/").resolve().parent.parent / "lib" / "oclgrind" / "liboclgrind-rt-icd.so"
+    return next((str(path) for path in (beside, *LIBRARIES) if os.path.exists(path)), "")
+
+
+def oclgrind(folder: Path, form: str, options: str = "-disable-llvm-passes") -> tuple[Any, str]:
+    """What tests/support/oclgrind_drawing.py prints for a form, and Oclgrind's log.
+
+    options: clang's, for kernels: Oclgrind 21.10 ends at intrinsics that LLVM's optimizer puts in.
+    """
+    if not shutil.which("oclgrind") or not library():
+        pytest.skip("oclgrind is not installed (apt install oclgrind)")
+    vendors = folder / "vendors"
+    vendors.mkdir()
+    (vendors / "oclgrind.icd").write_text(library() + "\n")
+    log = folder / "log"
+    variables = {
+        "OCL_ICD_VENDORS": str(vendors),
+        "OCLGRIND_BUILD_OPTIONS": options,
+        "OCLGRIND_DATA_RACES": "1",
+        "OCLGRIND_UNIFORM_WRITES": "1",
+        "OCLGRIND_UNINITIALIZED": "1",
+        "OCLGRIND_COMPUTE_UNITS": "2",
+        "OCLGRIND_NUM_THREADS": "1",
+        "OCLGRIND_LOG": str(log),
+        "XDG_CACHE_HOME": str(folder),
+        "PYTHONPATH": str(ROOT),
+    }
+    command = [sys.executable, str(ROOT / "tests" / "support" / "oclgrind_drawing.py"), form]
+    done = subprocess.run(command, env={**os.environ, **variables}, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr + log.read_text()[:5000]
+    return json.loads(done.stdout), log.read_text() if log.exists() else ""
+
+
+def test_planted_errors_are_found(tmp_path):
+    _, log = oclgrind(tmp_path, "planted")
+    for message in ("Invalid read of size 4 at global memory", "data race at global memory", "uninitialized value"):
+        assert message in log, log
+
+
+@pytest.mark.parametrize("form", ["groups", "vectors"])
+def test_no_kernel_does_anything_undefined(tmp_path, form):
+    """Ten scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
+    empty frame; the images are right too."""
+    found, log = oclgrind(tmp_path, form)
+    assert log.strip() == ""
+    assert set(found["ran"]) == KERNELS
+    assert found["error"] < 16.0
+
+
+def test_padding_is_never_read():
+    """tests/support/oclgrind_drawing.py sets it, so that Oclgrind does not report the copying of structs."""
+    for path in (ROOT / "kernels").iterdir():
+        assert not re.search(r"(->|\.)\s*pad", path.read_text()), path.name

@@ -1,0 +1,210 @@
+"""Precision fast, float32 and float64: the same coverage, each as exact as it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from devices import needs_float64
+from kernel_stages import Probe
+
+import clshade
+from clshade import oracle
+from clshade.errors import DeviceError, InputError
+from clshade.measure.check import oracle_bounds
+from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.builtin import scenes
+from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
+
+RESOLUTION = (97, 71)
+LAYERS = ("Z", "id")
+
+TEXT = """
+#include "numerics.clh"
+#define IN(name) LOAD_LANES(name + get_global_id(0) * LANES)
+#define OUT(value) STORE_LANES(value, out + get_global_id(0) * LANES)
+kernel void inverse_root(global const REAL *x, global REAL *out) { OUT(reciprocal_sqrt(IN(x))); }
+kernel void log2_less(global const REAL *x, global REAL *out) { OUT(log2_one_minus(IN(x))); }
+kernel void exp2_below(global const REAL *x, global REAL *out) { OUT(exp2_negative(IN(x))); }
+kernel void power(global const REAL *t, global const REAL *n, global REAL *out) { OUT(power_one_minus(IN(t), IN(n))); }
+"""
+
+
+def relative(found: np.ndarray, expected: list) -> float:
+    """The largest relative error against exact values."""
+    return float(max(abs(mpmath.mpf(float(f)) / e - 1) for f, e in zip(found, expected, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def double(device):
+    return Probe(device, TEXT, DOUBLE=1, POWER=1)
+
+
+def test_float64_functions(double):
+    """A few roundings of 2^-53 each: the root two; the logarithm the quotient s and its products, six; the exponential its
+    argument (half a rounding of 0.35) and the sum, two; each with a little for the series' end."""
+    mpmath.mp.dps = 40
+    rng = np.random.default_rng(4)
+    t = np.concatenate([rng.uniform(0, 1, 1000), 10.0 ** rng.uniform(-17, -1, 1000)])
+    logs = [mpmath.log1p(-mpmath.mpf(x)) / mpmath.log(2) for x in t]
+    assert relative(double("log2_less", t, dtype=np.float64), logs) <= 6 * 2.0**-53
+    y = -rng.uniform(0, 800, 1000)
+    assert (
+        relative(double("exp2_below", y, dtype=np.float64), [mpmath.mpf(2) ** mpmath.mpf(x) for x in y])
+        <= 2.5 * 2.0**-53
+    )
+    x = 10.0 ** rng.uniform(-200, 200, 1000)
+    assert (
+        relative(double("inverse_root", x, dtype=np.float64), [1 / mpmath.sqrt(mpmath.mpf(v)) for v in x])
+        <= 2 * 2.0**-53
+    )
+
+
+@pytest.mark.parametrize("n", [1.0, 20.0, 1e4, 1e9])
+def test_float64_powers(double, n):
+    """(1-t)^n with n*t up to 40: the logarithm's error times n*|log2(1-t)|, up to 60, and the exponential's."""
+    t = np.random.default_rng(5).uniform(0.0, min(40.0 / n, 0.999), 500)
+    exact = [mpmath.power(1 - mpmath.mpf(x), n) for x in t]
+    assert relative(double("power", t, np.full_like(t, n), dtype=np.float64), exact) <= (60 * 7 + 3) * 2.0**-53
+
+
+def test_fast_functions(device):
+    """As kernels/numerics.clh says: 4.7e-6, 7.4e-6 and 6.3e-6, with a few roundings; and no better than a tenth of that,
+    or the shorter polynomials are not the ones in use."""
+    probe = Probe(device, TEXT, FAST=1, POWER=1)
+    rng = np.random.default_rng(6)
+    t = rng.uniform(0.001, 0.999, 5000).astype(np.float32)
+    x = (10.0 ** rng.uniform(-20, 20, 5000)).astype(np.float32)
+    y = -rng.uniform(0, 90, 5000).astype(np.float32)
+    for name, given, exact, error in (
+        ("log2_less", t, np.log2(1.0 - t.astype(np.float64)), 7.4e-6),
+        ("exp2_below", y, np.exp2(y.astype(np.float64)), 6.3e-6),
+        ("inverse_root", x, x.astype(np.float64) ** -0.5, 4.71e-6),
+    ):
+        worst = np.abs(probe(name, given) / exact - 1.0).max()
+        assert 0.1 * error < worst <= error + 4 * 2.0**-24, name
+
+
+def draw(device, scene, **options):
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
+        return renderer.render()
+
+
+@pytest.mark.parametrize("shader", ["phong", "gouraud"])
+@pytest.mark.parametrize("precision", ["fast", "float64"])
+@pytest.mark.parametrize("name", ["teapot", "box_room", "course"])
+def test_built_in_scenes(device, name, precision, shader):
+    scene = clshade.builtin(name)
+    scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
+    frame = draw(device, scene, precision=precision, shader=shader)
+    kind = np.float64 if precision == "float64" else np.float32
+    assert frame.rgba.dtype == frame["Z"].dtype == kind
+    expected = oracle.render(scene, frame.settings)
+    oracle_bounds.assert_frame(frame, expected, scene, frame.settings)
+    assert clshade.check(frame, "all").passed
+    alone = draw(device, scene, shader=shader)
+    assert np.array_equal(frame.alpha, alone.alpha)
+    assert np.array_equal(frame["id"], alone["id"])
+    assert not np.array_equal(frame.rgb, alone.rgb)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_weighted_samples(device, precision):
+    """Found by the fuzzer: luminance was counted with float32's coefficients in float64 too."""
+    scene = clshade.builtin("box_room")
+    scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
+    frame = draw(device, scene, precision=precision, samples=4, resolve="weighted")
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
+    """Cut along different diagonals, so that the depths of a pixel differ by roundings alone."""
+    corners = np.array([[-1.0, -1.0, 0.3], [1.0, -1.0, -0.2], [1.0, 1.0, -0.3], [-1.0, 1.0, 0.2]])
+    meshes = [Mesh(corners, faces) for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])]
+    scene = Scene(tuple(meshes), CAMERA.with_resolution((160, 120)), LIGHTS)
+    for samples in (1, 4):
+        frame = draw(device, scene, precision=precision, samples=samples)
+        assert frame.alpha.any()
+        assert set(np.unique(frame["id"])) <= {0, 3, 4}
+
+
+def lit(n: float) -> Scene:
+    mesh = replace(blob(), material=replace(MATERIAL, n=n))
+    return Scene((mesh,), CAMERA.with_resolution(RESOLUTION), LIGHTS)
+
+
+@pytest.mark.parametrize("n", [1.0, 20.0, 200.0, 1e4])
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_exponents(device, precision, n):
+    scene = lit(n)
+    frame = draw(device, scene, precision=precision)
+    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+
+
+def test_float64_does_not_pass_for_float32(device):
+    """The bound of float64 is one that float32 misses."""
+    scene = lit(20.0)
+    frame = draw(device, scene)
+    expected = oracle.render(scene, frame.settings)
+    with pytest.raises(AssertionError, match="colors off by more than 1 bounds"):
+        oracle_bounds.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
+
+
+@pytest.mark.parametrize("lanes", [1, pytest.param(8, marks=pytest.mark.long)])
+@pytest.mark.parametrize("precision", ["float64"])
+def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
+    scene = replace(scenes.builtin("box_room"), name="room")
+    frames = [draw(device, scene, precision=precision, resolution=RESOLUTION, lanes=each) for each in (None, lanes)]
+    assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
+
+
+def test_large_texture_coordinates_in_float64(device):
+    """Found by the fuzzer: coordinates of some thousand hold fewer digits of a texel, which float64's bound counts, and
+    which float32's pairs, of 48 bits, still miss."""
+    needs_float64(device)
+    image = np.random.default_rng(6).uniform(0, 1, (33, 33, 3)).astype(np.float32)
+    uvs = np.random.default_rng(7).uniform(-2e4, 2e4, (120, 2))
+    scene = scene_of(blob(40, 2, uvs=uvs, material=Material(texture=Texture(image))))
+    frame = draw(device, scene, shader="nolight", precision="float64")
+    expected = oracle.render(scene, frame.settings)
+    allowed = oracle_bounds.allowed(scene, frame.settings)
+    assert 1e-10 < allowed * 1e-12 < 1e-8
+    assert 1.0 < oracle_bounds.assert_frame(frame, expected, scene, frame.settings).bounds < allowed / 3.0
+    single = draw(device, scene, shader="nolight")
+    off = np.abs(single.rgb - expected.rgb).max(axis=-1)[single["id"] == frame["id"]]
+    assert off.max() > 10.0 * allowed * 1e-12
+
+
+def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
+    scene = clshade.builtin("course")
+    camera = replace(scene.camera.with_resolution(RESOLUTION), eye=scene.camera.eye * 0.3 + scene.camera.lookat * 0.7)
+    scene = replace(scene, camera=camera)
+    for options in ({"preset": "course"}, {"texture_at": "vertex", "interpolation": "perspective"}):
+        frame = draw(device, scene, precision="float64", **options)
+        assert frame.alpha.any()
+        oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+
+
+def test_a_float64_frame_is_saved_as_float32(device, tmp_path):
+    frame = draw(device, clshade.builtin("icosphere"), precision="float64", resolution=RESOLUTION)
+    frame.save(tmp_path / "ball")
+    channels, _ = clshade.images.exr.read(tmp_path / "ball.exr")
+    assert channels["R"].dtype == np.float32
+    assert np.array_equal(channels["R"], frame.rgb[..., 0].astype(np.float32))
+
+
+def test_a_device_without_float64_refuses_it(device):
+    scene = Scene((Mesh(np.eye(3), [[0, 1, 2]]),), CAMERA)
+    with pytest.raises(DeviceError, match="precision float64"):
+        clshade.render(scene, device=replace(device, has_fp64=False), precision="float64")
+
+
+def test_an_unknown_precision_is_refused():
+    with pytest.raises(InputError, match="precision: expected one of fast, float32, float64, found 'half'"):
+        clshade.Settings(precision="half")

@@ -1,0 +1,176 @@
+"""The same bits everywhere: one SHA-256 per scene and settings, on every device, with any lanes, threads and features."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from golden import GOLDEN, digest, draw
+from layer_scenes import mixed
+from processes import ROOT
+
+import clshade
+from clshade.pipeline import programs, struct_layout
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.model import Scene, Texture
+
+# (scene, a field of the settings, its value), of the preset `standard` otherwise.
+VARIANTS = {
+    ("torus_knot", "samples", 5): "cca50022d326a2d3",
+    ("box_room", "precision", "float64"): "5b6582138bb71d2a",
+    ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
+}
+# The same of several fields together: (scene, the fields' names and values).
+COMBINED = {
+    ("torus_knot", ("samples", 5), ("resolve", "weighted")): "34cae387820be4f5",
+    ("torus_knot", ("samples", 7), ("sample_shading", True)): "259491f30b381eef",
+    ("box_room", ("samples", 3), ("precision", "float64")): "b008318580b76089",
+    ("teapot", ("samples", 4), ("texture_filter", "trilinear")): "b059ee709aced3d8",
+}
+LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
+
+
+@pytest.mark.parametrize("key", GOLDEN, ids="-".join)
+def test_golden_images(device, key):
+    frame = draw(device, *key)
+    assert frame.alpha.any()
+    assert digest(frame) == GOLDEN[key]
+
+
+@pytest.mark.parametrize("key", VARIANTS, ids=str)
+def test_golden_variants(device, key):
+    name, field, value = key
+    if value == "float64":
+        needs_float64(device)
+    frame = draw(device, name, "standard", "phong", **{field: value})
+    assert frame.alpha.any()
+    assert digest(frame) == VARIANTS[key]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("key", COMBINED, ids=str)
+def test_golden_combinations(device, key):
+    name, *fields = key
+    options = dict(fields)
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    frame = draw(device, name, "standard", "phong", **options)
+    assert frame.alpha.any()
+    assert digest(frame) == COMBINED[key]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("key", LONG, ids="-".join)
+@pytest.mark.parametrize("options", [{"forced": OPTIONAL}, *({"lanes": lanes} for lanes in (1, 4, 8))], ids=str)
+def test_neither_lanes_nor_features_change_a_bit(device, key, options):
+    assert digest(draw(device, *key, **options)) == GOLDEN[key]
+
+
+# No result of a lane may depend on the others: on which of them a triangle covers, or need what it does not. Each scene goes
+# its own way through the kernels: many owners in a block, gathered; textures, clipped pieces, materials; an alpha test.
+def knot() -> Scene:
+    return clshade.builtin("torus_knot", triangles=3000, resolution=(97, 61))
+
+
+def cut_out() -> Scene:
+    rng = np.random.default_rng(2)
+    meshes = []
+    for mesh in mixed().meshes:
+        if mesh.uvs is not None:
+            material = replace(mesh.material, texture=Texture(rng.random((5, 7, 4)), "mirror"), alpha_cutoff=0.4)
+            mesh = replace(mesh, material=material)
+        meshes.append(mesh)
+    return replace(mixed(), meshes=tuple(meshes))
+
+
+SEVERAL = [
+    {"samples": 2},
+    {"samples": 16, "resolve": "weighted", "shader": "gouraud"},
+    {"samples": 17, "sample_shading": True},
+    {"samples": 19, "sample_shading": True, "resolve": "weighted", "texture_filter": "trilinear"},
+    {"samples": 4, "resolve": "weighted", "preset": "course", "shader": "gouraud"},
+    {"samples": 3, "resolve": "weighted", "precision": "fast"},
+    {"samples": 3, "resolve": "weighted", "precision": "float64"},
+    {"samples": 1, "shader": "gouraud"},
+]
+EVERY_DAY = (knot, {"samples": 5, "resolve": "weighted"}, (1,))
+# Times its weight, divided by that, in float32 none of its channels is itself.
+BACKGROUND = (0.26161213, 0.29849114, 0.81422574)
+
+
+@pytest.mark.parametrize("background", [BACKGROUND, None], ids=["background", "nothing"])
+@pytest.mark.parametrize(
+    ("scene", "options", "lanes"),
+    [EVERY_DAY]
+    + [
+        pytest.param(*case, (1, 4, 8, 16), marks=pytest.mark.long)
+        for case in [*itertools.product((knot, mixed, cut_out), SEVERAL), EVERY_DAY[:2]]
+    ],
+    ids=lambda value: getattr(value, "__name__", str(value)),
+)
+def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, background, lanes):
+    """Nor of the layers; where nothing is seen the image is the background, in tiles without a triangle and in others."""
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    found = {}
+    for each in (None, *lanes):
+        given = {"resolution": (97, 61), "layers": "all", **options}
+        with Renderer(replace(scene(), background=background), device=device, lanes=each, **given) as renderer:
+            frame = renderer.render()
+        found[each] = digest(frame)
+        empty = frame.alpha == 0.0
+        assert (frame.rgb[empty] == np.asarray(background or (0, 0, 0), frame.rgb.dtype)).all()
+    assert set(found.values()) == {found[None]}, found
+    assert 0.1 < empty.mean() < 0.9
+    if scene is knot:
+        assert empty[-struct_layout.TILE_SIZE :, : struct_layout.TILE_SIZE].all()
+        edges = empty[:, 1:] != empty[:, :-1]
+        assert edges.any()  # tiles that are partly empty
+
+
+ONE_THREAD = """
+import sys
+sys.path[:0] = sys.argv[1:2]
+from clshade.pipeline.opencl.device import open_device
+from golden import GOLDEN, digest, draw
+device = open_device(sys.argv[2], profiling=True)
+assert device.compute_units == 1, device.compute_units
+key = ("torus_knot", "standard", "phong")
+assert digest(draw(device, *key)) == GOLDEN[key]
+"""
+
+
+def test_one_thread_gives_the_same_bits(device):
+    if "portable computing" not in device.platform.lower():
+        pytest.skip("only PoCL lets its number of threads be chosen")
+    environment = {**os.environ, "POCL_CPU_MAX_CU_COUNT": "1", "POCL_MAX_PTHREAD_COUNT": "1"}
+    run = partial(subprocess.run, env=environment, capture_output=True, text=True, timeout=120)
+    done = run([sys.executable, "-c", ONE_THREAD, str(ROOT / "tests" / "support"), device.index])
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.filterwarnings("error")
+def test_programs_from_the_cache_give_the_same_bits(device, tmp_path, monkeypatch):
+    """And neither building nor loading them has anything to say."""
+    device = replace(device, keeps_programs=False)
+    monkeypatch.setattr(programs, "_built", {})
+    monkeypatch.setattr(programs, "_stored_at", lambda device, source, _: tmp_path / str(hash(source)))
+    for stored in (False, True):
+        programs._built.clear()
+        assert digest(draw(device, "quads", "standard", "phong")) == GOLDEN["quads", "standard", "phong"]
+        assert [program.stored for program in programs.built()] == [stored] * 2
+
+
+def test_a_changed_bit_is_noticed(device):
+    frame = draw(device, "icosphere", "standard", "phong")
+    before = digest(frame)
+    frame["Z"].view("u4")[50, 50] ^= 1
+    assert digest(frame) != before

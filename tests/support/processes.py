@@ -1,0 +1,42 @@
+"""Python code in processes of their own, with hardly any environment."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def python(
+    code: str, cache: Path | str, *, timeout: float = 60.0, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Runs Python code in a process with hardly any environment; `cache` becomes XDG_CACHE_HOME."""
+    path = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
+    base = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
+    environment = {name: value for name, value in {**base, **variables}.items() if value}
+    return subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=timeout
+    )
+
+
+OPEN = """
+from clshade.pipeline.opencl import device
+from clshade.errors import DeviceError
+try:
+    opened = device.open_device()
+    print("opened", opened.platform)
+except DeviceError as error:
+    print("refused", error)
+"""
+
+
+# Begins a program of `python -c`. getrusage's peak would begin with that of the process it was forked from.
+PEAK = """
+import re
+def peak():
+    "The most memory that this program has taken, MiB."
+    return int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1]) / 1024
+"""

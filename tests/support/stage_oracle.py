@@ -1,0 +1,240 @@
+"""What the lighting stages should give for their own inputs, in float64: points, normals, colors and materials as the
+kernels read them, owners as the fill found them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from kernel_stages import Pipeline, float32, four, light_rows, material_rows, vertices_at
+
+from clshade.oracle import OracleFrame, clip, coverage, frame, shade
+from clshade.pipeline import struct_layout
+
+Array = np.ndarray
+EXPONENTS = (1.0, 20.0, 200.0, 1e4)
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Triangles that share no vertex, F of them, as the pixel stages get them; lights and materials.
+
+    xy: (F, 3, 2) snapped. z: (F, 3). points, normals, colors: (F, 3, 3) float32; points are relative to the eye, the
+    image's axes are theirs. materials: layout.SINGLE.Material rows. face_materials: (F,). lights: layout.SINGLE.Light rows.
+    """
+
+    xy: Array
+    z: Array
+    points: Array
+    normals: Array
+    colors: Array
+    materials: Array
+    face_materials: Array
+    lights: Array
+
+    def arrays(self) -> dict[str, Array]:
+        """The arguments of `Pipeline.draw`."""
+        return {
+            "normals": four(self.normals.reshape(-1, 3)),
+            "colors": four(self.colors.reshape(-1, 3)),
+            "face_materials": self.face_materials,
+            "materials": self.materials,
+            "lights": self.lights,
+        }
+
+    def set_up(self, pipeline: Pipeline) -> None:
+        """The stages up to the tile lists."""
+        vertices = vertices_at(pipeline.device, self.xy.reshape(-1, 2), self.z.reshape(-1), self.points.reshape(-1, 3))
+        pipeline.set_up(vertices, np.arange(3 * len(self.z)).reshape(-1, 3))
+        pipeline.sort()
+        pipeline.bin()
+
+
+def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inputs:
+    """Triangles of all sizes before the eye, lit from the sides; each with one of four materials, n of EXPONENTS.
+
+    Normals point more or less towards the eye, so that highlights fall on many pixels, and are not quite unit ones.
+    """
+    rng = np.random.default_rng(seed)
+    columns, rows = resolution
+    z = rng.uniform(2.0, 4.0, (count, 1)) + rng.uniform(-0.5, 0.5, (count, 3))
+    xy = rng.uniform(0, 1, (count, 1, 2)) + 0.25 * np.exp2(rng.uniform(-4, 1, (count, 1, 1))) * rng.normal(
+        size=(count, 3, 2)
+    )
+    xy = np.rint(xy * [columns, rows] * 256).astype(np.int64)
+    # A square image plane of side 1 at distance 1: a point at depth z has x = z * (u / columns - 1/2).
+    flat = z[..., None] * (xy / (256.0 * np.array([columns, rows])) - 0.5)
+    points = float32(np.concatenate([flat, z[..., None]], axis=2))
+    normals = -points / np.linalg.norm(points, axis=2, keepdims=True) + 0.4 * rng.normal(size=(count, 3, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    materials = material_rows(len(EXPONENTS), n=EXPONENTS)
+    materials["ambient"], materials["kd"], materials["ks"] = rng.uniform(0, 0.6, (3, len(EXPONENTS), 3))
+    positions = float32([[0.3, 0.2, 0.1], [-2.0, 3.0, 1.0], [1.5, -2.0, 2.0]])
+    return Inputs(
+        xy=xy,
+        z=as_kernels_see(z),
+        points=points,
+        normals=float32(normals),
+        colors=float32(rng.uniform(0, 1, (count, 3, 3))),
+        materials=materials,
+        face_materials=np.resize(np.arange(len(EXPONENTS), dtype=np.int32), count),
+        lights=light_rows(positions, float32([[1.0, 0.9, 0.8], [0.5, 0.1, 0.9], [0.2, 0.7, 0.3]])),
+    )
+
+
+def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str, orthographic: bool = False) -> Array:
+    """The oracle's owner of each pixel, -1 for none: (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3, 2)."""
+    pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
+    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
+    return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
+
+
+def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
+    """Boxes (F, 4) as set-up has them: of small triangles that cover a single pixel, of few, that pixel.
+
+    xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Returns which triangles those are too (F,), and their edge
+    functions there (F, 3), 0 for the others.
+    """
+    across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
+    pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
+    few = np.flatnonzero((across <= struct_layout.FEW_PIXELS).all(axis=1) & (pixels <= struct_layout.FEW_PIXELS))
+    boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
+    found = np.zeros((len(xy), 2), np.int64)
+    for k, column, row, edge in coverage.samples(xy[few], boxes[few].copy()):
+        np.add.at(times, few[k], 1)
+        edges[few[k]] = edge
+        found[few[k]] = np.stack([column, row], axis=1)
+    one = times == 1
+    boxes[one] = np.tile(found[one], 2)
+    return boxes, one, np.where(one[:, None], edges, 0)
+
+
+def seen_from(xy: Array, places: Array) -> list[Array]:
+    """Snapped corners (F, 3, 2) as each of a pixel's places (S, 2) sees them: moved the other way, so that the place is
+    where the center is."""
+    return [xy + (coverage.HALF - place) for place in places]
+
+
+def hull(xy: Array, places: Array, resolution: tuple[int, int]) -> Array:
+    """(F, 4) the boxes of `coverage.setup` over all places of the pixels."""
+    boxes = np.array([coverage.setup(moved, *resolution).box for moved in seen_from(xy, places)])
+    return np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
+
+
+def as_kernels_see(z: Array) -> Array:
+    """Depths whose reciprocals are float32, as the kernels get them."""
+    return 1.0 / float32(1.0 / z).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The material of some faces, float64: ka_Ia, kd, ks (..., 3), n (...)."""
+
+    ka_Ia: Array
+    kd: Array
+    ks: Array
+    n: Array
+
+    @classmethod
+    def of(cls, inputs: Inputs, face: Array) -> Surface:
+        rows = inputs.materials[inputs.face_materials[face]]
+        return cls(*(rows[name].astype(np.float64) for name in ("ambient", "kd", "ks", "n")))
+
+
+def light_of(inputs: Inputs) -> tuple[Array, Array]:
+    return tuple(inputs.lights[name].astype(np.float64) for name in ("position", "intensity"))  # type: ignore[return-value]
+
+
+def corner_points(inputs: Inputs, centroid: bool) -> Array:
+    """(F, 3, 3) float64: where the corners are lit from."""
+    points = inputs.points.astype(np.float64)
+    return np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape) if centroid else points
+
+
+def owned(inputs: Inputs, owners: Array, interpolation: str) -> tuple[tuple[Array, Array], Array, Array]:
+    """The covered pixels of owners (M, N), row 0 at the top: where they are, their faces (K,), corner weights (K, 3)."""
+    at = np.nonzero(owners >= 0)
+    face = owners[at]
+    edges = coverage.edge_functions(inputs.xy[face], at[1], len(owners) - 1 - at[0])
+    return at, face, shade.barycentrics(edges, inputs.z[face], interpolation)
+
+
+def blend(weights: Array, values: Array) -> Array:
+    return (weights[:, :, None] * values.astype(np.float64)).sum(axis=1)
+
+
+def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inputs, extent: Array) -> dict[str, Array]:
+    """Light without ambient on points (K, 3), and what its error is measured by."""
+    positions, intensities = light_of(inputs)
+    eye = np.zeros(3)
+    light = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, positions, intensities)
+    length = np.sqrt((normal * normal).sum(axis=-1))
+    place = point, normal, extent, length
+    return {
+        "rgb": color * light,
+        "budget": shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, intensities),
+        "kappa": shade.conditioning(point, extent, length, eye, positions),
+        "jump": np.abs(color * surface.ks) * shade.jumps(*place, surface.n, eye, positions, intensities),
+        "exponent": surface.n,
+    }
+
+
+def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, tinted: bool) -> OracleFrame:
+    """The phong stage's image (M, N), row 0 at the top, over black."""
+    at, face, weights = owned(inputs, owners, interpolation)
+    surface = Surface.of(inputs, face)
+    point = blend(weights, corner_points(inputs, centroid)[face])
+    color = blend(weights, inputs.colors[face])
+    extent = np.abs(inputs.points[face].astype(np.float64)).max(axis=(1, 2))
+    found = lit(point, blend(weights, inputs.normals[face]), color, surface, inputs, extent)
+    found["rgb"] = found["rgb"] + surface.ka_Ia * (color if tinted else 1.0)
+    return as_frame(owners, at, face, found)
+
+
+def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str, Array]:
+    """The light of each corner, without the ambient light that no color multiplies: rgb (F, 3, 3) and its measures."""
+    surface = Surface.of(inputs, np.repeat(np.arange(len(inputs.z)), 3))
+    point, normal, color = (
+        a.astype(np.float64).reshape(-1, 3) for a in (corner_points(inputs, centroid), inputs.normals, inputs.colors)
+    )
+    extent = np.repeat(np.abs(inputs.points.astype(np.float64)).max(axis=(1, 2)), 3)
+    found = lit(point, normal, color, surface, inputs, extent)
+    if tinted:
+        found["rgb"] = found["rgb"] + surface.ka_Ia * color
+    return found
+
+
+def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[str, Array]) -> OracleFrame:
+    """An OracleFrame (M, N) with the values at the covered pixels; Z is not filled in."""
+    shape = owners.shape
+    whole = {
+        "rgb": np.zeros((*shape, 3)),
+        "budget": np.zeros((*shape, 3)),
+        "kappa": np.ones(shape),
+        "jump": np.zeros((*shape, 3)),
+        "exponent": np.ones(shape),
+    }
+    for name, values in found.items():
+        whole[name][at] = values
+    ids = np.zeros(shape, np.uint32)
+    ids[at] = face + 1
+    return OracleFrame(alpha=(ids > 0).astype(np.float64), id=ids, Z=np.full(shape, np.inf), **whole)
+
+
+def only(frame: OracleFrame, inputs: Inputs, n: float) -> Array:
+    """(M, N) bool: pixels to look at for the materials with exponent n."""
+    return (frame.id > 0) & (frame.exponent == n)
+
+
+def with_exponent(inputs: Inputs, n: float) -> Inputs:
+    """The same, all materials with exponent n."""
+    materials = inputs.materials.copy()
+    materials["n"] = n
+    return replace(inputs, materials=materials)
+
+
+def options(**chosen: Any) -> dict[str, Any]:
+    """Every part of the light switched on, and what is chosen."""
+    parts = ("LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS", "MATERIALS", "OWNERS")
+    return {**dict.fromkeys(parts, 1), **chosen}

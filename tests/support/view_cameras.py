@@ -1,0 +1,30 @@
+"""Cameras of all kinds, and points around what they look at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clshade.scene.camera import Camera
+
+
+def cameras() -> list[Camera]:
+    """Odd view directions, oblong pixels, a far-off and a huge scene; an image off the center; parallel lines."""
+    return [
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217)),
+        Camera((1e6, 1e6, 1e6 + 4), (1e6, 1e6, 1e6), (0.0, 1.0, 0.0), 70.0, (15.0, 15.0), (512, 512)),
+        Camera((2e20, -1e20, 3e20), (1e19, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5, (2.0, 3.0), (16384, 1)),
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217), (0.3, -0.9)),
+        Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.0, (2, 3), (333, 217), (0.4, 0.6), True),
+    ]
+
+
+CAMERAS = ["near", "offset", "huge", "principal", "orthographic"]
+
+
+def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:
+    """Points before, beside and behind the eye."""
+    rng = np.random.default_rng(1)
+    distance = np.linalg.norm(camera.lookat - camera.eye)
+    spread = np.exp2(rng.uniform(-6.0, 3.0, (count, 1)))
+    points = camera.lookat + distance * spread * rng.normal(size=(count, 3))
+    return np.ascontiguousarray(points, dtype)
