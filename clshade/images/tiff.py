@@ -132,7 +132,7 @@ def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
 def _divided(pixels: Array) -> Array:
     """Colors that are multiplied by alpha, the last channel, as they are without; 0 where alpha is."""
     alpha = pixels[:, :, -1:].astype(np.uint32)
-    straight = (pixels[:, :, :-1] * np.uint32(65535) + alpha // 2) // np.maximum(alpha, 1)
+    straight = (pixels[:, :, :-1].astype(np.uint32) * 65535 + alpha // 2) // np.maximum(alpha, 1)
     straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
     return np.concatenate([straight, pixels[:, :, -1:]], axis=2)
 

@@ -205,7 +205,7 @@ def test_refused_camera_files(tmp_path, value, parts):
 
 
 def test_the_readme_s_cameras(tmp_path):
-    text = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+    text = (Path(__file__).resolve().parents[2] / "clshade" / "farm" / "README.md").read_text()
     example = text.split("```json cameras.json\n")[1].split("```")[0]
     first, second, third = cameras_of(tmp_path, example)
     assert (first.eye.tolist(), second.resolution) == ([-2.4, 4.9, 9.2], (640, 480))
