@@ -67,7 +67,7 @@ def test_public_names_are_listed_and_seen_by_type_checkers():
 
 def test_every_path_of_the_documents_can_be_had():
     """But for those that name what was: the list of changes."""
-    documents = [path for path in (ROOT / "README.md", *PACKAGE.rglob("README.md"))]
+    documents = [ROOT / "README.md", *PACKAGE.rglob("README.md")]
     text = "\n".join(path.read_text() for path in documents)
     paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
     assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
