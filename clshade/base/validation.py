@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .arrays import Array
+from .arrays import Array, Faces, Floats, Reals
 from .spelling import hint
 
 _VECTOR_SHAPES = ((3,), (1, 3), (3, 1))
@@ -68,7 +68,7 @@ def flag(owner: str, name: str, value: Any) -> bool:
     return bool(value)
 
 
-def sequence(value: Any) -> tuple | None:
+def sequence(value: Any) -> tuple[Any, ...] | None:
     """The items of what can be iterated over; None for anything else."""
     try:
         return tuple(value)
@@ -86,7 +86,7 @@ def floats(owner: str, name: str, value: Any, expected: str) -> Array:
     return array
 
 
-def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
+def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
     """A 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
     expected = "three finite numbers" if finite else "three numbers"
     array = floats(owner, name, value, expected)
@@ -99,7 +99,7 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Array:
     return array
 
 
-def coefficient(owner: str, name: str, value: Any) -> Array:
+def coefficient(owner: str, name: str, value: Any) -> Floats:
     """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
     expected = "a number or three finite numbers"
     array = floats(owner, name, value, expected)
@@ -136,7 +136,7 @@ def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
     return result
 
 
-def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Array:
+def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Reals:
     """A (K, width) array of reals in its own precision (float32 or float64), contiguous and read-only."""
     expected = f"an array of shape (K, {width}) of {'finite ' if finite else ''}numbers"
     array = floats(owner, name, value, expected)
@@ -148,12 +148,12 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
     if finite and not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise refuse(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
-    array = array.view()
-    array.flags.writeable = False
-    return array
+    kept: Reals = array.view()
+    kept.flags.writeable = False
+    return kept
 
 
-def indices(owner: str, name: str, value: Any, count: int) -> Array:
+def indices(owner: str, name: str, value: Any, count: int) -> Faces:
     """An (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
     expected = "an array of shape (F, 3) of whole numbers"
     array = floats(owner, name, value, expected)
@@ -164,9 +164,9 @@ def indices(owner: str, name: str, value: Any, count: int) -> Array:
     if array.size and (array.min() < 0 or array.max() >= count):
         face, corner = np.argwhere((array < 0) | (array >= count))[0]
         raise refuse(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
-    array = np.ascontiguousarray(array, dtype=np.int32).view()
-    array.flags.writeable = False
-    return array
+    kept: Faces = np.ascontiguousarray(array, dtype=np.int32).view()
+    kept.flags.writeable = False
+    return kept
 
 
 def set_fields(instance: Any, **values: Any) -> None:

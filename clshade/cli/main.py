@@ -98,7 +98,7 @@ def _warnings_in_one_line(shown: bool) -> Iterator[None]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("always" if shown else "ignore", UserWarning)
-        warnings.showwarning = show  # type: ignore[assignment]
+        warnings.showwarning = show
         yield
 
 
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     stdout = sys.stdout  # None where there is none
     try:
-        with contextlib.redirect_stdout(_Stdout(stdout) if stdout else None):  # type: ignore[type-var]
+        with contextlib.redirect_stdout(_Stdout(stdout) if stdout else None):
             code = _run(arguments)
             if stdout:
                 sys.stdout.flush()
@@ -159,7 +159,8 @@ def _run(arguments: Sequence[str]) -> int:
         return stop.code if isinstance(stop.code, int) else REFUSED
     try:
         with _told(parsed):
-            return parsed.run(parsed)
+            code: int = parsed.run(parsed)
+            return code
     except ClshadeError as error:
         if parsed.debug:
             raise

@@ -30,8 +30,9 @@ import threading
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats, Reals
 from ..base.validation import choice, coefficient, refuse, vector
 from ..pipeline.opencl.device import Device, shared_device
 from ..pipeline.renderer import Renderer
@@ -41,7 +42,8 @@ from ..scene.formats import course_values
 from ..scene.formats.course_npy import only_mesh
 from ..scene.formats.course_npy import save_course as save
 from ..scene.geometry import vertex_normals
-from ..scene.model import SHADERS, Material, Mesh, PointLight, Scene
+from ..scene.model import Material, Mesh, PointLight, Scene
+from ..scene.settings import SHADERS, Shader
 from . import arguments as checked
 from .content_cache import Recent
 
@@ -60,6 +62,10 @@ __all__ = [
 ]
 
 _LARGE = 1 << 24  # pixels: the memory of such an image is not kept for the next
+_Vectors = tuple[ArrayLike, ArrayLike, ArrayLike]  # eye, lookat, up
+_View = tuple[_Vectors, float, tuple[int, int], tuple[float, float]]  # and focal, (M, N), (H, W)
+_Surface = tuple[ArrayLike, ArrayLike, ArrayLike, float]  # k_a, k_d, k_s, n
+_Lights = tuple[ArrayLike, ArrayLike]  # l_pos, l_int
 _lock = threading.RLock()  # kernels take their arguments one after the other: one call at a time
 
 
@@ -67,7 +73,10 @@ _lock = threading.RLock()  # kernels take their arguments one after the other: o
 
 
 @checked.fitting
-def light(point, normal, color, cam_pos, k_a, k_d, k_s, n, l_pos, l_int) -> Array:
+def light(
+    point: ArrayLike, normal: ArrayLike, color: ArrayLike, cam_pos: ArrayLike,
+    k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
+) -> Floats:  # fmt: skip
     """The light that a point of a surface sends to the eye.
 
     point, cam_pos: 3-vectors, world space. normal: 3-vector of any length. color: 3-vector, linear RGB, of the surface.
@@ -83,7 +92,9 @@ def light(point, normal, color, cam_pos, k_a, k_d, k_s, n, l_pos, l_int) -> Arra
         return light_point(shared_device(), around, direction, tint)
 
 
-def _surroundings(owner: str, point: tuple[str, Any], eye: Any, surface: tuple, lights: tuple) -> Surroundings:
+def _surroundings(
+    owner: str, point: tuple[str, ArrayLike], eye: ArrayLike, surface: _Surface, lights: _Lights
+) -> Surroundings:
     name, place = point
     around = Surroundings(
         vector(owner, name, place),
@@ -97,7 +108,7 @@ def _surroundings(owner: str, point: tuple[str, Any], eye: Any, surface: tuple, 
 
 
 @checked.fitting
-def bilerp(uv, texture_map) -> Array:
+def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
     """The color of a texture at one place, by bilinear interpolation of the four texels around it.
 
     uv: 2 numbers, (2,), (1, 2) or (2, 1): u to the right and v down the rows, held to [0, 1].
@@ -112,11 +123,12 @@ def bilerp(uv, texture_map) -> Array:
         raise refuse(owner, "uv", "two finite numbers", uv)
     image = checked.texel_array(owner, texture_map)
     with _lock:
-        return _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
+        color: Floats = _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
+    return color
 
 
 @checked.fitting
-def calculate_normals(verts, faces) -> Array:
+def calculate_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     """Unit normals at the vertices of a mesh: the sum of the cross products of the faces around each, normalized.
 
     verts: (3, V) positions. faces: (3, F) indices into verts, counter-clockwise seen from outside.
@@ -130,7 +142,7 @@ def calculate_normals(verts, faces) -> Array:
 
 
 @checked.fitting
-def gouraud_shading(verts_p, verts_c, X) -> Array:
+def gouraud_shading(verts_p: ArrayLike, verts_c: ArrayLike, X: ArrayLike) -> Floats:
     """One triangle over an image, its corners' colors interpolated, without light.
 
     verts_p: (3, 2), rows are corners, continuous image coordinates u to the right and v up in pixels: the center of
@@ -150,7 +162,11 @@ def gouraud_shading(verts_p, verts_c, X) -> Array:
 
 
 @checked.fitting
-def shade_gouraud(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
+def shade_gouraud(
+    verts_p: ArrayLike, verts_n: ArrayLike, verts_c: ArrayLike, bcoords: ArrayLike, cam_pos: ArrayLike,
+    k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
+    l_amb: ArrayLike, X: ArrayLike,
+) -> Floats:  # fmt: skip
     """One triangle over an image, lit at its corners, the light interpolated.
 
     verts_p, verts_c, X: as for `gouraud_shading`. verts_n: (3, 3), columns are the corners' normals, of any length.
@@ -165,7 +181,11 @@ def shade_gouraud(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n,
 
 
 @checked.fitting
-def shade_phong(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X) -> Array:
+def shade_phong(
+    verts_p: ArrayLike, verts_n: ArrayLike, verts_c: ArrayLike, bcoords: ArrayLike, cam_pos: ArrayLike,
+    k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
+    l_amb: ArrayLike, X: ArrayLike,
+) -> Floats:  # fmt: skip
     """One triangle over an image, normals and colors interpolated, lit at each pixel.
 
     The arguments are those of `shade_gouraud`. Normals are interpolated as they are given, then normalized.
@@ -176,16 +196,23 @@ def shade_phong(verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l
 
 
 def _shade(
-    shader: str, triangle: tuple, bcoords: Any, cam_pos: Any, surface: tuple, lights: tuple, l_amb: Any, X: Any
-) -> Array:
+    shader: Shader,
+    triangle: tuple[ArrayLike, ArrayLike, ArrayLike],
+    bcoords: ArrayLike,
+    cam_pos: ArrayLike,
+    surface: _Surface,
+    lights: _Lights,
+    l_amb: ArrayLike,
+    X: ArrayLike,
+) -> Floats:
     owner = f"shade_{shader}"
     verts_p, verts_n, verts_c = triangle
-    k_a, *others = surface
+    k_a, k_d, k_s, n = surface
     corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
     normals = checked.corners(owner, "verts_n", verts_n, (3, 3)).T
     colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
     ambient = coefficient(owner, "k_a", k_a) * coefficient(owner, "l_amb", l_amb)
-    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, *others), lights)
+    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, k_d, k_s, n), lights)
     image = checked.image(owner, X)
     with _lock:
         draw_triangle(shared_device(), shader, corners, normals, colors, around, image)
@@ -197,9 +224,12 @@ def _shade(
 
 @checked.fitting
 def render_object(
-    shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, verts_colors, faces,
-    k_a, k_d, k_s, n, l_pos, l_int, light_amb
-) -> Array:  # fmt: skip
+    shader: Shader, focal: float, eye: ArrayLike, lookat: ArrayLike, up: ArrayLike,
+    bg_color: ArrayLike, M: int, N: int, H: float, W: float,
+    verts: ArrayLike, verts_colors: ArrayLike, faces: ArrayLike,
+    k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
+    light_amb: ArrayLike,
+) -> Floats:  # fmt: skip
     """The image of an object with vertex colors, painted back to front.
 
     shader: gouraud, phong, or nolight (the colors themselves).
@@ -222,9 +252,12 @@ def render_object(
 
 @checked.fitting
 def render_object_map(
-    shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, faces, uvs, uvs_faces, texture_map,
-    k_a, k_d, k_s, n, l_pos, l_int, light_amb
-) -> Array:  # fmt: skip
+    shader: Shader, focal: float, eye: ArrayLike, lookat: ArrayLike, up: ArrayLike,
+    bg_color: ArrayLike, M: int, N: int, H: float, W: float,
+    verts: ArrayLike, faces: ArrayLike, uvs: ArrayLike, uvs_faces: ArrayLike, texture_map: ArrayLike,
+    k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
+    light_amb: ArrayLike,
+) -> Floats:  # fmt: skip
     """The image of an object with a texture, whose colors at the corners of the faces are interpolated.
 
     uvs: (2, T) texture coordinates. uvs_faces: (3, F) indices into uvs, for each corner of each face.
@@ -241,15 +274,15 @@ def render_object_map(
 
 def _render(
     owner: str,
-    shader: Any,
-    view: tuple,
-    mesh: dict[str, Any],
+    shader: Shader,
+    view: _View,
+    mesh: dict[str, ArrayLike],
     texels: Array | None,
-    surface: tuple,
-    lights: tuple,
-    light_amb: Any,
-    bg_color: Any,
-) -> Array:
+    surface: _Surface,
+    lights: _Lights,
+    light_amb: ArrayLike,
+    bg_color: ArrayLike,
+) -> Floats:
     choice(owner, "shader", shader, SHADERS)
     camera = course_values.camera(owner, *view)
     given = checked.mesh(owner, **mesh)
@@ -266,7 +299,7 @@ def _render(
     return image
 
 
-def _turned(rgba: Array) -> Array:
+def _turned(rgba: Reals) -> Floats:
     """RGB of a frame, (M, N, 3) float64, row 0 at the bottom. In strips, which stay in the cache."""
     source = rgba[::-1]
     image = np.empty((*rgba.shape[:2], 3))
@@ -303,7 +336,7 @@ def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
 # What stays for the next call
 
 
-def _make_renderer(device: Device, owner: str, shader: str, *given: Any) -> Renderer:
+def _make_renderer(device: Device, owner: str, shader: Shader, *given: Any) -> Renderer:
     verts, faces, colors, uvs, uv_faces, texels, ka, kd, ks, n, positions, intensities, ambient, background = given
     texture = None if texels is None else checked.texture(owner, texels)
     mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=Material(ka, kd, ks, n, texture))

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from ..base.spelling import hint
 from ..base.validation import coefficient, refuse
 from ..errors import InputError
@@ -66,7 +66,7 @@ def fitting(function: Function) -> Function:
     return cast(Function, called)
 
 
-def _check_call(owner: str, signature: inspect.Signature, given: tuple, named: Mapping[str, Any]) -> None:
+def _check_call(owner: str, signature: inspect.Signature, given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
     """Raises CallError for arguments that do not fit."""
     names = list(signature.parameters)
     try:
@@ -131,12 +131,12 @@ def material(owner: str, k_a: Any, k_d: Any, k_s: Any, n: Any) -> Material:
     return Material(ka, kd, ks, values.exponent(owner, n))
 
 
-def lights(owner: str, l_pos: Any, l_int: Any) -> tuple[Array, Array]:
+def lights(owner: str, l_pos: Any, l_int: Any) -> tuple[Floats, Floats]:
     """Positions and intensities, (L, 3) float64 each."""
     return values.lights(owner, ("l_pos", "l_int"), l_pos, l_int)
 
 
-def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Array:
+def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Floats:
     """A small float64 array of exactly this shape, finite."""
     found = array(owner, name, value)
     if found.shape != shape:
@@ -172,7 +172,7 @@ def texture(owner: str, image: Array) -> Texture:
         raise InputError(str(error).replace("Texture: image", f"{owner}: texture_map", 1)) from None
 
 
-def image(owner: str, value: Any) -> Array:
+def image(owner: str, value: Any) -> Floats:
     """A copy of image X, (M, N, 3) float64."""
     found = array(owner, "X", value)
     if found.ndim != 3 or found.shape[2] != 3 or not 0 < min(found.shape) <= max(found.shape) <= MAX_RESOLUTION:

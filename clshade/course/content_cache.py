@@ -34,7 +34,7 @@ class Recent(Generic[T]):
 
     def __init__(self, make: Callable[..., T], drop: Callable[[T], Any], most: int = 4, size: int = 1 << 25) -> None:
         self._make, self._drop, self._most, self._size = make, drop, most, size
-        self._kept: list[tuple[tuple, T]] = []  # the latest in front
+        self._kept: list[tuple[tuple[Any, ...], T]] = []  # the latest in front
 
     def get(self, *arguments: Any) -> T:
         """The result for these arguments; arrays have to be contiguous."""

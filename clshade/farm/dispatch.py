@@ -37,7 +37,7 @@ class _Flight:
     """
 
     task: Task
-    future: Future | None = None
+    future: Future[Any] | None = None
     allowed: frozenset[str] | None = None
     worker: str = ""
     begun: bool = False
@@ -67,7 +67,7 @@ class Dispatcher:
     ) -> None:
         self._client, self._draw, self._name, self._tasks = client, draw, name, iter(tasks)
         self._members, self._timeout, self._frame_timeout = members, timeout, frame_timeout
-        self._events: queue.SimpleQueue[Future | Mapping[str, Any]] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Future[Any] | Mapping[str, Any]] = queue.SimpleQueue()
         self._flights: dict[int, _Flight] = {}
         self._by_key: dict[str, _Flight] = {}  # of all attempts at frames that are not drawn
         self._stuck: dict[str, str] = {}  # keys of frames that a worker had for too long, and the worker
@@ -133,7 +133,7 @@ class Dispatcher:
         tasks = [flight.task for flight in flights]
         workers = None if allowed is None else sorted(allowed)
         try:
-            futures: list[Future] = self._client.map(
+            futures: list[Future[Any]] = self._client.map(
                 self._draw, [self._name] * len(tasks), tasks, key=keys, pure=False, workers=workers
             )
         except Exception as error:
@@ -186,7 +186,7 @@ class Dispatcher:
         self._unseen[drawn.number] = flight.task.path, time.monotonic()
         return drawn
 
-    def _check_future(self, future: Future) -> None:
+    def _check_future(self, future: Future[Any]) -> None:
         """Raises WorkerError, or what `FrameWriter.draw` did, for a frame that failed; a sign says what is drawn."""
         flight = self._by_key.get(str(future.key))
         if flight is None or flight.future is not future or future.status in ("finished", "pending"):

@@ -7,13 +7,12 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame import output_paths
+from ..pipeline.frame import SavingOptions, output_paths
 from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
@@ -31,7 +30,7 @@ class Job:
     scene: Scene
     settings: Settings
     device: str | None
-    saving: Mapping[str, Any]
+    saving: SavingOptions
 
 
 @dataclass(frozen=True, eq=False)

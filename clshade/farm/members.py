@@ -54,7 +54,10 @@ class Members(Mapping[str, int]):
         """The keys of the tasks that each has, waiting ones included; nothing where the scheduler gives no answer."""
         try:
             scheduler: Any = self._client.scheduler
-            return self._client.sync(scheduler.processing, workers=None, callback_timeout=timeout)
+            found: Mapping[str, list[Any]] = self._client.sync(
+                scheduler.processing, workers=None, callback_timeout=timeout
+            )
+            return found
         except Exception:
             return {}
 

@@ -11,21 +11,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..base import console
 from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, refuse
 from ..errors import InputError
 from ..images import png
-from ..pipeline.frame import SAVING, check_output
+from ..pipeline.frame import SAVING, SavingOptions, check_output
 from ..pipeline.renderer import settle
 from ..scene.camera import Camera
 from ..scene.model import Scene
+from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
 from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
 from .progress import Progress, rate_text
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,8 @@ def draw_frames(
     overwrite: bool = False,
     progress: bool = True,
     device: str | None = None,
-    saving: Mapping[str, Any] | None = None,
-    **settings: Any,
+    saving: SavingOptions | None = None,
+    **settings: Unpack[FrameOptions],
 ) -> Run:
     """Draws frames of a scene and writes each as EXR and PNG, the same files whoever draws them.
 
@@ -103,7 +107,7 @@ def draw_frames(
     _check_arguments(cameras, workers, scheduler, timeout, frame_timeout)
     known("draw_frames: saving", saving or (), SAVING)
     pattern = parse_pattern(output, len(cameras))
-    saving = dict(saving or {})
+    chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = settle(scene, **settings)
     left = list(cameras) if overwrite else _left(pattern, cameras)
     skipped = len(cameras) - len(left)
@@ -114,9 +118,11 @@ def draw_frames(
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
-            check = {name: value for name, value in saving.items() if name in ("tonemap", "exposure", "compression")}
+            check: dict[str, Any] = {
+                name: value for name, value in chosen.items() if name in ("tonemap", "exposure", "compression")
+            }
             check_output(pattern.names(left[0])[0], **check)
-        job = Job(scene, settled, device, saving)
+        job = Job(scene, settled, device, chosen)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
     return Run(

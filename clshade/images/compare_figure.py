@@ -72,4 +72,5 @@ def _largest(errors: Array) -> Array:
     rows, columns = thinned(errors, SIDE).shape
     down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
     padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))
-    return padded.reshape(rows, down, columns, across).max(axis=(1, 3))
+    largest: Array = padded.reshape(rows, down, columns, across).max(axis=(1, 3))
+    return largest

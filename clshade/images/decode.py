@@ -171,11 +171,12 @@ def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
     low.tile = [_decoded_as(tile, low_mode) for tile in low.tile]
     low.load()
     low_bytes = np.asarray(low)[:, :, channels]
-    codes = np.asarray(image)[:, :, : low_bytes.shape[2]].astype(np.uint16) << 8 | low_bytes
+    codes: Array = np.asarray(image)[:, :, : low_bytes.shape[2]].astype(np.uint16) << 8 | low_bytes
     if image.mode != "CMYK":
         return codes
     ink = 65535 - codes.astype(np.uint32)
-    return ((ink[:, :, :3] * ink[:, :, 3:] + 32767) // 65535).astype(np.uint16)
+    paint: Array = ((ink[:, :, :3] * ink[:, :, 3:] + 32767) // 65535).astype(np.uint16)
+    return paint
 
 
 def _decoded_as(tile: Any, raw: str) -> Any:

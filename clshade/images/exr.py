@@ -12,9 +12,10 @@ import os
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base import atomic_files
 from ..base.arrays import Array
@@ -35,7 +36,8 @@ LOSSY = {
     "dwaa": (np.floating, "RGB", "leaves out what is hardly seen"),
     "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
 }
-COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "zstd", *LOSSY)
+Compression: TypeAlias = Literal["none", "rle", "zips", "zip", "piz", "zstd", "pxr24", "b44", "b44a", "dwaa", "dwab"]
+COMPRESSIONS: tuple[Compression, ...] = get_args(Compression)  # the last ones are LOSSY
 SUFFIXES = {
     "N": "XYZ",
     "P": "XYZ",
@@ -50,7 +52,7 @@ _PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
 _LOCK = threading.Lock()  # the number of OpenEXR's threads and the standard streams belong to the whole process
 
 
-def flatten(layers: Mapping[str, Array] | Array) -> dict[str, Array]:
+def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
     """Layers to one 2-D array per EXR channel, as views.
 
     layers: an array (M, N, 3) or (M, N, 4), RGB or RGBA; or a dict of arrays (M, N), kept under their names, and
@@ -183,13 +185,16 @@ class _Sink:
             raise
 
     def write(self, data: bytes) -> int:
-        return self._guarded(self.file.write, data)
+        written: int = self._guarded(self.file.write, data)
+        return written
 
     def seek(self, position: int, whence: int = 0) -> int:
-        return self._guarded(self.file.seek, position, whence)
+        reached: int = self._guarded(self.file.seek, position, whence)
+        return reached
 
     def tell(self) -> int:
-        return self._guarded(self.file.tell)
+        place: int = self._guarded(self.file.tell)
+        return place
 
 
 def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
@@ -218,12 +223,12 @@ def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array]
 
 def write(
     path: Path,
-    channels: Mapping[str, Array] | Array,
+    channels: Mapping[str, ArrayLike] | ArrayLike,
     *,
-    compression: str = "zip",
+    compression: Compression = "zip",
     half: bool = False,
     metadata: Mapping[str, Any] | None = None,
-    window: Window | str | None = None,
+    window: Window | Literal["drawn", "covered"] | None = None,
 ) -> list[str]:
     """Write a single-part scanline EXR, whole or not at all; the same arguments give the same bytes.
 
@@ -236,12 +241,12 @@ def write(
 
 def encode(
     file: BinaryIO,
-    channels: Mapping[str, Array] | Array,
+    channels: Mapping[str, ArrayLike] | ArrayLike,
     *,
-    compression: str = "zip",
+    compression: Compression = "zip",
     half: bool = False,
     metadata: Mapping[str, Any] | None = None,
-    window: Window | str | None = None,
+    window: Window | Literal["drawn", "covered"] | None = None,
 ) -> list[str]:
     """The same into an open file.
 

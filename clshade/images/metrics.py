@@ -36,7 +36,8 @@ class ImageError:
 
     def stats(self) -> dict[str, float | None]:
         """The figures, as JSON takes them: null for the infinite PSNR of equal images."""
-        return plain(vars(self))
+        figures: dict[str, float | None] = plain(vars(self))
+        return figures
 
 
 def rmse(image: Array, reference: Array) -> float:

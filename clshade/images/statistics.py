@@ -65,7 +65,9 @@ class Statistics:
             for name, c in self.channels.items()
         }
         ranges = {"layer": self.color, "all": self.stops, "without_0.1_percent": self.stops_most}
-        return plain({"width": columns, "height": rows, "channels": channels, "dynamic_range_stops": ranges})
+        found = {"width": columns, "height": rows, "channels": channels, "dynamic_range_stops": ranges}
+        figures: dict[str, Any] = plain(found)
+        return figures
 
 
 def _nearest(values: Array, percents: tuple[float, ...], *, overwrite: bool = False) -> list[float]:

@@ -82,7 +82,7 @@ def _three(components: Array) -> Array:
 
 def _codes(values: Array) -> Array:
     """Floats from 0 to 1 to uint8; gray where a component is none."""
-    finite = np.isfinite(values).all(axis=-1)
+    finite = np.asarray(np.isfinite(values).all(axis=-1))
     codes = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0)).astype(np.uint8)
     codes[~finite] = NOTHING
     return codes

@@ -10,14 +10,17 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Bytes, Floats
 from ..base.validation import choice
 from ..errors import InputError
 
-OPERATORS = ("none", "srgb", "reinhard", "hable", "aces")
+Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces"]
+OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
 
 _TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds come near the denormals, where a table's entries are too coarse
@@ -150,7 +153,7 @@ def checked(operator: str, exposure: float) -> float:
     return stops
 
 
-def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
+def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) -> Bytes:
     """8-bit display image of a linear one.
 
     rgb: (M, N, 3), linear radiance, any floats (float32 is the fast case; float64 is not rounded to float32 first).
@@ -188,11 +191,12 @@ def tonemap(rgb: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
     return codes
 
 
-def radiance(codes: Array, operator: str = "srgb", exposure: float = 0.0) -> Array:
+def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
     """What `tonemap` may have been given: codes uint8 of any shape to float64 of that shape.
 
     The middle of the values that have the code; for 255 the least of them, as everything brighter has it too.
     """
     edges = np.concatenate([[0.0], _thresholds64(operator, checked(operator, exposure)), [0.0]])
     edges[-1] = edges[-2]
-    return ((edges[:-1] + edges[1:]) / 2.0)[codes]
+    values: Floats = ((edges[:-1] + edges[1:]) / 2.0)[codes]
+    return values

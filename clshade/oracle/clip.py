@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Bools, Floats, Integers
 from .transform import Lens, project, snap
 
 GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
@@ -25,19 +25,19 @@ class Pieces:
     weights: (K, 3, 3): row i holds corner i's weights with respect to the face's original corners; they sum to 1.
     """
 
-    face: Array
-    xy: Array
-    z: Array
-    weights: Array
+    face: Integers
+    xy: Integers
+    z: Floats
+    weights: Floats
 
 
-def clip_polygon(points: Array, weights: Array, distance: Array) -> tuple[Array, Array, Array]:
+def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Floats, Floats, Bools]:
     """Sutherland-Hodgman against one plane.
 
     points: (n, 3), weights: (n, 3), distance: (n,) signed, >= 0 is inside. Returns the points and weights of the part
     inside, and which of them are crossings, (m,) bool.
     """
-    kept: list[tuple[Array, Array, bool]] = []
+    kept: list[tuple[Floats, Floats, bool]] = []
     count = len(points)
     for i in range(count):
         j = (i + 1) % count
@@ -55,14 +55,14 @@ def clip_polygon(points: Array, weights: Array, distance: Array) -> tuple[Array,
     return np.array([p for p, _, _ in kept]), np.array([w for _, w, _ in kept]), np.array([c for _, _, c in kept])
 
 
-def clip_near(points: Array, weights: Array, near: float) -> tuple[Array, Array]:
+def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Floats]:
     """The part with z >= near; crossings lie at z = near exactly."""
     points, weights, crossing = clip_polygon(points, weights, points[:, 2] - near)
     points[crossing, 2] = near
     return points, weights
 
 
-def clip_guard(points: Array, weights: Array, lens: Lens) -> tuple[Array, Array]:
+def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Floats]:
     """The part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, in that order; needs z > 0."""
     for axis in (0, 1):
         extent, pixels, principal = (
@@ -84,12 +84,12 @@ def clip_guard(points: Array, weights: Array, lens: Lens) -> tuple[Array, Array]
     return points, weights
 
 
-def beyond_guard(uv: Array) -> Array:
+def beyond_guard(uv: Floats) -> Bools:
     """Which triangles (or polygons) have a vertex out of the guard band; uv: (..., n, 2)."""
-    return ~(np.abs(uv) <= GUARD).all(axis=(-1, -2))
+    return np.asarray(~(np.abs(uv) <= GUARD).all(axis=(-1, -2)))
 
 
-def clip_face(corners: Array, near: float, lens: Lens) -> list[tuple[Array, Array]]:
+def clip_face(corners: Floats, near: float, lens: Lens) -> list[tuple[Floats, Floats]]:
     """One triangle, camera space (3, 3), as a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
     points, weights = corners, np.eye(3)
     if (points[:, 2] < near).any():
@@ -105,7 +105,7 @@ def clip_face(corners: Array, near: float, lens: Lens) -> list[tuple[Array, Arra
     return [(points[f], weights[f]) for f in fan if np.isfinite(points[f]).all()]
 
 
-def pieces(corners: Array, near: float, lens: Lens) -> Pieces:
+def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
     """All triangles (F, 3, 3) of camera-space corners, clipped, projected and snapped."""
     in_front = corners[:, :, 2] >= near
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

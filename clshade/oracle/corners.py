@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Settings, Texture
 from .normals import placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
@@ -25,15 +25,15 @@ class Corners:
     the mesh has none. uvs: (F, 3, 2), `held`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
-    world: Array
-    normals: Array
-    normal_error: Array
-    colors: Array
-    uvs: Array
-    mesh: Array
+    world: Floats
+    normals: Floats
+    normal_error: Floats
+    colors: Floats
+    uvs: Floats
+    mesh: Integers
 
 
-def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Array, Array]:
+def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, Floats, Floats]:
     """Positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
     verts = world_vertices(mesh.verts, matrix)
     if mesh.normals is None or compute_normals:
@@ -47,7 +47,7 @@ def _placed(mesh: Mesh, matrix: Array, compute_normals: bool) -> tuple[Array, Ar
     return verts[mesh.faces], normals, errors
 
 
-def held(uvs: Array) -> Array:
+def held(uvs: Reals) -> Floats:
     """Texture coordinates as they count, float64: those that are NaN or infinite as 0, and none beyond MOST_UV."""
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
 
@@ -83,19 +83,20 @@ def gather(scene: Scene) -> Corners:
     )
 
 
-def from_first(weights: Array, uvs: Array) -> Array:
+def from_first(weights: Floats, uvs: Floats) -> Floats:
     """Texture coordinates (K, 3, 2) at corner weights (K, 3), less those of the first corner: (K, 2)."""
-    return (weights[:, 1:, None] * (uvs[:, 1:] - uvs[:, :1])).sum(axis=1)
+    difference: Floats = (weights[:, 1:, None] * (uvs[:, 1:] - uvs[:, :1])).sum(axis=1)
+    return difference
 
 
-def interpolated(weights: Array, uvs: Array) -> Array:
+def interpolated(weights: Floats, uvs: Floats) -> Floats:
     """Texture coordinates (K, 3, 2) at corner weights (K, 3) whose sum is 1: (K, 2).
 
     From the first corner on, as weighted means of large coordinates that differ by little would lose the difference."""
     return uvs[:, 0] + from_first(weights, uvs)
 
 
-def alpha_passes(scene: Scene, corners: Corners, face: Array, weights: Array) -> Array:
+def alpha_passes(scene: Scene, corners: Corners, face: Integers, weights: Floats) -> Bools:
     """(K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's cutoff."""
     passes = np.ones(len(face), bool)
     for index in np.unique(corners.mesh[face]):
@@ -115,13 +116,13 @@ def textured(mesh: Mesh) -> bool:
     return mesh.material.texture is not None and mesh.uvs is not None
 
 
-def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Array) -> Array:
+def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Integers) -> Floats:
     """Colors at the corners of faces `face` (U,): (U, 3, 3).
 
     With texture_at=vertex the texel replaces (course lookup) or multiplies the vertex color; with texture_at=pixel a
     course texture leaves white, to be multiplied by the texel later.
     """
-    colors = corners.colors[face].copy()
+    colors: Floats = corners.colors[face].copy()
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
         mine = corners.mesh[face] == index
@@ -142,14 +143,14 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Arra
 class Texels:
     """Of pixels, (K, 3) each: the texel, and the largest magnitude among those that it is a mean of."""
 
-    color: Array
-    most: Array
+    color: Floats
+    most: Floats
 
 
-_mipmaps: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()
+_mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()
 
 
-def mipmap_of(texture: Texture) -> list[Array]:
+def mipmap_of(texture: Texture) -> list[Reals]:
     """The levels of a texture without its alpha; kept as long as the texture lives."""
     if texture not in _mipmaps:
         _mipmaps[texture] = levels(texture.image[..., :3])
@@ -157,7 +158,12 @@ def mipmap_of(texture: Texture) -> list[Array]:
 
 
 def texels(
-    scene: Scene, settings: Settings, corners: Corners, face: Array, weights: Array, steps: tuple[Array, Array] | None
+    scene: Scene,
+    settings: Settings,
+    corners: Corners,
+    face: Integers,
+    weights: Floats,
+    steps: tuple[Floats, Floats] | None,
 ) -> Texels:
     """Texels of pixels on faces `face` (K,) with corner weights (K, 3), 1 where none is looked up per pixel.
 

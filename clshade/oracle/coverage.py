@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Bools, Floats, Integers
 from .transform import SUBPIXELS, painter_depth
 
 HALF = SUBPIXELS // 2
@@ -26,18 +26,18 @@ class Setup(NamedTuple):
     culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or seen from behind.
     """
 
-    area: Array
-    box: Array
-    culled: Array
+    area: Integers
+    box: Integers
+    culled: Bools
 
 
-def signed_area(xy: Array) -> Array:
+def signed_area(xy: Integers) -> Integers:
     """Twice the area, int64, positive for corners that go counter-clockwise with y up."""
     a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
     return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
 
 
-def setup(xy: Array, columns: int, rows: int, cull: bool = False) -> Setup:
+def setup(xy: Integers, columns: int, rows: int, cull: bool = False) -> Setup:
     """Area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
     xy = np.asarray(xy, dtype=np.int64)
     area = signed_area(xy)
@@ -52,7 +52,7 @@ def setup(xy: Array, columns: int, rows: int, cull: bool = False) -> Setup:
     return Setup(area, np.concatenate([first, last], axis=-1), culled)
 
 
-def edge_functions(xy: Array, column: Array, row: Array) -> Array:
+def edge_functions(xy: Integers, column: Integers, row: Integers) -> Integers:
     """Edge functions at pixel centers, (..., 3) int64: positive inside, whatever the winding.
 
     The leading axes of xy (..., 3, 2), column (...) and row (...) broadcast. Function i belongs to the edge opposite
@@ -71,7 +71,7 @@ def edge_functions(xy: Array, column: Array, row: Array) -> Array:
     return np.stack(np.broadcast_arrays(*result), axis=-1)
 
 
-def top_left(xy: Array) -> Array:
+def top_left(xy: Integers) -> Bools:
     """(..., 3) bool: does edge i (opposite corner i) own the points on it?
 
     Taken counter-clockwise with y up, a left edge goes down and a top edge goes exactly left.
@@ -86,7 +86,7 @@ def top_left(xy: Array) -> Array:
     return np.stack(result, axis=-1)
 
 
-def covered(xy: Array, edges: Array) -> Array:
+def covered(xy: Integers, edges: Integers) -> Bools:
     """(...) bool: which pixels with edge functions (..., 3) the triangles (..., 3, 2) draw."""
     inside, touched = edges > 0, edges == 0
     on_edge = touched[..., 0] | touched[..., 1] | touched[..., 2]  # few pixels: the rule is looked up for these alone
@@ -94,13 +94,13 @@ def covered(xy: Array, edges: Array) -> Array:
     return inside[..., 0] & inside[..., 1] & inside[..., 2]
 
 
-def triangle_mask(xy: Array, columns: int, rows: int) -> Array:
+def triangle_mask(xy: Integers, columns: int, rows: int) -> Bools:
     """Pixels that one triangle (3, 2) draws: (rows, columns) bool, row 0 at the BOTTOM, either winding."""
     edges = edge_functions(xy, np.arange(columns)[None, :], np.arange(rows)[:, None])
     return covered(xy, edges)
 
 
-def painter_order(z: Array, alive: Array) -> Array:
+def painter_order(z: Floats, alive: Bools) -> Integers:
     """Indices of the triangles with `alive` (F,) set, front to back, from their corner depths z (F, 3).
 
     The smallest mean depth comes first; of equal ones the later triangle (-0.0 equals 0.0). NaN comes last.
@@ -109,7 +109,9 @@ def painter_order(z: Array, alive: Array) -> Array:
     return index[np.lexsort((-index, painter_depth(z[index])))]
 
 
-def tile_lists(order: Array, boxes: Array, tile: int | tuple[int, int], columns: int, rows: int) -> list[Array]:
+def tile_lists(
+    order: Integers, boxes: Integers, tile: int | tuple[int, int], columns: int, rows: int
+) -> list[Integers]:
     """Per tile the triangles whose bounding box meets it, in the given order.
 
     order: indices of triangles. boxes: (F, 4) as of `setup`, not empty for those in `order`. tile: size in pixels, or
@@ -125,7 +127,9 @@ def tile_lists(order: Array, boxes: Array, tile: int | tuple[int, int], columns:
     return lists
 
 
-def samples(xy: Array, boxes: Array, limit: int = 1 << 18) -> Iterator[tuple[Array, Array, Array, Array]]:
+def samples(
+    xy: Integers, boxes: Integers, limit: int = 1 << 18
+) -> Iterator[tuple[Integers, Integers, Integers, Integers]]:
     """Every pixel that each triangle draws, in batches of bounded size.
 
     xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle, column, row, each (S,), and edge functions (S, 3).
@@ -148,8 +152,8 @@ def samples(xy: Array, boxes: Array, limit: int = 1 << 18) -> Iterator[tuple[Arr
 
 
 def samples_at(
-    xy: Array, boxes: Array, column: Array, row: Array, limit: int = 1 << 18
-) -> Iterator[tuple[Array, Array, Array]]:
+    xy: Integers, boxes: Integers, column: Integers, row: Integers, limit: int = 1 << 18
+) -> Iterator[tuple[Integers, Integers, Integers]]:
     """Which of some pixels (column, row), (Q,) each, every triangle draws; for the others no time is spent.
 
     xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle and index of the pixel, each (S,), and edge functions
@@ -173,14 +177,14 @@ def samples_at(
             yield triangle[drawn], pixel[drawn], edges[drawn]
 
 
-def _batches(count: Array, limit: int) -> list[Array]:
+def _batches(count: Integers, limit: int) -> list[Integers]:
     """Indices with a count above 0, in order, in runs whose counts sum to about `limit`."""
     present = np.flatnonzero(count)
     number = (np.cumsum(count[present]) - 1) // limit
     return [run for run in np.split(present, np.flatnonzero(np.diff(number)) + 1) if len(run)]
 
 
-def _spread(batch: Array, count: Array) -> tuple[Array, Array]:
+def _spread(batch: Integers, count: Integers) -> tuple[Integers, Integers]:
     """Each index of the batch as often as its count says, and which time it is, from 0."""
     index = np.repeat(batch, count[batch])
     return index, np.arange(len(index)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])

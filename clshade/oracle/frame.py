@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
 from ..scene.model import Scene, Settings
 from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
@@ -18,9 +18,9 @@ from .pixels import Shaded, shade_pixels
 BATCH = 1 << 15  # pixels shaded at a time
 
 # Of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool: which can be seen there?
-Opaque = Callable[[Array, Array], Array]
+Opaque = Callable[[Integers, Integers], Bools]
 # Of triangles (T, 3, 2) with boxes (T, 4): index of the triangle and of the pixel it draws, (S,), and edge functions (S, 3).
-Drawn = Callable[[Array, Array], Iterator[tuple[Array, Array, Array]]]
+Drawn = Callable[[Integers, Integers], Iterator[tuple[Integers, Integers, Integers]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,17 +38,17 @@ class OracleFrame:
     those of the sample nearest the center, kappa and exponent the worst of all, budget and jump the mean.
     """
 
-    rgb: Array
-    alpha: Array
-    id: Array
-    Z: Array
-    budget: Array
-    kappa: Array
-    jump: Array
-    exponent: Array
+    rgb: Floats
+    alpha: Floats
+    id: UInt32s
+    Z: Floats
+    budget: Floats
+    kappa: Floats
+    jump: Floats
+    exponent: Floats
 
     @property
-    def gate(self) -> Array:
+    def gate(self) -> Bools:
         """(M, N) bool: where a highlight may be decided either way."""
         return np.asarray((self.jump > 0.0).any(axis=-1))
 
@@ -58,7 +58,7 @@ class Prepared:
     """Geometry of a scene in the image: corners of all faces, their depths z (F, 3), and the pieces to draw."""
 
     corners: Corners
-    z: Array
+    z: Floats
     pieces: Pieces
     setup: coverage.Setup
 
@@ -96,7 +96,7 @@ def owners(
     resolution: tuple[int, int],
     opaque: Opaque | None = None,
     orthographic: bool = False,
-) -> Array:
+) -> Integers:
     """The piece seen at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
 
     `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
@@ -104,7 +104,7 @@ def owners(
     """
     columns, rows = resolution
 
-    def drawn(xy: Array, boxes: Array) -> Iterator[tuple[Array, Array, Array]]:
+    def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
         for k, column, row, edges in coverage.samples(xy, boxes):
             yield k, row * columns + column, edges
 
@@ -114,14 +114,14 @@ def owners(
 def owners_at(
     prepared: Prepared,
     visibility: str,
-    column: Array,
-    row: Array,
+    column: Integers,
+    row: Integers,
     opaque: Opaque | None = None,
     orthographic: bool = False,
-) -> Array:
+) -> Integers:
     """The same at pixels (column, row from the BOTTOM), (Q,) each: (Q,)."""
 
-    def drawn(xy: Array, boxes: Array) -> Iterator[tuple[Array, Array, Array]]:
+    def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
         return coverage.samples_at(xy, boxes, column, row)
 
     return _first(prepared, visibility, len(column), drawn, opaque, orthographic)
@@ -129,7 +129,7 @@ def owners_at(
 
 def _first(
     prepared: Prepared, visibility: str, count: int, drawn: Drawn, opaque: Opaque | None, orthographic: bool
-) -> Array:
+) -> Integers:
     """The piece seen at each of `count` pixels. drawn: which piece draws which pixel."""
     cut, alive = prepared.pieces, ~prepared.setup.culled
     if visibility == "painter":
@@ -138,7 +138,8 @@ def _first(
         for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
             seen = slice(None) if opaque is None else opaque(order[k], edges)
             np.minimum.at(rank, pixel[seen], k[seen])
-        return np.append(order, -1)[rank]
+        first: Integers = np.append(order, -1)[rank]
+        return first
     order = np.flatnonzero(alive)
     owner, nearest = np.full(count, -1), np.full(count, np.inf)
     for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
@@ -151,24 +152,25 @@ def _first(
     return owner
 
 
-def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: Array, edges: Array) -> Array:
+def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Bools:
     """(K,) bool: where pixels of pieces (K,), edge functions (K, 3) there, pass their material's alpha test."""
     cut = prepared.pieces
     weights = face_weights(scene, settings, prepared, piece, edges)
     return alpha_passes(scene, prepared.corners, cut.face[piece], weights)
 
 
-def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Array, edges: Array) -> Array:
+def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Floats:
     """Weights (K, 3) of the original corners at pixels of pieces (K,) with edge functions (K, 3)."""
     cut = prepared.pieces
     interpolation = "affine" if scene.camera.orthographic else settings.interpolation
     on_piece = shade.barycentrics(edges, cut.z[piece], interpolation)
-    return (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
+    weights: Floats = (on_piece[:, :, None] * cut.weights[piece]).sum(axis=1)
+    return weights
 
 
 def face_weight_steps(
-    scene: Scene, settings: Settings, prepared: Prepared, piece: Array, column: Array, row: Array
-) -> tuple[Array, Array]:
+    scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
+) -> tuple[Floats, Floats]:
     """By how much the `face_weights` of pixels (column, row from the bottom) on their pieces, (K,) each, change from pixel
     to pixel: their derivatives to the right and up, (K, 3) each."""
     cut = prepared.pieces
@@ -204,7 +206,7 @@ def _grid(values: Array, rows: int, columns: int) -> Array:
     return values.reshape(rows, columns, *values.shape[1:])
 
 
-def sample(scene: Scene, settings: Settings, rows: Array, columns: Array) -> OracleFrame:
+def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> OracleFrame:
     """The same as `render` at some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,).
 
     Takes the time of these pixels, and of getting the scene's triangles into the image.
@@ -226,9 +228,9 @@ def _resolved(
     settings: Settings,
     center: Prepared,
     views: list[Prepared],
-    owner: Array,
-    columns: Array,
-    upward: Array,
+    owner: Integers,
+    columns: Integers,
+    upward: Integers,
 ) -> OracleFrame:
     """Pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none.
 
@@ -237,10 +239,10 @@ def _resolved(
         return _shaded(scene, settings, views[0], owner[0], columns, upward)
     total = _background(scene, owner.shape[1])
     where = sampling.lit_at(owner, settings.sample_shading)
-    parts = [(np.arange(owner.shape[1]), (owner < 0).sum(axis=0), total)]
+    parts: list[tuple[Integers, Integers, OracleFrame]] = [(np.arange(owner.shape[1]), (owner < 0).sum(axis=0), total)]
     for s, view in enumerate([*views, center]):
         share = ((where == s) & (owner >= 0)).sum(axis=0)
-        lit = np.flatnonzero(share)
+        lit: Integers = np.flatnonzero(share)
         parts.append(
             (lit, share[lit], _shaded(scene, settings, view, owner[s % len(views), lit], columns[lit], upward[lit]))
         )
@@ -265,7 +267,9 @@ def _resolved(
     return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, jump=jump, **measures)
 
 
-def _mean_budgets(parts: list[tuple[Array, Array, OracleFrame]], rgb: Array, resolve: str) -> tuple[Array, Array]:
+def _mean_budgets(
+    parts: Sequence[tuple[Integers, Floats, OracleFrame]], rgb: Floats, resolve: str
+) -> tuple[Floats, Floats]:
     """budget and jump, (K, 3) each, of pixels with colors rgb (K, 3).
 
     parts: which pixels some samples belong to, the weight of these samples in each pixel, and what they see.
@@ -290,7 +294,7 @@ def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque 
 
 
 def _shaded(
-    scene: Scene, settings: Settings, prepared: Prepared, owner: Array, columns: Array, upward: Array
+    scene: Scene, settings: Settings, prepared: Prepared, owner: Integers, columns: Integers, upward: Integers
 ) -> OracleFrame:
     """Pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
     frame = _background(scene, len(owner))
@@ -321,8 +325,8 @@ def _background(scene: Scene, count: int) -> OracleFrame:
 
 
 def _shade_batch(
-    scene: Scene, settings: Settings, prepared: Prepared, piece: Array, column: Array, row: Array
-) -> tuple[Shaded, Array]:
+    scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
+) -> tuple[Shaded, Floats]:
     """Shade pixels (column, row from the bottom) on their pieces, (K,) each; also their depths (K,)."""
     cut = prepared.pieces
     edges = coverage.edge_functions(cut.xy[piece], column, row)
@@ -335,7 +339,7 @@ def _shade_batch(
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 
-def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: Array) -> Array:
+def depth_at(scene: Scene, settings: Settings, face: Integers, row: Integers, column: Integers) -> Floats:
     """Depth of faces at pixels' sample nearest the center, (K,): +inf where the face does not cover it (or is -1).
 
     face: indices in the scene's face order. row: from the TOP. All broadcast to (K,).
@@ -357,7 +361,7 @@ def depth_at(scene: Scene, settings: Settings, face: Array, row: Array, column: 
     return result
 
 
-def nearest_depths(scene: Scene, settings: Settings, rows: Array, columns: Array) -> Array:
+def nearest_depths(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> Floats:
     """Depths of the two nearest pieces at each sample of pixels, rows (from the TOP) and columns (K,): (S, 2, K), +inf
     where there is none."""
     camera = scene.camera

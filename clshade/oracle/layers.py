@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Bools, Floats, Integers, UInt32s
 from ..scene.model import Material, Scene, Settings
 from . import coverage, shade
 from .corners import interpolated
@@ -33,18 +33,18 @@ class OracleLayers:
     corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame.
     """
 
-    N: Array
-    P: Array
-    albedo: Array
-    uv: Array
-    object_id: Array
-    material_id: Array
-    barycentrics: Array
-    normal_length: Array
-    normal_error: Array
-    reach: Array
-    most_uv: Array
-    budget: Array
+    N: Floats
+    P: Floats
+    albedo: Floats
+    uv: Floats
+    object_id: Integers
+    material_id: UInt32s
+    barycentrics: Floats
+    normal_length: Floats
+    normal_error: Floats
+    reach: Floats
+    most_uv: Floats
+    budget: Floats
 
 
 def equal(a: Material, b: Material) -> bool:
@@ -58,7 +58,7 @@ def equal(a: Material, b: Material) -> bool:
     return same_use and np.array_equal(a.texture.image, b.texture.image)
 
 
-def material_numbers(scene: Scene) -> Array:
+def material_numbers(scene: Scene) -> UInt32s:
     """(meshes,) uint32: 1 for the first mesh's material, and for each that equals none before it the next number."""
     different: list[Material] = []
     numbers = []
@@ -70,7 +70,7 @@ def material_numbers(scene: Scene) -> Array:
     return np.array(numbers, np.uint32)
 
 
-def mirrored_faces(scene: Scene) -> Array:
+def mirrored_faces(scene: Scene) -> Bools:
     """(F,) bool: does the face's placement turn left into right?"""
     found = [np.zeros(0, bool)]
     for mesh in scene.meshes:
@@ -96,7 +96,7 @@ def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
 
 
 def _background(shape: tuple[int, ...]) -> OracleLayers:
-    def zeros(*components: int) -> Array:
+    def zeros(*components: int) -> Floats:
         return np.zeros((*shape, *components))
 
     return OracleLayers(
@@ -115,7 +115,9 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
     )
 
 
-def _batch(scene: Scene, settings: Settings, view: Prepared, piece: Array, column: Array, row: Array) -> OracleLayers:
+def _batch(
+    scene: Scene, settings: Settings, view: Prepared, piece: Integers, column: Integers, row: Integers
+) -> OracleLayers:
     """Pixels (column, row from the bottom) of pieces, (K,) each."""
     corners, face, eye = view.corners, view.pieces.face[piece], scene.camera.eye
     edges = coverage.edge_functions(view.pieces.xy[piece], column, row)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats, Reals
 from .transform import mirrors
 from .vectors import cross, length, power_of_two, unit
 
 CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
 
 
-def vertex_normals(verts: Array, faces: Array) -> Array:
+def vertex_normals(verts: Reals, faces: Array) -> Floats:
     """Normals of a mesh from its shape: at each vertex the sum of its faces' cross products, normalized.
 
     verts: (V, 3), faces: (F, 3) indices. Returns (V, 3): unit vectors, or 0 at a vertex that has no face, only faces
@@ -30,7 +30,7 @@ def vertex_normals(verts: Array, faces: Array) -> Array:
     return unit(total)
 
 
-def vertex_normal_errors(verts: Array, faces: Array) -> Array:
+def vertex_normal_errors(verts: Reals, faces: Array) -> Floats:
     """How far two computations of `vertex_normals` in float64 may differ: (V,), absolute; 0 where there is no normal.
 
     A component of a x b is a difference of two products whose factors are rounded differences of coordinates: each
@@ -51,7 +51,7 @@ def vertex_normal_errors(verts: Array, faces: Array) -> Array:
     return np.where(vertex_normals(verts, faces).any(axis=1), errors, 0.0)
 
 
-def _edges(verts: Array, faces: Array) -> tuple[Array, Array]:
+def _edges(verts: Reals, faces: Array) -> tuple[Floats, Floats]:
     """The edges (F, 3) from each face's first corner to the others, in units in which no product overflows."""
     corners = np.asarray(verts, dtype=np.float64)[faces]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -59,17 +59,17 @@ def _edges(verts: Array, faces: Array) -> tuple[Array, Array]:
     return first / scale, second / scale
 
 
-def placed_normals(normals: Array, matrix: Array) -> Array:
+def placed_normals(normals: Reals, matrix: Floats) -> Floats:
     """Given normals (K, 3) under a placement (4, 4), normalized: directions go by the inverse transpose.
 
     That is the matrix of cofactors divided by the determinant, of which only the sign matters here: a singular
     placement needs no special case. Zero normals stay zero.
     """
-    normals = np.asarray(normals, dtype=np.float64)
+    directions = np.asarray(normals, dtype=np.float64)
     if np.array_equal(matrix, np.eye(4)):
-        return unit(normals)
+        return unit(directions)
     rows = matrix[:3, :3] / power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
     cofactors = np.stack([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
     if mirrors(matrix):
         cofactors = -cofactors
-    return unit(unit(normals) @ cofactors.T)
+    return unit(unit(directions) @ cofactors.T)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Scene, Settings
 from . import shade
 from .corners import Corners, Texels, corner_colors, texels
@@ -18,29 +18,29 @@ from .vectors import length
 class Shaded:
     """Per pixel: rgb, budget and jump (K, 3); kappa and exponent (K,). See frame.OracleFrame."""
 
-    rgb: Array
-    budget: Array
-    kappa: Array
-    jump: Array
-    exponent: Array
+    rgb: Floats
+    budget: Floats
+    kappa: Floats
+    jump: Floats
+    exponent: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Lights:
     """Lights of non-zero intensity, relative to the eye: positions and intensities (L, 3)."""
 
-    positions: Array
-    intensities: Array
+    positions: Floats
+    intensities: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Material of each of some faces: ka_Ia, kd, ks (U, 3), n (U,)."""
 
-    ka_Ia: Array
-    kd: Array
-    ks: Array
-    n: Array
+    ka_Ia: Floats
+    kd: Floats
+    ks: Floats
+    n: Floats
 
     def __getitem__(self, index: object) -> Surface:
         return Surface(*(getattr(self, name)[index] for name in ("ka_Ia", "kd", "ks", "n")))
@@ -52,7 +52,7 @@ def scene_lights(scene: Scene) -> Lights:
     return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3))
 
 
-def surfaces(scene: Scene, mesh: Array) -> Surface:
+def surfaces(scene: Scene, mesh: Integers) -> Surface:
     """Materials of faces that belong to meshes `mesh` (U,)."""
     materials = [m.material for m in scene.meshes]
     ka_Ia = np.array([m.ka * scene.ambient for m in materials])
@@ -60,7 +60,7 @@ def surfaces(scene: Scene, mesh: Array) -> Surface:
     return Surface(ka_Ia, kd, ks, n)[mesh]
 
 
-def blend(weights: Array, values: Array) -> Array:
+def blend(weights: Floats, values: Floats) -> Floats:
     """Corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
     a, b, c = (weights[:, corner, None] * values[:, corner] for corner in range(3))
     return (a + b) + c
@@ -75,35 +75,36 @@ class Batch:
     view: None, or the unit vector towards an orthographic camera, the same everywhere.
     """
 
-    points: Array
-    normals: Array
-    colors: Array
-    extent: Array
+    points: Floats
+    normals: Floats
+    colors: Floats
+    extent: Floats
     surface: Surface
     lights: Lights
     tinted: bool
-    where: Array
-    weights: Array
+    where: Integers
+    weights: Floats
     texel: Texels
-    turned: Array
-    view: Array | None
+    turned: Bools
+    view: Floats | None
 
-    def eye(self, point: Array) -> Array:
+    def eye(self, point: Floats) -> Floats:
         """Where the eye is for points (..., 3): the origin, as everything here is relative to it. An orthographic camera's
         is as far from the point as the scene is large: 1 away from a point at 1e15 would leave no digit of the direction."""
         if self.view is None:
             return np.zeros(3)
-        return point + self.view * np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
+        far: Floats = point + self.view * np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
+        return far
 
 
 def shade_pixels(
     scene: Scene,
     settings: Settings,
     corners: Corners,
-    face: Array,
-    weights: Array,
-    behind: Array,
-    steps: tuple[Array, Array] | None = None,
+    face: Integers,
+    weights: Floats,
+    behind: Bools,
+    steps: tuple[Floats, Floats] | None = None,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners; behind: (K,) bool, is the face
     seen from behind? steps: of the weights from pixel to pixel, see `corners.texels`."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Floats, Integers
 from .transform import SUBPIXELS
 
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 
 
-def places(samples: int) -> Array:
+def places(samples: int) -> Integers:
     """(S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
 
     x = (i + 1/2)/S and y = fraction of 1/2 + (i - (S - 1)/2)/phi for i = 0, ..., S - 1, rounded to the grid.
@@ -24,7 +24,7 @@ def places(samples: int) -> Array:
     return np.array(found)
 
 
-def lit_at(owner: Array, every: bool) -> Array:
+def lit_at(owner: Integers, every: bool) -> Integers:
     """At which sample each sample's owner is lit, (S, K): the first one it owns, or S, for the center, where it owns them
     all; with `every` the sample itself.
 
@@ -37,7 +37,7 @@ def lit_at(owner: Array, every: bool) -> Array:
     return np.where((owner == owner[0]).all(axis=0), len(owner), first)
 
 
-def weight(rgb: Array, resolve: str) -> Array:
+def weight(rgb: Floats, resolve: str) -> Floats:
     """How much colors (K, 3) count in the mean, (K,): 1, or with `weighted` 1/(1 + luminance), luminance held to 2^96."""
     if resolve == "mean":
         return np.ones(len(rgb))

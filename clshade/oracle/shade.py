@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from .vectors import dot, length, unit
 
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are right to 16 roundings
@@ -16,7 +16,7 @@ from .vectors import dot, length, unit
 GATE = 1e-6
 
 
-def barycentrics(edges: Array, z: Array, interpolation: str) -> Array:
+def barycentrics(edges: Array, z: Floats, interpolation: str) -> Floats:
     """Weights (..., 3) of a triangle's corners at a point, from edge functions and corner depths, both (..., 3).
 
     `affine`: linear in the image. `perspective`: linear in space. They sum to 1.
@@ -27,27 +27,28 @@ def barycentrics(edges: Array, z: Array, interpolation: str) -> Array:
     return share / (share[..., 0] + share[..., 1] + share[..., 2])[..., None]
 
 
-def barycentric_steps(edges: Array, steps: Array, z: Array, interpolation: str) -> Array:
+def barycentric_steps(edges: Array, steps: Array, z: Floats, interpolation: str) -> Floats:
     """By how much the weights of `barycentrics` change (..., 3) where the edge functions change by steps (..., 3): their
     derivative, by the quotient rule."""
     share, step = np.asarray(edges, np.float64), np.asarray(steps, np.float64)
     if interpolation == "perspective":
         share, step = share / z, step / z
     total, total_step = share.sum(axis=-1, keepdims=True), step.sum(axis=-1, keepdims=True)
-    return (step * total - share * total_step) / (total * total)
+    derivative: Floats = (step * total - share * total_step) / (total * total)
+    return derivative
 
 
-def depth(edges: Array, z: Array, orthographic: bool = False) -> Array:
+def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
     """Depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
-    edges = np.asarray(edges, dtype=np.float64)
+    e = np.asarray(edges, dtype=np.float64)
     if orthographic:
-        share = edges * z
-        return (share[..., 0] + share[..., 1] + share[..., 2]) / (edges[..., 0] + edges[..., 1] + edges[..., 2])
-    inverse = edges / z
-    return (edges[..., 0] + edges[..., 1] + edges[..., 2]) / (inverse[..., 0] + inverse[..., 1] + inverse[..., 2])
+        share = e * z
+        return (share[..., 0] + share[..., 1] + share[..., 2]) / (e[..., 0] + e[..., 1] + e[..., 2])
+    inverse = e / z
+    return (e[..., 0] + e[..., 1] + e[..., 2]) / (inverse[..., 0] + inverse[..., 1] + inverse[..., 2])
 
 
-def angles(point: Array, normal: Array, eye: Array, light_position: Array) -> tuple[Array, Array, Array]:
+def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -> tuple[Floats, Floats, Floats]:
     """N.L, R.V and |R-V|^2, each (...), with N, L and V normalized (0 stays 0) and R = 2N(N.L) - L."""
     n, towards_light, view = unit(normal), unit(light_position - point), unit(eye - point)
     n_l = dot(n, towards_light)
@@ -56,7 +57,7 @@ def angles(point: Array, normal: Array, eye: Array, light_position: Array) -> tu
     return n_l, dot(mirrored, view), dot(difference, difference)
 
 
-def highlight(r_v: Array, distance2: Array, n: Array) -> Array:
+def highlight(r_v: Floats, distance2: Floats, n: Floats) -> Floats:
     """(R.V)^n where R.V > 0, else 0, from R.V and |R-V|^2; 0^0 does not occur.
 
     Near 1 the power is taken of 1 - |R-V|^2/2, which is R.V without the cancellation: with n = 1e9 the rounding of
@@ -68,15 +69,15 @@ def highlight(r_v: Array, distance2: Array, n: Array) -> Array:
 
 
 def reflected(
-    point: Array,
-    normal: Array,
-    eye: Array,
-    kd: Array,
-    ks: Array,
-    n: Array,
-    light_positions: Array,
-    light_intensities: Array,
-) -> Array:
+    point: Floats,
+    normal: Floats,
+    eye: Floats,
+    kd: Floats,
+    ks: Floats,
+    n: Floats,
+    light_positions: Floats,
+    light_intensities: Floats,
+) -> Floats:
     """What the lights give a white surface: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
 
     light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0.
@@ -92,18 +93,18 @@ def reflected(
 
 
 def light(
-    point: Array,
-    normal: Array,
-    color: Array,
-    eye: Array,
-    ka_Ia: Array,
-    kd: Array,
-    ks: Array,
-    n: Array,
-    light_positions: Array,
-    light_intensities: Array,
+    point: Floats,
+    normal: Floats,
+    color: Floats,
+    eye: Floats,
+    ka_Ia: Floats,
+    kd: Floats,
+    ks: Floats,
+    n: Floats,
+    light_positions: Floats,
+    light_intensities: Floats,
     tinted: bool = False,
-) -> Array:
+) -> Floats:
     """The Phong model: ka*Ia + sum_l Ip*color*(kd*max(0, N.L) + [N.L > 0 and R.V > 0]*ks*(R.V)^n), (..., 3).
 
     ka_Ia: ambient coefficient times ambient intensity; `tinted` multiplies it by the color too. n: (...) or a number;
@@ -114,19 +115,22 @@ def light(
     return color * (ka_Ia + lit) if tinted else ka_Ia + color * lit
 
 
-def budget(color: Array, ka_Ia: Array, kd: Array, ks: Array, light_intensities: Array, tinted: bool = False) -> Array:
+def budget(
+    color: Floats, ka_Ia: Floats, kd: Floats, ks: Floats, light_intensities: Floats, tinted: bool = False
+) -> Floats:
     """The light a point could at most give off, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
 
     `tinted` ambient light counts times max(color, 1) too: B must not be less than the light itself.
     """
     total = np.abs(np.asarray(light_intensities, np.float64).reshape(-1, 3)).sum(axis=0)
     most = np.maximum(np.abs(color), 1.0)
-    return np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
+    most_light: Floats = np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
+    return most_light
 
 
 def conditioning(
-    point: Array, extent: Array, normal_length: Array, eye: Array, light_positions: Array, parallel: bool = False
-) -> Array:
+    point: Floats, extent: Floats, normal_length: Floats, eye: Floats, light_positions: Floats, parallel: bool = False
+) -> Floats:
     """kappa (...): how much float32 rounding of the inputs can be amplified, at least 1: that of the worst light.
 
     kappa = max(1, s/|P-L|, s/|P-eye|, 1/|N before normalizing|). extent (...): the largest camera-relative coordinate
@@ -139,21 +143,22 @@ def conditioning(
     return kappa
 
 
-def _conditioning(point: Array, extent: Array, normal_length: Array, eye: Array, parallel: bool) -> Array:
+def _conditioning(point: Floats, extent: Floats, normal_length: Floats, eye: Floats, parallel: bool) -> Floats:
     """The part of kappa that normal and eye have."""
     with np.errstate(divide="ignore", invalid="ignore"):
         of_normal = np.fmax(1.0, 1.0 / normal_length)
         return of_normal if parallel else np.fmax(of_normal, extent / length(eye - point))
 
 
-def _light_conditioning(point: Array, extent: Array, eye: Array, position: Array, parallel: bool) -> Array:
+def _light_conditioning(point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
     """The part of kappa that a light has."""
     s = np.maximum(extent, np.abs(position if parallel else position - eye).max())
     with np.errstate(divide="ignore", invalid="ignore"):
-        return s / length(position - point)
+        amplified: Floats = s / length(position - point)
+        return amplified
 
 
-def steepness(point: Array, normal: Array, n: Array, eye: Array, light_positions: Array) -> Array:
+def steepness(point: Floats, normal: Floats, n: Floats, eye: Floats, light_positions: Floats) -> Floats:
     """How much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1), which has no
     bound as x goes to 0. From n = 1 on the slope is n at most, and where it is that, x is as exact as sqrt(n) asks."""
     steepest = np.ones(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1])
@@ -169,16 +174,16 @@ def steepness(point: Array, normal: Array, n: Array, eye: Array, light_positions
 
 
 def jumps(
-    point: Array,
-    normal: Array,
-    extent: Array,
-    normal_length: Array,
-    n: Array,
-    eye: Array,
-    light_positions: Array,
-    light_intensities: Array,
+    point: Floats,
+    normal: Floats,
+    extent: Floats,
+    normal_length: Floats,
+    n: Floats,
+    eye: Floats,
+    light_positions: Floats,
+    light_intensities: Floats,
     parallel: bool = False,
-) -> Array:
+) -> Floats:
     """By how much the highlights of a white surface with ks = 1 may differ for being decided either way, (..., 3).
 
     Of each light so near to N.L = 0 or R.V = 0 that rounding may open or close the gate, GATE times its own kappa: the

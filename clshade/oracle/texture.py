@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Floats, Integers, Reals
 
 
-def wrapped(t: Array, wrap: str) -> Array:
+def wrapped(t: Floats, wrap: str) -> Floats:
     """A texture coordinate in units of the image, brought near the image: repeat and clamp to [0, 1], mirror [0, 2]."""
     if wrap == "repeat":
         return t - np.floor(t)
@@ -16,7 +16,7 @@ def wrapped(t: Array, wrap: str) -> Array:
     return np.clip(t, 0.0, 1.0)
 
 
-def wrapped_index(i: Array, size: int, wrap: str) -> Array:
+def wrapped_index(i: Integers, size: int, wrap: str) -> Integers:
     """The texel, 0 to size - 1, that stands for whole position i of an endless row of texels."""
     if wrap == "repeat":
         return i % size
@@ -26,7 +26,7 @@ def wrapped_index(i: Array, size: int, wrap: str) -> Array:
     return np.clip(i, 0, size - 1)
 
 
-def neighbors(t: Array, size: int, lookup: str, wrap: str) -> tuple[Array, Array, Array]:
+def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, Integers, Floats]:
     """Along one axis: the two texels around coordinate t and how far t is from the first (0) to the second (1)."""
     t = np.where(np.isfinite(t), t, 0.0)
     if lookup == "course":
@@ -40,19 +40,19 @@ def neighbors(t: Array, size: int, lookup: str, wrap: str) -> tuple[Array, Array
     return wrapped_index(index, size, wrap), wrapped_index(index + 1, size, wrap), x - first
 
 
-def four_texels(uv: Array, image: Array, lookup: str, wrap: str | tuple[str, str]) -> tuple[Array, Array, Array]:
+def four_texels(uv: Reals, image: Reals, lookup: str, wrap: str | tuple[str, str]) -> tuple[Floats, Floats, Floats]:
     """The texels (2, 2, ..., C) around texture coordinates uv (..., 2), [low or high v, left or right u], and the two
     fractions of the way from left to right and low to high, (..., 1) each."""
-    uv = np.asarray(uv, dtype=np.float64)
+    at = np.asarray(uv, dtype=np.float64)
     rows, columns = image.shape[:2]
     wrap_u, wrap_v = (wrap, wrap) if isinstance(wrap, str) else wrap
-    left, right, fx = neighbors(uv[..., 0], columns, lookup, wrap_u)
-    low, high, fy = neighbors(uv[..., 1], rows, lookup, wrap_v)
+    left, right, fx = neighbors(at[..., 0], columns, lookup, wrap_u)
+    low, high, fy = neighbors(at[..., 1], rows, lookup, wrap_v)
     texels = np.array([[image[low, left], image[low, right]], [image[high, left], image[high, right]]])
     return texels, fx[..., None], fy[..., None]
 
 
-def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Array:
+def bilerp(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Floats:
     """Colors (..., C) of an image (h, w, C) at texture coordinates uv (..., 2).
 
     lookup `standard`: texel (i, j) has its center at ((i+0.5)/w, (j+0.5)/h), and `wrap` (repeat, clamp, mirror) says
@@ -61,16 +61,18 @@ def bilerp(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[
     """
     texels, fx, fy = four_texels(uv, image, lookup, wrap)
     below, above = texels[:, 0] * (1.0 - fx) + texels[:, 1] * fx
-    return below * (1.0 - fy) + above * fy
+    colors: Floats = below * (1.0 - fy) + above * fy
+    return colors
 
 
-def brightest(uv: Array, image: Array, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Array:
+def brightest(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Floats:
     """The largest magnitude (..., C) among the texels of a bilinear lookup: an error of its fractions moves the color by so
     much of them."""
-    return np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
+    largest: Floats = np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
+    return largest
 
 
-def covered_means(rows: Array) -> Array:
+def covered_means(rows: Floats) -> Floats:
     """Rows (s, ...) reduced to d = max(s // 2, 1): row i of the result is the mean of what lies from i*s/d to (i+1)*s/d."""
     size = len(rows)
     count = max(size // 2, 1)
@@ -83,7 +85,7 @@ def covered_means(rows: Array) -> Array:
     return total / size
 
 
-def levels(image: Array) -> list[Array]:
+def levels(image: Reals) -> list[Reals]:
     """The mip-map of an image (h, w, C): the image itself, then each level half the size of the one before, rounded down,
     until 1 x 1. A texel is the mean of the area that it covers; the levels are kept as float32, as the image is."""
     found, exact = [image], image.astype(np.float64)
@@ -93,7 +95,7 @@ def levels(image: Array) -> list[Array]:
     return found
 
 
-def level_of_detail(right: Array, up: Array, size: tuple[int, int], last: int) -> Array:
+def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int) -> Floats:
     """lambda (...) of OpenGL 4.6, section 8.14, held to the levels 0 to `last`.
 
     right, up: (..., 2) by how much u and v change from pixel to pixel. size: columns and rows of the image.
@@ -101,10 +103,13 @@ def level_of_detail(right: Array, up: Array, size: tuple[int, int], last: int) -
     the last level is right: of changes beyond all numbers, the mean of the texture.
     """
     rho = np.maximum(np.hypot(*np.moveaxis(right * size, -1, 0)), np.hypot(*np.moveaxis(up * size, -1, 0)))
-    return np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last))
+    detail: Floats = np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last))
+    return detail
 
 
-def trilinear(uv: Array, right: Array, up: Array, mipmap: list[Array], wrap: tuple[str, str]) -> tuple[Array, Array]:
+def trilinear(
+    uv: Floats, right: Floats, up: Floats, mipmap: list[Reals], wrap: tuple[str, str]
+) -> tuple[Floats, Floats]:
     """Colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between the
     bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.arrays import Bytes, Floats, Reals
 
-def _operate(x: np.ndarray, operator: str) -> np.ndarray:
+
+def _operate(x: Floats, operator: str) -> Floats:
     if operator in ("none", "srgb"):
         return x
     if operator == "reinhard":
         return x / (x + 1)
     if operator == "hable":
 
-        def curve(t: np.ndarray | float) -> np.ndarray:
+        def curve(t: Floats | float) -> Floats:
             shoulder, linear, angle, toe, toe_top, toe_bottom = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
             top = t * (shoulder * t + angle * linear) + toe * toe_top
             bottom = t * (shoulder * t + linear) + toe * toe_bottom
@@ -24,7 +26,7 @@ def _operate(x: np.ndarray, operator: str) -> np.ndarray:
     raise ValueError(operator)
 
 
-def tonemap(rgb: np.ndarray, operator: str = "srgb", exposure: float = 0.0) -> np.ndarray:
+def tonemap(rgb: Reals, operator: str = "srgb", exposure: float = 0.0) -> Bytes:
     """Codes 0..255 (uint8) of linear values of any shape; +infinity is 255, NaN and negative values are 0."""
     value = np.asarray(rgb, np.float64)
     ordinary = np.isfinite(value) & (value > 0)
@@ -39,4 +41,5 @@ def tonemap(rgb: np.ndarray, operator: str = "srgb", exposure: float = 0.0) -> n
     code = np.floor(y * 255 + 0.5)
     code = np.where(ordinary, code, 0)
     code = np.where(value == np.inf, 255, code)
-    return code.astype(np.uint8)
+    codes: Bytes = code.astype(np.uint8)
+    return codes

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Floats, Integers, Reals
 from ..scene.camera import Camera
 from .vectors import cross, dot, length, power_of_two, unit
 
@@ -17,7 +17,7 @@ SUBPIXELS = 256  # snapped steps per pixel
 NEAR_FRACTION = 1e-4  # of the scene's bounding radius
 
 
-def camera_frame(eye: Array, lookat: Array, up: Array) -> Array:
+def camera_frame(eye: Floats, lookat: Floats, up: Floats) -> Floats:
     """The camera's axes as rows x (right), y (up), z (forward) of a (3, 3) array, from three (3,) world vectors."""
     z = unit(np.asarray(lookat, np.float64) - np.asarray(eye, np.float64))
     up = np.asarray(up, np.float64)
@@ -26,15 +26,16 @@ def camera_frame(eye: Array, lookat: Array, up: Array) -> Array:
     return np.stack([cross(z, y), y, z])
 
 
-def world_vertices(verts: Array, matrix: Array) -> Array:
+def world_vertices(verts: Reals, matrix: Floats) -> Floats:
     """Positions (V, 3) under a placement (4, 4); an identity leaves them as they are."""
-    verts = np.asarray(verts, dtype=np.float64)
+    points = np.asarray(verts, dtype=np.float64)
     if np.array_equal(matrix, np.eye(4)):
-        return verts
-    return verts @ matrix[:3, :3].T + matrix[:3, 3]
+        return points
+    placed: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return placed
 
 
-def mirrors(matrix: Array) -> bool:
+def mirrors(matrix: Floats) -> bool:
     """Whether a placement (4, 4) turns left into right: is its determinant negative? In whole numbers, times the largest
     denominator: of a placement that flattens rounding would leave a random sign."""
     ratios = [float(value).as_integer_ratio() for value in matrix[:3, :3].ravel()]
@@ -43,7 +44,7 @@ def mirrors(matrix: Array) -> bool:
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0
 
 
-def to_camera(points: Array, eye: Array, axes: Array) -> Array:
+def to_camera(points: Floats, eye: Floats, axes: Floats) -> Floats:
     """World points (..., 3) in the camera's coordinates: x to the right, y up, z = depth."""
     d = np.asarray(points, dtype=np.float64) - eye
     return np.stack([dot(d, axis) for axis in axes], axis=-1)
@@ -64,13 +65,13 @@ def lens_of(camera: Camera) -> Lens:
 
 
 def project(
-    points: Array,
+    points: Floats,
     focal: float,
     plane: tuple[float, float],
     resolution: tuple[int, int],
     principal: tuple[float, float] = (0.5, 0.5),
     orthographic: bool = False,
-) -> Array:
+) -> Floats:
     """Camera-space points (..., 3), z > 0, to continuous image coordinates (..., 2), in pixels.
 
     plane: (H, W) of the image plane. resolution: (N, M), columns and rows. principal: where the viewing direction
@@ -85,17 +86,17 @@ def project(
     return np.stack([u, v], axis=-1)
 
 
-def snap(uv: Array) -> Array:
+def snap(uv: Floats) -> Integers:
     """Image coordinates in whole 1/256 pixels, int64: the nearest, halves to even."""
     return np.rint(uv * SUBPIXELS).astype(np.int64)
 
 
-def painter_depth(z: Array) -> Array:
+def painter_depth(z: Floats) -> Floats:
     """Mean depth of triangles with corner depths z (..., 3)."""
     return ((z[..., 0] + z[..., 1]) + z[..., 2]) / 3.0
 
 
-def near_distance(points: Array, eye: Array, lookat: Array, near: float | None = None) -> float:
+def near_distance(points: Floats, eye: Floats, lookat: Floats, near: float | None = None) -> float:
     """Distance of the near plane: `near`, or a fraction of the bounding radius of the points (K, 3) that faces use.
 
     A scene of one point, or none, has radius 0: the distance from eye to lookat takes its place.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Floats
 
 
-def dot(a: Array, b: Array) -> Array:
+def dot(a: Floats, b: Floats) -> Floats:
     """Scalar product, summed as (a0*b0 + a1*b1) + a2*b2."""
     return (a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]) + a[..., 2] * b[..., 2]
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross(a: Floats, b: Floats) -> Floats:
     """Vector product; cross(b, a) is exactly -cross(a, b)."""
     return np.stack(
         [
@@ -24,21 +24,22 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
-def power_of_two(v: Array) -> Array:
+def power_of_two(v: Floats) -> Floats:
     """A power of two of the size of the largest component of v, 1 where v is 0. Dividing by it is exact."""
     largest = np.maximum(np.maximum(np.abs(v[..., 0]), np.abs(v[..., 1])), np.abs(v[..., 2]))
     _, exponent = np.frexp(largest)
-    return np.ldexp(1.0, np.clip(exponent, -1000, 1000))
+    power: Floats = np.ldexp(1.0, np.clip(exponent, -1000, 1000))
+    return power
 
 
-def length(v: Array) -> Array:
+def length(v: Floats) -> Floats:
     """Euclidean length: neither 1e-200 nor 1e200 under- or overflows on the way."""
     scale = power_of_two(v)
     w = v / scale[..., None]
     return np.sqrt(dot(w, w)) * scale
 
 
-def unit(v: Array) -> Array:
+def unit(v: Floats) -> Floats:
     """v divided by its length; the zero vector stays zero."""
     w = v / power_of_two(v)[..., None]
     size = np.sqrt(dot(w, w))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats, Integers
 from ..scene.camera import Camera
 from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
 
@@ -38,13 +38,14 @@ def image_positions(points: Array, camera: Camera) -> Array:
     return np.stack([u, v], axis=-1)
 
 
-def snap(positions: Array) -> Array:
+def snap(positions: Array) -> Integers:
     """Image coordinates within the guard band in 1/256 px, int64, ties to even."""
     held = np.clip(positions, -GUARD_PIXELS, GUARD_PIXELS)
-    return np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
+    snapped: Integers = np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
+    return snapped
 
 
-def _crossings(a: Array, b: Array, da: Array, db: Array) -> Array:
+def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
     """Where the edges from rows of a to rows of b (position and weights side by side) meet the plane.
 
     Each is computed from the end nearer the plane (then by x, y, z), whichever way round its edge is run: faces that
@@ -56,7 +57,8 @@ def _crossings(a: Array, b: Array, da: Array, db: Array) -> Array:
     first = np.where(np.abs(da) == np.abs(db), first, np.abs(da) < np.abs(db))
     start, end = np.where(first[:, None], a, b), np.where(first[:, None], b, a)
     d_start, d_end = np.where(first, da, db), np.where(first, db, da)
-    return start + (d_start / (d_start - d_end))[:, None] * (end - start)
+    crossings: Floats = start + (d_start / (d_start - d_end))[:, None] * (end - start)
+    return crossings
 
 
 def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array, Array]:
@@ -103,7 +105,7 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
             with np.errstate(divide="ignore", invalid="ignore"):
                 beyond = np.abs(image_positions(polygons[..., :3], camera)) > GUARD_PIXELS
             used = np.arange(polygons.shape[1]) < counts[:, None]
-            far = (beyond.any(axis=2) & used).any(axis=1)
+            far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
             if not far.any():
                 break
             # side +1: position >= -GUARD, side -1: position <= GUARD; times the depth in perspective

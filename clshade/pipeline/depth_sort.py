@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, UInt32s
 from .struct_layout import KEY_INDEX_BITS
 
 _INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)
 
 
-def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> Array:
+def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> UInt32s:
     """Indices of triangles, nearest first; of equally near ones the later face first.
 
     keys: (T,) uint64 of setup.cl, sorted in place: the depth's top 40 bits over the complement of the index.
@@ -23,7 +23,7 @@ def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | N
     """
     keys.sort()
     low_words = keys.view(np.uint32)[0 if sys.byteorder == "little" else 1 :: 2]
-    order = ~low_words & _INDEX
+    order: UInt32s = ~low_words & _INDEX
     if exact is None or len(keys) < 2:
         return order
     depth_bits = keys >> np.uint64(KEY_INDEX_BITS)

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypedDict, overload
 
 import numpy as np
 
 from ..base import display
-from ..base.arrays import Array
+from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
 from ..base.validation import choice, flag, known, refuse
 from ..base.validation import path as checked_path
 from ..images.layer_words import LAYER_WORDS
-from ..scene.model import LAYER_REMARKS, LAYERS, Scene, Settings, default_tonemap
+from ..scene.model import Scene, Settings, default_tonemap
+from ..scene.settings import LAYER_REMARKS, LAYERS
 from .image_check import Check
 from .layer_buffers import material_numbers
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ..images.exr import Compression
+    from ..images.tonemap import Operator
 
 OTHER_FORMATS = (
     *(".jpg", ".jpeg", ".jp2", ".jxl", ".webp", ".avif", ".heic", ".gif", ".bmp", ".tif", ".tiff", ".tga", ".ico"),
@@ -44,7 +52,20 @@ OTHER_FORMATS = (
 
 
 ASKED = ("Frame.save", "path")  # who is refused, and what, unless a command or another function asks
-SAVING = ("tonemap", "exposure", "half", "compression", "crop", "deterministic")  # keywords of `Frame.save`
+
+
+class SavingOptions(TypedDict, total=False):
+    """Keywords of `Frame.save`."""
+
+    tonemap: Operator | None
+    exposure: float
+    half: bool
+    compression: Compression
+    crop: bool
+    deterministic: bool
+
+
+SAVING = tuple(SavingOptions.__annotations__)
 
 
 class Frame:
@@ -55,7 +76,7 @@ class Frame:
 
     def __init__(
         self,
-        rgba: Array,
+        rgba: Reals,
         layers: Mapping[str, Array],
         scene: Scene,
         settings: Settings,
@@ -72,17 +93,17 @@ class Frame:
         return {**vars(self), "_stats": self.stats, "_make_stats": None}
 
     @property
-    def rgba(self) -> Array:
+    def rgba(self) -> Reals:
         """(M, N, 4) float32, or float64 with precision float64: linear RGB and coverage."""
         return self._rgba
 
     @property
-    def rgb(self) -> Array:
+    def rgb(self) -> Reals:
         """(M, N, 3), linear, never clamped; composited over the background where there is one."""
         return self._rgba[..., :3]
 
     @property
-    def alpha(self) -> Array:
+    def alpha(self) -> Reals:
         """(M, N) coverage, 0 to 1."""
         return self._rgba[..., 3]
 
@@ -98,6 +119,14 @@ class Frame:
             self._stats, self._make_stats = {**self._make_stats(), "nonfinite": self.scene.nonfinite}, None
         return self._stats
 
+    @overload
+    def __getitem__(self, name: Literal["id", "object_id", "material_id"]) -> UInt32s: ...
+    @overload
+    def __getitem__(self, name: Literal["P"]) -> Floats: ...
+    @overload
+    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics"]) -> Reals: ...
+    @overload
+    def __getitem__(self, name: str) -> Array: ...
     def __getitem__(self, name: str) -> Array:
         """A layer, of each pixel's sample nearest the center, never a mean; (M, N, ...), of the type of `rgba` but where
         another is named. Of the background Z is infinity, everything else 0.
@@ -153,7 +182,7 @@ class Frame:
             found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
         return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
 
-    def to_png8(self, tonemap: str | None = None, exposure: float = 0.0) -> Array:
+    def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""
         from ..images.tonemap import tonemap as apply
 
@@ -166,9 +195,10 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the tone-mapped image, large ones reduced."""
-        return display.notebook().encoded(self.to_png8())
+        image: bytes = display.notebook().encoded(self.to_png8())
+        return image
 
-    def show(self, tonemap: str | None = None, exposure: float = 0.0) -> None:
+    def show(self, tonemap: Operator | None = None, exposure: float = 0.0) -> None:
         """Shows the image: in a notebook below the cell, elsewhere in the desktop's image viewer.
 
         tonemap, exposure: see `save`. Raises OutputError where no program shows images.
@@ -180,7 +210,7 @@ class Frame:
         normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
         return display.notebook().plot_layers(self)
 
-    def save(self, path: str | Path, **options: Any) -> list[str]:
+    def save(self, path: str | os.PathLike[str], **options: Unpack[SavingOptions]) -> list[str]:
         """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
 
         options: tonemap, exposure: of the PNG, see `clshade.images.tonemap`; tonemap None: `none` for course scenes, else
@@ -198,12 +228,12 @@ class Frame:
 
     def write(
         self,
-        path: str | Path,
+        path: str | os.PathLike[str],
         *,
-        tonemap: str | None = None,
+        tonemap: Operator | None = None,
         exposure: float = 0.0,
         half: bool = False,
-        compression: str = "zip",
+        compression: Compression = "zip",
         crop: bool = False,
         deterministic: bool = False,
     ) -> list[str]:
@@ -236,7 +266,7 @@ class Frame:
         return lines
 
 
-def output_paths(path: str | Path, asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
+def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file, standard
     output, or a file of another format."""
     path = Path(checked_path(*asked, path))
@@ -251,11 +281,11 @@ def output_paths(path: str | Path, asked: tuple[str, str] = ASKED) -> tuple[Path
 
 
 def check_output(
-    path: str | Path,
+    path: str | os.PathLike[str],
     *,
-    tonemap: str | None = None,
+    tonemap: Operator | None = None,
     exposure: float = 0.0,
-    compression: str = "zip",
+    compression: Compression = "zip",
     asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats, Reals
 from ..scene.geometry import vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from .features import material_key, materials_of, replaces_colors, texture_applies
@@ -30,10 +31,11 @@ def _placements(mesh: Mesh) -> list[Array | None]:
     return [None if (matrix == np.eye(4)).all() else matrix for matrix in np.asarray(mesh.instances)]
 
 
-def _placed(points: Array, matrix: Array | None) -> Array:
+def _placed(points: Array, matrix: Array | None) -> Floats:
     if matrix is None:
         return points
-    return points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    placed: Floats = points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return placed
 
 
 def _unit(vectors: Array) -> Array:
@@ -112,7 +114,7 @@ class Gatherer:
 
     def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
         self.scene, self._structs, self._forced = scene, structs, forced
-        self.parts: dict[str, list] = {}
+        self.parts: dict[str, list[Any]] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
         table = {id(m.material.texture): m.material.texture for m in meshes if texture_applies(m)}
@@ -158,6 +160,7 @@ class Gatherer:
     def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
         """untextured: those of meshes without a texture too; the others' are 0."""
         parts, index = [], []
+        own: Reals
         for mesh, matrix, verts, faces, kept in self.placed:
             if mesh.uvs is None or not (untextured or texture_applies(mesh)):
                 own, own_faces = np.zeros((len(verts), 2)), faces

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from . import struct_layout
 
 _HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number
@@ -47,7 +47,8 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
     relative[:, 3] = 0.0
 
 
-def mean_depths(vertices: Array, faces: Array) -> Array:
+def mean_depths(vertices: Array, faces: Array) -> Floats:
     """The painter's depths of faces (F, 3): float64 means of their corners'."""
     z = vertices["depth"][faces]
-    return ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
+    depths: Floats = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
+    return depths

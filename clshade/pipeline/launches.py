@@ -81,7 +81,9 @@ class Stages:
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
-    def _launch_first(self, program: Program, code: tuple, size: tuple[int, ...], raw: Sequence[Any]) -> cl.Event:
+    def _launch_first(
+        self, program: Program, code: tuple[Any, ...], size: tuple[int, ...], raw: Sequence[Any]
+    ) -> cl.Event:
         """Launches what the runtime may have to compile or load for it, and waits until it has run."""
         name, local, _ = code
         with first_use(self.device, stored=program.stored) as use, program.lock:
@@ -174,16 +176,18 @@ class Stages:
         items = -(-count // self.lanes)
         return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
 
-    def _draw(self, name: str, arguments: tuple, tiles: int) -> cl.Event:
+    def _draw(self, name: str, arguments: tuple[Any, ...], tiles: int) -> cl.Event:
         if self.lanes > 1:
             return self._launch(name, (4 * self.device.compute_units,), (1,), *arguments)
         items = struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
-    def phong(self, surface: SurfaceInputs, tile: tuple, tiles: int) -> cl.Event:
+    def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
         return self._draw("phong", (*surface, *tile), tiles)
 
-    def gouraud(self, surface: SurfaceInputs, tile: tuple, corner_light: Buffer | None, tiles: int) -> cl.Event:
+    def gouraud(
+        self, surface: SurfaceInputs, tile: tuple[Any, ...], corner_light: Buffer | None, tiles: int
+    ) -> cl.Event:
         return self._draw("gouraud", (*surface, *tile, corner_light), tiles)
 
     def bilerp(
@@ -220,7 +224,7 @@ class Stages:
         return self._per_item("layer_number", count, owners, triangles, numbers, shown)
 
     def surface_layers(
-        self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple, tiles: int
+        self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple[Any, ...], tiles: int
     ) -> cl.Event:
         """outputs: normals, points, albedos, texture coordinates, weights; None where not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class LayerTables(NamedTuple):
     materials: Array | None = None
 
 
-def _fields(material: Material) -> tuple:
+def _fields(material: Material) -> tuple[Any, ...]:
     """All that two materials have to share to be equal, hashable: every field, of the texture all but its texels."""
     values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
     texture = material.texture
@@ -56,7 +56,8 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
     """The number of each mesh's material, from 1 in the order of the meshes; equal materials, name and texels included,
     share one."""
     numbers: dict[int, int] = {}  # by id
-    alike: dict[tuple, list[tuple[Texture | None, int]]] = {}  # scenes may have thousands: few are compared in pairs
+    # Scenes may have thousands: few are compared in pairs.
+    alike: dict[tuple[Any, ...], list[tuple[Texture | None, int]]] = {}
     count = 0
     for mesh in scene.meshes:
         material = mesh.material

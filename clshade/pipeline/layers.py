@@ -27,7 +27,9 @@ class Layers:
     def __init__(self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables) -> None:
         self._stages, self._pool, self._names = stages, pool, names
         arrays = tables._asdict()
-        self._own = {name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)}
+        self._own = {
+            name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)
+        }
         shared = ("normals", "normal_faces", "uvs", "uv_faces")
         self._surface = {name: self._own[name] for name in shared if name in self._own}
 

@@ -80,7 +80,7 @@ class Program:
     kernels: dict[str, Any]
     stored: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
-    launched: set[tuple] = field(default_factory=set)
+    launched: set[tuple[Any, ...]] = field(default_factory=set)
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
@@ -134,7 +134,7 @@ def _say(device: Device) -> None:
         console.progress(f"compiling kernels for {device.title} ...")
 
 
-_built: dict[tuple, Program] = {}
+_built: dict[tuple[Any, ...], Program] = {}
 
 
 def built() -> tuple[Program, ...]:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..base.validation import known, refuse
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
+from ..scene.settings import Preset, RenderOptions, SettingsFields
 from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
@@ -29,6 +30,9 @@ from .layers import Layers
 from .opencl.device import Device, shared_device
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
@@ -46,7 +50,11 @@ def _clock() -> float:
 
 
 def settle(
-    scene: Scene, preset: str | None = None, settings: Settings | None = None, **fields: Any
+    scene: Scene,
+    preset: Preset | None = None,
+    settings: Settings | None = None,
+    resolution: tuple[int, int] | None = None,
+    **fields: Unpack[SettingsFields],
 ) -> tuple[Scene, Settings]:
     """The scene and settings that a call's arguments mean: `resolution` changes the scene's camera, the other fields the
     given settings or those of the preset (default: the scene's own)."""
@@ -54,10 +62,8 @@ def settle(
         raise refuse("render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene)
     allowed = (*Settings.__dataclass_fields__, *_KEYWORDS)
     known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
-    if "resolution" in fields:
-        resolution = fields.pop("resolution")
-        if resolution is not None:
-            scene = replace(scene, camera=scene.camera.with_resolution(resolution))
+    if resolution is not None:
+        scene = replace(scene, camera=scene.camera.with_resolution(resolution))
     if settings is None:
         return scene, Settings.from_preset(scene.preset if preset is None else preset, **fields)
     if preset is not None:
@@ -98,12 +104,12 @@ class Renderer:
         self,
         scene: Scene,
         *,
-        preset: str | None = None,
+        preset: Preset | None = None,
         device: Device | str | None = None,
         settings: Settings | None = None,
         forced: Collection[str] = frozenset(),
         lanes: int | None = None,
-        **fields: Any,
+        **fields: Unpack[RenderOptions],
     ) -> None:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
@@ -432,10 +438,10 @@ class Renderer:
 def render(
     scene: Scene,
     *,
-    preset: str | None = None,
+    preset: Preset | None = None,
     device: Device | str | None = None,
     settings: Settings | None = None,
-    **fields: Any,
+    **fields: Unpack[RenderOptions],
 ) -> Frame:
     """Draws the scene once.
 

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from ..base.arrays import Integers
 from .struct_layout import SUBPIXEL_BITS
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
@@ -13,7 +14,7 @@ _GRID = 1 << SUBPIXEL_BITS
 
 
 @cache
-def positions(samples: int) -> np.ndarray:
+def positions(samples: int) -> Integers:
     """(S, 2) int: x and y of a pixel's samples from its lower left corner, 1/256 px, nearest to the center first.
 
     Sample i of S lies at x = (i + 1/2)/S, y = the fraction of 1/2 + (i - (S - 1)/2)/phi, phi the golden ratio, rounded to
@@ -24,6 +25,6 @@ def positions(samples: int) -> np.ndarray:
     x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) * GOLDEN) % 1.0
     placed = np.minimum(np.rint(np.stack([x, y], axis=1) * _GRID).astype(np.int64), _GRID - 1)
     offset = placed - _GRID // 2
-    placed = placed[np.argsort((offset * offset).sum(axis=1), kind="stable")]
-    placed.flags.writeable = False
-    return placed
+    ordered: Integers = placed[np.argsort((offset * offset).sum(axis=1), kind="stable")]
+    ordered.flags.writeable = False
+    return ordered

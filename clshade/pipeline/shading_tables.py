@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from ..scene.model import Material, Texture
 from . import struct_layout
 from .features import tests_alpha
@@ -95,12 +95,13 @@ def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array
     return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
 
 
-def relative_lights(positions: Array, eye: Array, scale: float) -> Array:
+def relative_lights(positions: Array, eye: Array, scale: float) -> Floats:
     """Light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59 along an
     axis) only the direction is kept."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
     exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
-    return np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
+    relative: Floats = np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
+    return relative
 
 
 def scale_for(extent: float) -> float:

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from ..scene.model import Material, Texture
 from . import shading_tables, struct_layout
 from .buffers import Buffer, TriangleBuffers
@@ -32,10 +32,10 @@ class Surroundings:
     point, eye: (3,) world space. positions, intensities: (L, 3) of the lights. material: its ka is ka*Ia already.
     """
 
-    point: Array
-    eye: Array
-    positions: Array
-    intensities: Array
+    point: Floats
+    eye: Floats
+    positions: Floats
+    intensities: Floats
     material: Material
 
 
@@ -84,15 +84,16 @@ def _four(device: Device, vectors: Array) -> Buffer:
     return Buffer(device, wide)
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: Array) -> Floats:
     """(K, 3) float64 directions of any length at length 1; 0 stays 0."""
     size = np.ldexp(1.0, -np.frexp(np.abs(vectors).max(axis=1, keepdims=True))[1])
     scaled = vectors * np.minimum(size, 2.0**1000)
     length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    return scaled / np.where(length > 0.0, length, 1.0)
+    units: Floats = scaled / np.where(length > 0.0, length, 1.0)
+    return units
 
 
-def light_point(device: Device, around: Surroundings, normal: Array, color: Array) -> Array:
+def light_point(device: Device, around: Surroundings, normal: Floats, color: Floats) -> Floats:
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
     stages = _light_stages(device, _features("phong", around))
     lit = _Lit(device, around, color)
@@ -116,7 +117,7 @@ class Lookup:
         table, texels = shading_tables.texture_tables([texture])
         self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
 
-    def __call__(self, uvs: Array) -> Array:
+    def __call__(self, uvs: Floats) -> Floats:
         """The colors (K, 3), float64, at texture coordinates (K, 2)."""
         device, count = self._device, len(uvs)
         colors = Buffer.empty(device, (count, 4), np.float32)

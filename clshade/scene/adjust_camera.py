@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from ..base.validation import number, refuse, vector
 from .camera import Camera, height_seen
 from .geometry import camera_axes
 
 
-def _rotated(offset: Array, axis: Array, degrees: float) -> Array:
+def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
     """`offset` turned about the unit vector `axis` (Rodrigues' formula), counter-clockwise seen against it."""
     angle = math.radians(degrees)
     along = axis * (axis @ offset)
-    return along + math.cos(angle) * (offset - along) + math.sin(angle) * np.cross(axis, offset)
+    turned: Floats = along + math.cos(angle) * (offset - along) + math.sin(angle) * np.cross(axis, offset)
+    return turned
 
 
 def moved(

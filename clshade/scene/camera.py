@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Floats
 from ..base.validation import choice, flag, floats, integer, number, refuse, sequence, set_fields, vector
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
@@ -50,14 +51,28 @@ class Camera:
     orthographic: parallel projection; plane is then the size of what is seen, scene units, and focal has no meaning.
     """
 
-    eye: Array
-    lookat: Array
-    up: Array
+    eye: Floats
+    lookat: Floats
+    up: Floats
     focal: float
     plane: tuple[float, float]
     resolution: tuple[int, int] = (800, 600)
     principal: tuple[float, float] = (0.5, 0.5)
     orthographic: bool = False
+
+    if TYPE_CHECKING:  # what it may be given; the fields above say what is kept
+
+        def __init__(
+            self,
+            eye: ArrayLike,
+            lookat: ArrayLike,
+            up: ArrayLike,
+            focal: float,
+            plane: tuple[float, float],
+            resolution: tuple[int, int] = (800, 600),
+            principal: tuple[float, float] = (0.5, 0.5),
+            orthographic: bool = False,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         who = "Camera"
@@ -86,7 +101,14 @@ class Camera:
         )
 
     @classmethod
-    def from_fov(cls, eye: Any, lookat: Any, up: Any, fov: float, resolution: tuple[int, int] = (800, 600)) -> Camera:
+    def from_fov(
+        cls,
+        eye: ArrayLike,
+        lookat: ArrayLike,
+        up: ArrayLike,
+        fov: float,
+        resolution: tuple[int, int] = (800, 600),
+    ) -> Camera:
         """A camera with square pixels from its vertical field of view, in degrees, from 1e-6 to less than 180."""
         height = height_seen("Camera.from_fov", "fov", fov)
         columns, count_rows = checked_resolution("Camera.from_fov", resolution)
@@ -95,12 +117,12 @@ class Camera:
     @classmethod
     def from_matrix(
         cls,
-        matrix: Any,
-        pose: Any,
+        matrix: ArrayLike,
+        pose: ArrayLike,
         resolution: tuple[int, int],
         *,
         pixel_center: float = 0.5,
-        convention: str = "opencv",
+        convention: Literal["opencv", "opengl"] = "opencv",
     ) -> Camera:
         """A camera from its 3x3 matrix K and its pose.
 

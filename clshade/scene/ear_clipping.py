@@ -11,7 +11,7 @@ from collections import Counter
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Bools, Floats, Integers
 
 _ALWAYS = 64  # corners of a polygon that is cut whatever it costs
 _UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it crosses itself
@@ -37,7 +37,7 @@ class Cutter:
         self.left = 0
         self._work = 0
 
-    def cut(self, polygons: Array) -> Array:
+    def cut(self, polygons: Floats) -> Array:
         """(P, n - 2, 3) triangles of corner numbers of polygons with corners (P, n, 2), counter-clockwise, of size 1.
 
         Fewer triangles are made up to n - 2 by some without area. Those of a polygon that crosses itself may overlap.
@@ -68,7 +68,7 @@ class Cutter:
             cuts[number] = _whole(polygons[number], cuts[number])
         return cuts
 
-    def _affordable(self, points: Array) -> bool:
+    def _affordable(self, points: Floats) -> bool:
         count = len(points)
         if count <= _ALWAYS:
             return True
@@ -80,7 +80,7 @@ class Cutter:
         self._work += pairs * _PAIR
         return not crosses
 
-    def _pay(self, points: Array, triangles: Array) -> None:
+    def _pay(self, points: Floats, triangles: Integers) -> None:
         if len(points) > _ALWAYS:
             filled = _doubled_areas(points, triangles).sum()
             area = _doubled_areas(points, _fan(range(len(points)))).sum()
@@ -93,20 +93,22 @@ def _fan(corners: range | list[int]) -> Array:
     return np.stack([np.full(len(rest) - 2, rest[0]), rest[1:-1], rest[2:]], axis=1)
 
 
-def _doubled_areas(points: Array, triangles: Array) -> Array:
+def _doubled_areas(points: Floats, triangles: Integers) -> Floats:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     b, c = b - a, c - a
-    return b[:, 0] * c[:, 1] - c[:, 0] * b[:, 1]
+    areas: Floats = b[:, 0] * c[:, 1] - c[:, 0] * b[:, 1]
+    return areas
 
 
-def _flat(points: Array, triangles: Array) -> Array:
+def _flat(points: Floats, triangles: Integers) -> Bools:
     """(F,) whether a triangle has as good as no area."""
     edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
     longest = (edges * edges).sum(axis=2).max(axis=1, initial=0.0)
-    return np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest
+    flat: Bools = np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest
+    return flat
 
 
-def _whole(points: Array, triangles: Array) -> Array:
+def _whole(points: Floats, triangles: Integers) -> Array:
     """(n - 2, 3): the triangles, and those that are missing."""
     count = len(points)
     missing = [_fan(cycle) for cycle in _cycles(_unused(count, triangles.tolist())) if len(cycle) > 2]
@@ -156,7 +158,7 @@ class _Flips:
     """Flips the longest edges of triangles without area, where the triangle beyond has some: a corner in the middle of
     an edge then parts that triangle."""
 
-    def __init__(self, points: Array, triangles: Array) -> None:
+    def __init__(self, points: Floats, triangles: Integers) -> None:
         self.points = points.tolist()
         self.found: list[tuple[int, int, int]] = [(a, b, c) for a, b, c in triangles.tolist()]
         self.flat = _flat(points, triangles).tolist()
@@ -194,18 +196,20 @@ class _Flips:
 
     def _distance(self, p: int, q: int) -> float:
         (x, y), (s, t) = self.points[p], self.points[q]
-        return (s - x) * (s - x) + (t - y) * (t - y)
+        distance: float = (s - x) * (s - x) + (t - y) * (t - y)
+        return distance
 
     def _area(self, p: int, q: int, r: int) -> float:
         (x, y), (s, t), (u, v) = self.points[p], self.points[q], self.points[r]
-        return (s - x) * (v - y) - (u - x) * (t - y)
+        area: float = (s - x) * (v - y) - (u - x) * (t - y)
+        return area
 
 
 def _edges(a: int, b: int, c: int) -> tuple[tuple[int, int], ...]:
     return (a, b), (b, c), (c, a)
 
 
-def _crosses(points: Array) -> tuple[bool, int]:
+def _crosses(points: Floats) -> tuple[bool, int]:
     """Whether two edges of a polygon (n, 2) cross each other in a point inside of both, and how many pairs of edges were
     looked at. True, too, where more than _PAIRS overlap along both axes, and the answer would take long."""
     ends = np.roll(points, -1, axis=0)
@@ -232,8 +236,9 @@ def _crosses(points: Array) -> tuple[bool, int]:
     return False, total
 
 
-def _side(a: tuple[Array, Array], b: tuple[Array, Array], c: tuple[Array, Array]) -> Array:
+def _side(a: tuple[Floats, Floats], b: tuple[Floats, Floats], c: tuple[Floats, Floats]) -> Floats:
     """Positive where c is to the left of the line from a to b; 0 exactly where it is one of these."""
     x, y = a
     u, v, s, t = b[0] - x, b[1] - y, c[0] - x, c[1] - y
-    return u * t - v * s
+    side: Floats = u * t - v * s
+    return side

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,8 @@ RESOLUTION = (800, 600)
 AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 unless they say otherwise
 BACKGROUND = 0.05
 # The camera's right, up and backward axes for each axis that may point up, each a rotation of those of y.
-UPS = {
+Up: TypeAlias = Literal["y", "z", "x", "-y", "-z", "-x"]
+UPS: dict[Up, tuple[tuple[int, int, int], ...]] = {
     "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "z": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
@@ -41,7 +43,7 @@ def framed(
     name: str,
     resolution: tuple[int, int] | None = None,
     *,
-    up: str = "y",
+    up: Up = "y",
     camera: Camera | None = None,
     lights: tuple[PointLight, ...] = (),
     sphere: tuple[Array, float] | None = None,
@@ -65,7 +67,7 @@ def framed(
     return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
 
 
-def _camera(center: Array, radius: float, up: str, resolution: tuple[int, int]) -> Camera:
+def _camera(center: Array, radius: float, up: Up, resolution: tuple[int, int]) -> Camera:
     """The three-quarter view."""
     axes = np.array(UPS[up], np.float64)
     towards = (np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)) @ axes

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from ..base.validation import refuse, vector
 from ..errors import InputError
 from .camera import Camera
@@ -71,11 +71,12 @@ def vertex_normals(verts: Any, faces: Any) -> Array:
     return _normalized(sums.T)
 
 
-def _cross(edges: Array, axis: int) -> Array:
+def _cross(edges: Array, axis: int) -> Floats:
     """One component of the cross products of edges (2, 3, F)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     u, v = edges
-    return u[j] * v[k] - u[k] * v[j]
+    component: Floats = u[j] * v[k] - u[k] * v[j]
+    return component
 
 
 def _edges(verts: Array, faces: Array) -> Array:

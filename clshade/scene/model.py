@@ -6,21 +6,21 @@ Arrays are copied only when their type or layout has to change, and are then rea
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base import display
-from ..base.arrays import Array
+from ..base.arrays import Converted, Faces, Floats, Floats32, Reals, Vector, kept
 from ..base.validation import (
     choice,
     coefficient,
     flag,
     floats,
     indices,
-    integer,
-    known,
     number,
     refuse,
     rows,
@@ -29,41 +29,45 @@ from ..base.validation import (
     text,
     vector,
 )
-from ..images.layer_words import LAYER_WORDS
 from .camera import Camera
+from .settings import LAYERS as LAYERS
+from .settings import MAX_SAMPLES as MAX_SAMPLES
+from .settings import PRECISIONS as PRECISIONS
+from .settings import PRESETS as PRESETS
+from .settings import Preset
+from .settings import Settings as Settings
 
-MAX_SAMPLES = 64  # a pixel
 MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key
 
-SHADERS = ("gouraud", "phong", "nolight")
-VISIBILITIES = ("painter", "depth")
-LIGHTING_AT = ("centroid", "position")
-INTERPOLATIONS = ("affine", "perspective")
-TEXTURE_AT = ("vertex", "pixel")
-TEXTURE_FILTERS = ("bilinear", "trilinear")
-AMBIENTS = ("plain", "tinted")
-RESOLVES = ("mean", "weighted")
-PRECISIONS = ("fast", "float32", "float64")
-LAYERS = ("Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics")
-WRAPS = ("repeat", "clamp", "mirror")
-LOOKUPS = ("standard", "course")
-SIDES = ("both", "front")
-NONFINITE = ("refuse", "drop")
-PRESETS = ("course", "standard")
+Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
+Lookup: TypeAlias = Literal["standard", "course"]
+Sides: TypeAlias = Literal["both", "front"]
+Nonfinite: TypeAlias = Literal["refuse", "drop"]
 
-# What layers are called elsewhere, in small letters.
-LAYER_REMARKS = dict.fromkeys(
-    ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
-    "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
-)
+WRAPS: tuple[Wrap, ...] = get_args(Wrap)
+LOOKUPS: tuple[Lookup, ...] = get_args(Lookup)
+SIDES: tuple[Sides, ...] = get_args(Sides)
+NONFINITE: tuple[Nonfinite, ...] = get_args(Nonfinite)
+
+
+def _ones() -> Any:
+    return np.ones(3)
+
+
+def _zeros() -> Any:
+    return np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
     """A point light without attenuation. position: world space. intensity: linear RGB, any values that float32 holds."""
 
-    position: Array
-    intensity: Array = field(default_factory=lambda: np.ones(3))
+    position: Floats
+    intensity: Vector = field(default_factory=_ones)
+
+    if TYPE_CHECKING:  # here and below: what it may be given; the fields say what is kept of it
+
+        def __init__(self, position: ArrayLike, intensity: ArrayLike = ...) -> None: ...
 
     def __post_init__(self) -> None:
         set_fields(
@@ -86,10 +90,16 @@ class Texture:
         color; `course` maps u to u*(w-1), holds u and v to [0, 1], and the texel replaces the vertex color.
     """
 
-    image: Array
-    wrap: str | tuple[str, str] = "repeat"
-    lookup: str = "standard"
+    image: Floats32
+    wrap: Converted[Wrap | Iterable[Wrap], tuple[Wrap, Wrap]] = field(default=kept("repeat"))
+    lookup: Lookup = "standard"
     name: str = ""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, image: ArrayLike, wrap: Wrap | Iterable[Wrap] = "repeat", lookup: Lookup = "standard", name: str = ""
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         image = floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
@@ -126,14 +136,14 @@ class Material:
     alpha_cutoff: pixels whose texture alpha is below it are left out (alpha test); None: alpha is not looked at.
     """
 
-    ka: Any = 0.1
-    kd: Any = 0.8
-    ks: Any = 0.5
+    ka: Vector = field(default=kept(0.1))
+    kd: Vector = field(default=kept(0.8))
+    ks: Vector = field(default=kept(0.5))
     n: float = 20.0
     texture: Texture | None = None
     name: str = ""
-    color: Any = 1.0
-    sides: str = "both"
+    color: Vector = field(default=kept(1.0))
+    sides: Sides = "both"
     two_sided: bool = False
     alpha_cutoff: float | None = None
 
@@ -172,18 +182,36 @@ class Mesh:
     dropped: how many faces were dropped; counted here, and kept when a mesh is made from this one.
     """
 
-    verts: Array
-    faces: Array
-    colors: Array | None = None
-    normals: Array | None = None
-    normal_faces: Array | None = None
-    uvs: Array | None = None
-    uv_faces: Array | None = None
+    verts: Reals
+    faces: Faces
+    colors: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    normals: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    normal_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
+    uvs: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    uv_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
     material: Material = field(default_factory=Material)
-    instances: Array | None = None
+    instances: Converted[ArrayLike | None, Floats] = field(default=kept(None))
     name: str = ""
-    nonfinite: str = "refuse"
+    nonfinite: Nonfinite = "refuse"
     dropped: int = 0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            verts: ArrayLike,
+            faces: ArrayLike,
+            colors: ArrayLike | None = None,
+            normals: ArrayLike | None = None,
+            normal_faces: ArrayLike | None = None,
+            uvs: ArrayLike | None = None,
+            uv_faces: ArrayLike | None = None,
+            material: Material = ...,
+            instances: ArrayLike | None = None,
+            name: str = "",
+            nonfinite: Nonfinite = "refuse",
+            dropped: int = 0,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
@@ -226,7 +254,7 @@ class Mesh:
         return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {_count(len(np.asarray(self.instances)), 'instance')}>"
 
 
-def _vertex_colors(who: str, given: Any, count: int) -> Array:
+def _vertex_colors(who: str, given: Any, count: int) -> Reals:
     array = floats(who, "colors", given, "an array of shape (K, 3) of finite numbers")
     if array.dtype.kind == "u":
         array = array / np.iinfo(array.dtype).max
@@ -240,10 +268,10 @@ def _count(number: int, singular: str, plural: str = "") -> str:
     return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
 
-def _without_nonfinite(verts: Array, faces: Array) -> tuple[Array, Array, int]:
+def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
     """Finite vertices, faces, and the number of faces that used another vertex. Those shrink to a point at a vertex that
     other faces use, so that neither normals nor the bounding box show them."""
-    bad = ~np.isfinite(verts).all(axis=1)
+    bad = np.asarray(~np.isfinite(verts).all(axis=1))
     if not bad.any():
         return verts, faces, 0
     lost = bad[faces].any(axis=1)
@@ -268,12 +296,26 @@ class Scene:
 
     meshes: tuple[Mesh, ...]
     camera: Camera
-    lights: tuple[PointLight, ...] = ()
-    ambient: Array = field(default_factory=lambda: np.ones(3))
-    background: Array | None = field(default_factory=lambda: np.zeros(3))
-    preset: str = "standard"
+    lights: Converted[PointLight | Iterable[PointLight], tuple[PointLight, ...]] = field(default=kept(()))
+    ambient: Vector = field(default_factory=_ones)
+    background: Converted[ArrayLike | None, Floats | None] = field(default_factory=_zeros)
+    preset: Preset = "standard"
     name: str = ""
     ignored: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            meshes: Mesh | Iterable[Mesh],
+            camera: Camera,
+            lights: PointLight | Iterable[PointLight] = (),
+            ambient: ArrayLike = ...,
+            background: ArrayLike | None = ...,
+            preset: Preset = "standard",
+            name: str = "",
+            ignored: tuple[str, ...] = (),
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         for name, kind in (("meshes", Mesh), ("lights", PointLight)):
@@ -315,97 +357,10 @@ class Scene:
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """For notebooks: a line of text, and the scene drawn small."""
-        return display.notebook().scene_bundle(self)
+        bundle: dict[str, Any] = display.notebook().scene_bundle(self)
+        return bundle
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How a scene is drawn. The defaults are the preset `standard`; `Settings.from_preset("course")` gives the other.
-
-    shader: gouraud, phong or nolight (the color itself).
-    visibility: `painter`: the triangle with the smallest mean vertex depth wins, ties: the later face; `depth`: per
-        pixel, ties: the later face.
-    lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (or vertex).
-    interpolation: of attributes over a triangle, `affine` in the image or `perspective`. Depth is always perspective.
-    texture_at: `vertex` looks the texture up at the corners, `pixel` at every pixel.
-    texture_filter: `bilinear` takes the four texels around the point, however many a pixel spans. `trilinear` takes them
-        of two mip-map levels, the level of detail being OpenGL's (kernels/texture.clh); where a pixel spans at most a
-        texel that is bilinear, bit for bit. It needs texture_at pixel: a corner spans no texels. Textures with the
-        course's lookup, and the alpha test, stay bilinear in full resolution.
-    ambient: `plain` ka*Ia, or `tinted` ka*Ia*color.
-    layers: further layers besides the image, any of LAYERS or `all`; `Frame.__getitem__` says what each holds.
-    cull: leave out triangles that are seen from behind (clockwise in the image).
-    near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
-    precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
-        and plain texture coordinates, right to about 3e-5, the same bits too. `float64`: the image is float64 then; not
-        every device has it.
-    samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
-        pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Layers
-        are those of the place nearest the center.
-    sample_shading: light every sample.
-    resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
-        bright samples from standing out but makes edges of bright surfaces darker than they are. Without a background
-        the covered samples are weighed against each other, and their mean is premultiplied.
-    """
-
-    shader: str = "phong"
-    visibility: str = "depth"
-    lighting_at: str = "position"
-    interpolation: str = "perspective"
-    texture_at: str = "pixel"
-    texture_filter: str = "bilinear"
-    ambient: str = "tinted"
-    layers: tuple[str, ...] = ()
-    cull: bool = False
-    near: float | None = None
-    precision: str = "float32"
-    samples: int = 1
-    sample_shading: bool = False
-    resolve: str = "mean"
-
-    def __post_init__(self) -> None:
-        who = "Settings"
-        choice(who, "shader", self.shader, SHADERS)
-        choice(who, "visibility", self.visibility, VISIBILITIES)
-        choice(who, "lighting_at", self.lighting_at, LIGHTING_AT)
-        choice(who, "interpolation", self.interpolation, INTERPOLATIONS)
-        choice(who, "texture_at", self.texture_at, TEXTURE_AT)
-        choice(who, "texture_filter", self.texture_filter, TEXTURE_FILTERS)
-        if self.texture_filter == "trilinear" and self.texture_at == "vertex":
-            expected = "bilinear with texture_at vertex, for a corner spans no texels (or texture_at pixel)"
-            raise refuse(who, "texture_filter", expected, self.texture_filter)
-        choice(who, "ambient", self.ambient, AMBIENTS)
-        choice(who, "precision", self.precision, PRECISIONS)
-        set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))
-        set_fields(self, sample_shading=flag(who, "sample_shading", self.sample_shading))
-        choice(who, "resolve", self.resolve, RESOLVES)
-        layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
-        if layers is None:
-            raise refuse(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
-        for layer in layers:
-            choice(who, "layers", layer, (*LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS)
-        asked = tuple(name for name in LAYERS if name in layers or "all" in layers)
-        set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
-        if self.near is not None:
-            set_fields(self, near=number(who, "near", self.near, above=0.0))
-
-    @classmethod
-    def from_preset(cls, preset: str, **fields: Any) -> Settings:
-        """The named preset with `fields` changed. Raises InputError for an unknown preset, field or value."""
-        choice("Settings", "preset", preset, PRESETS)
-        values: dict[str, Any] = {}
-        if preset == "course":
-            values = {
-                "visibility": "painter",
-                "lighting_at": "centroid",
-                "interpolation": "affine",
-                "texture_at": "vertex",
-                "ambient": "plain",
-            }
-        known("Settings", fields, cls.__dataclass_fields__)
-        return cls(**{**values, **fields})
-
-
-def default_tonemap(scene: Scene) -> str:
+def default_tonemap(scene: Scene) -> Literal["none", "srgb"]:
     """`none` for course scenes, `srgb` otherwise."""
     return "none" if scene.preset == "course" else "srgb"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from .ear_clipping import Cutter
 
 CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Cuts.left is, in words
@@ -107,7 +107,8 @@ def _unit_size(verts: Array) -> Array:
     """(3, V) float64: positions, by coordinate, times the power of two, which is exact, that brings the largest to 1."""
     exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
     if abs(exponent) < 1000:
-        return np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
+        scaled: Floats = np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
+        return scaled
     return np.ldexp(np.array(verts.T, np.float64, order="C"), -exponent)
 
 
@@ -194,11 +195,12 @@ def _in_plane(points: Array, normal: Array) -> Array:
     return np.stack([(points * u[:, None]).sum(axis=2), (points * v[:, None]).sum(axis=2)], axis=2)
 
 
-def _turned_area(points: Array, triangles: Array) -> Array:
+def _turned_area(points: Floats, triangles: Array) -> Floats:
     """(P,) the area, doubled, of the triangles (P, F, 3) of polygons (P, n, 2) that run clockwise."""
     a, b, c = (np.take_along_axis(points, triangles[:, :, [k]], axis=1) for k in range(3))
     b, c = b - a, c - a
-    return np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1)
+    areas: Floats = np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1)
+    return areas
 
 
 def strips(indices: Array) -> Array:
@@ -213,7 +215,8 @@ def strips(indices: Array) -> Array:
     begin = np.maximum.accumulate(np.where(ends, place + 1, 0))
     first = np.flatnonzero(~(ends[:-2] | ends[1:-1] | ends[2:]))
     odd = (first - begin[first]) & 1
-    return indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
+    corners: Array = indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
+    return corners
 
 
 def single_fan(indices: Array) -> Array:

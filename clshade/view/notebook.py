@@ -12,6 +12,7 @@ import numpy as np
 from ..base.arrays import Array
 from ..errors import OutputError
 from ..images import png
+from ..images.tonemap import Operator
 from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
 
@@ -46,7 +47,7 @@ def scene_bundle(scene: Scene) -> dict[str, Any]:
     return {"text/plain": text, "image/png": picture}
 
 
-def show_frame(frame: Frame, tonemap: str | None, exposure: float) -> None:
+def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
     """In a notebook below the cell, else in the desktop's image viewer. Raises OutputError where there is none."""
     pixels = frame.to_png8(tonemap, exposure)
     ipython = sys.modules.get("IPython")  # is there anyway where a notebook runs

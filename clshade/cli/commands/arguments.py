@@ -34,7 +34,7 @@ def real(text: str) -> float:
 def numbers(kind: type, count: int | None, form: str, separators: str = ",") -> Any:
     """A type of options: `count` numbers, or any number of them, with one of the separators between them."""
 
-    def parse(text: str) -> tuple:
+    def parse(text: str) -> tuple[Any, ...]:
         try:
             values = tuple(kind(part) for part in re.split(f"[{separators}]", text)) if text else ()
         except ValueError:

@@ -15,6 +15,7 @@ from ...errors import InputError
 from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
+    from ...pipeline.frame import SavingOptions
     from ...scene.model import Scene
 
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.scene.formats.load.load
@@ -87,27 +88,27 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
 
 def setting_options(parser: argparse.ArgumentParser) -> None:
     from ...images.layer_words import LAYER_WORDS
-    from ...scene import model
+    from ...scene import settings
 
     group = parser.add_argument_group("settings (default: those of the preset)")
-    group.add_argument("--preset", choices=model.PRESETS, help="course for course files, else standard")
+    group.add_argument("--preset", choices=settings.PRESETS, help="course for course files, else standard")
     for name, allowed, about in (
-        ("shader", model.SHADERS, "lit at vertices, at pixels, or not"),
-        ("visibility", model.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
-        ("lighting-at", model.LIGHTING_AT, "where lights and eye are seen from"),
-        ("interpolation", model.INTERPOLATIONS, "of colors and normals over a triangle"),
-        ("texture-at", model.TEXTURE_AT, "where textures are looked up"),
+        ("shader", settings.SHADERS, "lit at vertices, at pixels, or not"),
+        ("visibility", settings.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
+        ("lighting-at", settings.LIGHTING_AT, "where lights and eye are seen from"),
+        ("interpolation", settings.INTERPOLATIONS, "of colors and normals over a triangle"),
+        ("texture-at", settings.TEXTURE_AT, "where textures are looked up"),
     ):
         group.add_argument(f"--{name}", choices=allowed, help=about)
     group.add_argument(
-        "--texture-filter", choices=model.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
+        "--texture-filter", choices=settings.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
     )
-    group.add_argument("--ambient", choices=model.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
+    group.add_argument("--ambient", choices=settings.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
     group.add_argument(
         "--layers",
-        type=names((*model.LAYERS, "all"), words=LAYER_WORDS, remarks=model.LAYER_REMARKS),
+        type=names((*settings.LAYERS, "all"), words=LAYER_WORDS, remarks=settings.LAYER_REMARKS),
         metavar="NAME,...",
-        help=f"further layers: {','.join(model.LAYERS)}; or all",
+        help=f"further layers: {','.join(settings.LAYERS)}; or all",
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument(
@@ -118,10 +119,12 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--sample-shading", action="store_true", default=None, help="light every sample")
     group.add_argument(
-        "--resolve", choices=model.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
+        "--resolve", choices=settings.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
     )
     group.add_argument(
-        "--precision", choices=model.PRECISIONS, help="of the arithmetic (default: float32, the same bits everywhere)"
+        "--precision",
+        choices=settings.PRECISIONS,
+        help="of the arithmetic (default: float32, the same bits everywhere)",
     )
 
 
@@ -146,10 +149,16 @@ def picture_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
 
 
-def chosen_saving(arguments: argparse.Namespace) -> dict[str, Any]:
+def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
     """The keywords of `Frame.save`."""
-    names = ("tonemap", "exposure", "half", "compression", "crop", "deterministic")
-    return {name: getattr(arguments, name) for name in names}
+    return {
+        "tonemap": arguments.tonemap,
+        "exposure": arguments.exposure,
+        "half": arguments.half,
+        "compression": arguments.compression,
+        "crop": arguments.crop,
+        "deterministic": arguments.deterministic,
+    }
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -81,7 +81,12 @@ def run(
 
 
 def measure_all(
-    device: Device, names: Sequence[str], others: Sequence[str], frames: int, with_scaling: bool, say: Callable
+    device: Device,
+    names: Sequence[str],
+    others: Sequence[str],
+    frames: int,
+    with_scaling: bool,
+    say: Callable[[str], object],
 ) -> Speed:
     """Workloads and peers by name; a line to `say` as soon as each is measured."""
     found = Speed(device.title, machine(), peaks(device), ())

@@ -80,11 +80,12 @@ def peaks(device: Device) -> Peaks:
     )
 
 
-def _best_seconds(device: Device, kernel: Any, size: tuple[int, ...], arguments: tuple) -> float:
+def _best_seconds(device: Device, kernel: Any, size: tuple[int, ...], arguments: tuple[Any, ...]) -> float:
     local = (1 if device.is_cpu else 64,)
     seconds = []
     for _ in range(ROUNDS):
         event = kernel(device.queue, size, local, *arguments)
         event.wait()
         seconds.append((event.profile.end - event.profile.start) / 1e9)
-    return min(seconds)
+    best: float = min(seconds)
+    return best

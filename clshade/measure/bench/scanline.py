@@ -16,22 +16,24 @@ import math
 import statistics
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ... import course
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats
 from ...base.validation import refuse
 from ...errors import ClshadeError
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ...scene.camera import Camera
 from ...scene.geometry import camera_axes, vertex_normals
-from ...scene.model import SHADERS, Scene
+from ...scene.model import Scene
+from ...scene.settings import SHADERS, Shader
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
+LightArguments = tuple[Array, Array, Array, Array, float, Lights]  # of `light`, from `eye` on
 
 
 def project(points: Array, camera: Camera) -> tuple[Array, Array]:
@@ -45,9 +47,9 @@ def project(points: Array, camera: Camera) -> tuple[Array, Array]:
 
 def light(
     point: Array, normal: Array, color: Array, eye: Array, k_a: Array, k_d: Array, k_s: Array, n: float, lights: Lights
-) -> Array:
+) -> Floats:
     """Phong's model at one point, (3,). k_a is multiplied by the ambient intensity already."""
-    result = k_a.copy()
+    result: Floats = k_a.copy()
     to_eye = eye - point
     to_eye = to_eye / np.linalg.norm(to_eye)
     for position, intensity in lights:
@@ -63,7 +65,7 @@ def light(
     return result
 
 
-def _spans(corners: Array, columns: int, rows: int):
+def _spans(corners: Array, columns: int, rows: int) -> Iterator[tuple[int, int, int, float, float, Floats, Floats]]:
     """The scanlines of a triangle (3, 2): row, columns first to last, and there the weights (2, 3) of the corners at
     the scanline's left and right end and the ends' positions."""
     v = corners[:, 1]
@@ -82,7 +84,9 @@ def _spans(corners: Array, columns: int, rows: int):
             yield row, first, last, left, right, from_weights, to_weights
 
 
-def _shade_phong(image: Array, corners: Array, normals: Array, colors: Array, center: Array, light_arguments: tuple):
+def _shade_phong(
+    image: Array, corners: Array, normals: Array, colors: Array, center: Array, light_arguments: LightArguments
+) -> None:
     rows, columns = image.shape[:2]
     for row, first, last, left, right, from_weights, to_weights in _spans(corners, columns, rows):
         from_normal, to_normal = from_weights @ normals, to_weights @ normals
@@ -95,7 +99,9 @@ def _shade_phong(image: Array, corners: Array, normals: Array, colors: Array, ce
             image[row, column] = light(center, normal / length if length else normal, color, *light_arguments)
 
 
-def _shade_gouraud(image: Array, corners: Array, normals: Array, colors: Array, center: Array, light_arguments: tuple):
+def _shade_gouraud(
+    image: Array, corners: Array, normals: Array, colors: Array, center: Array, light_arguments: LightArguments
+) -> None:
     lit = np.array([light(center, normals[k], colors[k], *light_arguments) for k in range(3)])
     _fill(image, corners, lit)
 
@@ -154,7 +160,7 @@ def median_time(draw: Callable[[Camera], object], camera: Camera, frames: int) -
     return statistics.median(times[1:])
 
 
-def measure(scene: Scene, shader: str, frames: int) -> tuple[dict[str, float], float]:
+def measure(scene: Scene, shader: Shader, frames: int) -> tuple[dict[str, float], float]:
     """Seconds for an image by way of drawing it, and the share of pixels in which loop and kernels differ by over 0.05.
 
     scene: as for `render`. The loop draws once; programs are built before the kernels are measured.

@@ -8,6 +8,7 @@ pixels are looked at.
 from __future__ import annotations
 
 import time
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +26,7 @@ SHARES = (16, 4, 5, 3, 3, 1)  # of the sample, in proportion; what a stratum is 
 BRIGHTEST = 0.05  # of the covered pixels are taken for highlights
 
 
-def check(frame: Frame, pixels: int | str = PIXELS, *, seed: int = 0) -> Check:
+def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0) -> Check:
     """The error of this very image against the float64 oracle.
 
     frame: a rendered frame; its layers `id` and `Z`, where it has them, are checked too.

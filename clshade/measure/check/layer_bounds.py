@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.arrays import Array, Floats
 from ...oracle import OracleLayers
 from ...scene.model import Scene, Settings
 from .oracle_bounds import FLOAT32_MAX, FLOAT32_TINY, HALF_ULP, allowed, assert_array, fail, real_of
@@ -31,7 +32,7 @@ def half_ulp(settings: Settings) -> float:
     return 2.0**-53 if settings.precision == "float64" else 2.0**-24
 
 
-def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, np.ndarray]:
+def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
     """How far off each layer but albedo may be, absolute, (M, N)."""
     unit, precision = half_ulp(settings), settings.precision
     eye = float(np.abs(scene.camera.eye).max())
@@ -47,11 +48,11 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
     }
 
 
-def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, np.ndarray]:
+def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
     """Of each of these layers that the frame has, the error (M, N) in what is allowed: 1 is the bound. Numbers that differ
     are infinitely wrong. Shape, type and finiteness are checked before."""
     bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Array] = {}
     for name in frame.layers:
         if name in ("Z", "id"):
             continue
@@ -69,18 +70,19 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
     return found
 
 
-def _albedo_errors(albedo: np.ndarray, oracle: OracleLayers, scene: Scene, settings: Settings) -> np.ndarray:
+def _albedo_errors(albedo: Array, oracle: OracleLayers, scene: Scene, settings: Settings) -> Array:
     """As those of the image with shader nolight and one sample, whose bounds they have (`compare.color_bound`)."""
     exact = settings.precision == "float64"
     bound = allowed(scene, replace(settings, samples=1)) * (1e-12 if exact else HALF_ULP) * oracle.budget
     most = np.inf if exact else FLOAT32_MAX
     error = np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -most, most))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(error > FLOAT32_TINY, error / bound, 0.0).max(axis=-1)
+        errors: Floats = np.where(error > FLOAT32_TINY, error / bound, 0.0).max(axis=-1)
+        return errors
 
 
 def assert_layers(
-    frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings, *, skip: np.ndarray | None = None
+    frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings, *, skip: Array | None = None
 ) -> dict[str, float]:
     """All layers but Z and id within their bounds. Returns the largest error of each, 1 is the bound. skip: (M, N) pixels
     not to look at."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.arrays import Array, Bools
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import held
 from ...scene.model import Scene, Settings
@@ -47,11 +48,11 @@ class Agreement(NamedTuple):
     """
 
     bounds: float
-    ties: np.ndarray
-    gates: np.ndarray
+    ties: Array
+    gates: Array
 
 
-def fail(what: str, bad: np.ndarray, *columns: tuple[str, np.ndarray]) -> AssertionError:
+def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
     """An error that counts the bad pixels (M, N) and shows the values at the first."""
     where = tuple(int(i) for i in np.argwhere(bad)[0])
     values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
@@ -68,20 +69,21 @@ def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, fini
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 
 
-def tied(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def tied(first: Array, second: Array) -> Array:
     """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
     with np.errstate(invalid="ignore"):
         close = np.abs(first - second) <= DEPTH_TIE * np.maximum(np.abs(first), np.abs(second))
-        return np.isfinite(first) & np.isfinite(second) & close
+        both: Bools = np.isfinite(first) & np.isfinite(second) & close
+        return both
 
 
 def different_ids(
-    ids: np.ndarray,
+    ids: Array,
     oracle: OracleFrame,
     scene: Scene,
     settings: Settings,
-    where: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+    where: tuple[Array, Array] | None = None,
+) -> tuple[Array, Array]:
     """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
 
     With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
@@ -100,9 +102,7 @@ def different_ids(
     return different, unproven
 
 
-def depth_ties(
-    scene: Scene, settings: Settings, suspects: np.ndarray, where: tuple[np.ndarray, np.ndarray] | None = None
-) -> np.ndarray:
+def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[Array, Array] | None = None) -> Array:
     """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within DEPTH_TIE; same shape.
 
     where: rows and columns of the pixels, if these are not the whole image.
@@ -122,8 +122,8 @@ def real_of(settings: Settings) -> type[np.floating]:
 
 
 def assert_same_ids(
-    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: np.ndarray | None = None
-) -> np.ndarray:
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: Array | None = None
+) -> Array:
     """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
 
     With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE. skip:
@@ -170,7 +170,7 @@ def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
             yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
 
 
-def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
+def color_bound(oracle: OracleFrame, precision: str = "float32") -> Array:
     """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; 1e-12 * kappa * B of float64.
 
     sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions and normals is
@@ -185,7 +185,7 @@ def color_bound(oracle: OracleFrame, precision: str = "float32") -> np.ndarray:
         return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
 
 
-def color_errors(rgb: np.ndarray, oracle: OracleFrame, precision: str = "float32") -> tuple[np.ndarray, np.ndarray]:
+def color_errors(rgb: Array, oracle: OracleFrame, precision: str = "float32") -> tuple[Array, Array]:
     """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
 
     Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
@@ -197,7 +197,7 @@ def color_errors(rgb: np.ndarray, oracle: OracleFrame, precision: str = "float32
         return error, np.where(error > 0.0, error / color_bound(oracle, precision), 0.0).max(axis=-1)
 
 
-def excepted_at_gates(rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str = "float32") -> np.ndarray:
+def excepted_at_gates(rgb: Array, oracle: OracleFrame, factor: float, precision: str = "float32") -> Array:
     """(M, N) bool: pixels more than `factor` bounds off, but by no more than the highlights that rounding may open or close
     there, and `factor` bounds."""
     error, ratio = color_errors(rgb, oracle, precision)
@@ -206,14 +206,14 @@ def excepted_at_gates(rgb: np.ndarray, oracle: OracleFrame, factor: float, preci
 
 
 def assert_colors_within(
-    rgb: np.ndarray,
+    rgb: Array,
     oracle: OracleFrame,
     factor: float = 32.0,
     *,
     dtype: Any = np.float32,
     precision: str = "float32",
     gate_fraction: float = 0.01,
-    skip: np.ndarray | None = None,
+    skip: Array | None = None,
 ) -> float:
     """Colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
 
@@ -226,7 +226,7 @@ def assert_colors_within(
 
 
 def _colors_agree(
-    rgb: np.ndarray, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: np.ndarray
+    rgb: Array, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: Array
 ) -> Agreement:
     """The comparison of `assert_colors_within`."""
     looked_at = ~skip
@@ -241,12 +241,12 @@ def _colors_agree(
     return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
 
 
-def depth_roundings(Z: np.ndarray) -> int:
+def depth_roundings(Z: Array) -> int:
     """How many roundings depths of this type may be off."""
     return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
 
 
-def depth_errors(Z: np.ndarray, oracle: OracleFrame) -> np.ndarray:
+def depth_errors(Z: Array, oracle: OracleFrame) -> Array:
     """Relative errors of depths (M, N) in roundings (2^-24, of float64 2^-53); infinite where one is background."""
     empty = np.isinf(oracle.Z)
     with np.errstate(invalid="ignore"):
@@ -255,12 +255,12 @@ def depth_errors(Z: np.ndarray, oracle: OracleFrame) -> np.ndarray:
 
 
 def assert_depths_within(
-    Z: np.ndarray,
+    Z: Array,
     oracle: OracleFrame,
     roundings: float | None = None,
     *,
     dtype: Any = np.float32,
-    skip: np.ndarray | None = None,
+    skip: Array | None = None,
 ) -> float:
     """Depths within `roundings` (None: as many as the type is allowed) of the oracle's; +inf exactly where nothing covers.
 
@@ -286,7 +286,7 @@ def assert_frame(
     factor: float | None = None,
     *,
     gate_fraction: float = 0.01,
-    skip: np.ndarray | None = None,
+    skip: Array | None = None,
 ) -> Agreement:
     """Ids, coverage, depths and colors of a frame.
 

@@ -213,7 +213,8 @@ def _pickle(rng: Random, data: bytes) -> bytes:
         return _flip(rng, data)
     name = rng.choice((b"unused", b"verts", b"focal", b"light_positions", b"bg_color"))
     made = (_shared, _many, _repeated, _keyed)[rng.integers(4)](rng)
-    return data[:end] + b"\x8c" + bytes([len(name)]) + name + made + data[end:]
+    changed: bytes = data[:end] + b"\x8c" + bytes([len(name)]) + name + made + data[end:]
+    return changed
 
 
 def _window(rng: Random, data: bytes) -> bytes:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array
+from ...base.arrays import Array, Bools
 from ...oracle import OracleFrame
 from ...oracle.corners import held
 from ...pipeline.features import OPTIONAL
@@ -85,7 +85,7 @@ def draw(device: Device, drawn: Drawn, lanes: int | None = None) -> Frame:
             return renderer.render()
 
 
-def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
+def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
     """(M, N) bool: pixels of which some sample's owner depends on alphas that float32 may take for others.
 
     Alpha is a mean of at most four texels with weights that float32 pairs give to 2^-22, and is rounded in float32:
@@ -105,7 +105,8 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Array:
         return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
     less, more = moved(-1.0), moved(1.0)
-    return (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
+    different: Bools = (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
+    return different
 
 
 def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | None = None) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Floats
 from ...oracle.transform import world_vertices
 from ...scene.model import Mesh, PointLight, Scene
 from .random_shapes import Random
@@ -46,7 +46,7 @@ def _coordinates(rng: Random, scene: Scene, _: bool) -> Scene:
     return _changed(scene, far)
 
 
-def _linear_map(rng: Random, double: bool) -> Array:
+def _linear_map(rng: Random, double: bool) -> Floats:
     """(3, 3): singular, mirrored, sheared or almost singular; without `double` with powers of two only."""
     if not double:
         powers = 2.0 ** rng.integers(-2, 3, 3) * rng.choice((-1.0, 1.0), 3) * (rng.random(3) < 0.7)
@@ -60,7 +60,8 @@ def _linear_map(rng: Random, double: bool) -> Array:
         sizes[0] *= 10.0 ** rng.uniform(-15, -2)
     elif how == 2:
         sizes[0] *= -1.0
-    return (left * sizes) @ right
+    matrix: Floats = (left * sizes) @ right
+    return matrix
 
 
 def _placements(rng: Random, scene: Scene, double: bool) -> Scene:

@@ -12,9 +12,18 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...scene import model
 from ...scene.camera import Camera
-from ...scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from ...scene.model import WRAPS, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
+from ...scene.settings import (
+    AMBIENTS,
+    INTERPOLATIONS,
+    LAYERS,
+    LIGHTING_AT,
+    MAX_SAMPLES,
+    TEXTURE_AT,
+    VISIBILITIES,
+    Preset,
+)
 from .random_extremes import stiffened
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 
@@ -36,7 +45,7 @@ class Kind:
     """
 
     settings: Settings
-    preset: str
+    preset: Preset
     front: bool
     two_sided: bool
     textured: bool
@@ -83,19 +92,21 @@ def kind_of(seed: int, block: int) -> Kind:
         return bool(rng.random() < share)
 
     fields: dict[str, Any] = {"shader": str(rng.choice(("phong", "phong", "gouraud", "nolight")))}
-    base = str(rng.choice(("standard", "course", "mixed")))
-    if base == "mixed":
-        choices = {
-            "visibility": model.VISIBILITIES,
-            "lighting_at": model.LIGHTING_AT,
-            "interpolation": model.INTERPOLATIONS,
-            "texture_at": model.TEXTURE_AT,
-            "ambient": model.AMBIENTS,
+    base: Preset = "standard"
+    kind_of_settings = str(rng.choice(("standard", "course", "mixed")))
+    if kind_of_settings == "course":
+        base = "course"
+    elif kind_of_settings == "mixed":
+        choices: dict[str, tuple[str, ...]] = {
+            "visibility": VISIBILITIES,
+            "lighting_at": LIGHTING_AT,
+            "interpolation": INTERPOLATIONS,
+            "texture_at": TEXTURE_AT,
+            "ambient": AMBIENTS,
         }
         fields.update({name: str(rng.choice(values)) for name, values in choices.items()})
-        base = "standard"
-    settings = Settings.from_preset(base, layers=model.LAYERS, cull=often(0.15), **fields)
-    preset = "course" if often(0.3) else "standard"
+    settings = Settings.from_preset(base, layers=LAYERS, cull=often(0.15), **fields)
+    preset: Preset = "course" if often(0.3) else "standard"
     lit, textured, specialize = settings.shader != "nolight", often(0.6), often(0.3)
     several = not specialize or often(0.6)
     kind = Kind(
@@ -174,7 +185,7 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
     near = None if rng.random() < 0.75 else scale * 10.0 ** rng.uniform(-6, 0.5)
     samples = int(rng.integers(2, 17)) if kind.sampled else 1
     if kind.sampled and rng.random() < 0.05:
-        samples = int(rng.integers(17, model.MAX_SAMPLES + 1))
+        samples = int(rng.integers(17, MAX_SAMPLES + 1))
     if number % 2 == 0:
         scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
     return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0)
@@ -276,8 +287,8 @@ def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
         image = (image * 255).astype(np.uint8)
     elif rng.random() < 0.2 and not kind.dim:
         image[..., :3] *= 20.0
-    wraps = (str(rng.choice(model.WRAPS)), str(rng.choice(model.WRAPS)))
-    lookup = "course" if not all_of_it and rng.random() < 0.3 else "standard"
+    wraps = (WRAPS[rng.choice(len(WRAPS))], WRAPS[rng.choice(len(WRAPS))])
+    lookup: Lookup = "course" if not all_of_it and rng.random() < 0.3 else "standard"
     return Texture(image, wraps, lookup)
 
 

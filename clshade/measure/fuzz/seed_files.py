@@ -65,7 +65,8 @@ def _tiff16() -> bytes:
     tags += [(277, 3, 1, 3), (278, 3, 1, 2), (279, 4, 2, start + 14)]
     values = struct.pack("<3H4I", 16, 16, 16, 8, 8 + data.nbytes // 2, data.nbytes // 2, data.nbytes // 2)
     directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
-    return b"II*\0" + struct.pack("<I", start + len(values)) + data.tobytes() + values + directory
+    file: bytes = b"II*\0" + struct.pack("<I", start + len(values)) + data.tobytes() + values + directory
+    return file
 
 
 def _pnm(magic: str) -> bytes:

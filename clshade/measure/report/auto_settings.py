@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from ...images.metrics import rmse
 from ...pipeline.opencl.device import Device, shared_device
 from ...pipeline.renderer import Renderer, settle
-from ...scene.model import PRESETS, Scene, Settings
+from ...scene.model import Scene, Settings
+from ...scene.settings import PRESETS, Preset
 from .measure import frame_ms, frame_times
 from .pareto import chosen
 from .reference_image import Reference, reference
@@ -80,7 +81,7 @@ def select(
     *,
     budget: float | None = None,
     tolerance: float | None = None,
-    preset: str | None = None,
+    preset: Preset | None = None,
     device: Device | str | None = None,
     resolution: tuple[int, int] | None = None,
     **fields: Any,

@@ -14,7 +14,8 @@ from ...pipeline import programs
 from ...pipeline.features import OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
-from ...scene.model import LAYERS, Scene
+from ...scene.model import Scene
+from ...scene.settings import LAYERS
 from ..timing import Spread, in_turns, spread
 
 FRAMES = 21  # of each kernel, unless they take longer than

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
@@ -56,10 +56,11 @@ def plot(study: Study, path: Path) -> None:
     figures.save(figure, path, colors=256)
 
 
-def difference(picture: Array, reference: Array) -> Array:
+def difference(picture: Array, reference: Array) -> Floats:
     """(M, N) largest difference of a channel, not below LEAST."""
     apart = np.abs(np.asarray(picture, np.float64) - reference).max(axis=2)
-    return np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
+    shown: Floats = np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
+    return shown
 
 
 def _drawn(study: Study) -> list[float]:

@@ -16,7 +16,7 @@ from ...base.arrays import Array
 from ...errors import OutputError
 from ...images import exr, png
 from ...images.metrics import rmse
-from ...images.tonemap import radiance
+from ...images.tonemap import Operator, radiance
 from ...pipeline.frame import Frame
 from ...scene.model import default_tonemap
 from ..timing import Spread, in_turns, spread
@@ -81,7 +81,7 @@ def _milliseconds(write: Callable[[Path], Any], path: Path, _: int) -> float:
     return (time.perf_counter() - start) * 1e3
 
 
-def _kept(name: str, path: Path, image: Array, operator: str, ms: tuple[float, ...]) -> Kept:
+def _kept(name: str, path: Path, image: Array, operator: Operator, ms: tuple[float, ...]) -> Kept:
     if path.suffix == ".png":
         back = radiance(png.read(path), operator)
     else:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ...images.metrics import ImageError, image_error
 from ...pipeline.frame import Frame
@@ -116,10 +116,11 @@ def _next_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> floa
 
 def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
     """Milliseconds of one frame."""
-    return renderer.render(camera=camera).stats["times_ms"]["frame"]
+    milliseconds: float = renderer.render(camera=camera).stats["times_ms"]["frame"]
+    return milliseconds
 
 
-def _pixels_to_check(image: Frame) -> int | str:
+def _pixels_to_check(image: Frame) -> int | Literal["all"]:
     """All pixels, or as many as there is time for."""
     affordable = SAMPLES_CHECKED // image.settings.samples
     return "all" if image.alpha.size <= affordable else affordable

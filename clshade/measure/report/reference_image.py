@@ -17,6 +17,7 @@ from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
+from ...scene.settings import Precision
 
 MOST = 1 << 27  # samples that the reference may take altogether: some seconds
 # Pixels of a larger image along a pixel's side, and samples in each of those. The reference takes one step, its error is
@@ -75,7 +76,7 @@ def _fits(scene: Scene, scale: int, samples: int) -> bool:
 def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -> Settings:
     kept = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
     kept.setdefault("shader", "nolight" if base.shader == "nolight" else "phong")
-    precision = "float64" if device.has_fp64 else "float32"
+    precision: Precision = "float64" if device.has_fp64 else "float32"
     return Settings.from_preset("standard", precision=precision, sample_shading=True, **kept)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
 from ...images.metrics import has_flip
-from ...scene.model import PRESETS, Scene, Settings
+from ...scene.model import Scene, Settings
+from ...scene.settings import PRESETS, Preset
 from .measure import Measured
 from .study import Study
 
@@ -235,7 +236,7 @@ def render_options(settings: Settings, scene: Scene) -> list[str]:
     """The image's size, and what of the settings differs from the scene's preset, or another if that is nearer."""
     columns, rows = scene.camera.resolution
 
-    def options(preset: str) -> list[str]:
+    def options(preset: Preset) -> list[str]:
         before = vars(Settings.from_preset(preset))
         changes = {name: value for name, value in vars(settings).items() if value != before[name]}
         parts = [] if preset == scene.preset else ["--preset", preset]

@@ -14,8 +14,9 @@ from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
+from ...scene.settings import Shader
 
-SHADERS = ("gouraud", "phong")
+SHADERS: tuple[Shader, ...] = ("gouraud", "phong")
 LEVELS = range(7)  # of the sphere: 20 to 81,920 triangles
 FINEST = 7  # what they are compared with: 327,680 triangles, phong
 
@@ -55,8 +56,8 @@ def tessellation(
     for level in levels:
         scene = builtin("icosphere", level=level, resolution=resolution)
         triangles.append(scene.face_count)
-        for shader, found in errors.items():
-            found.append(_shading_error(render(scene, device=device, shader=shader), truth))
+        for shader in SHADERS:
+            errors[shader].append(_shading_error(render(scene, device=device, shader=shader), truth))
     return Tessellation(tuple(triangles), fine.face_count, {name: tuple(each) for name, each in errors.items()})
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array
+from ...base.arrays import Array, Bools, Floats
 from ...images import figures
 from ...oracle import coverage, shade, transform
 from ...scene.model import Scene, Settings
@@ -45,7 +45,7 @@ def measure(bench: Bench) -> tuple[Curve, ...]:
 # Light
 
 
-def naive_light(points: Array, normals: Array, position: Array, n: float, kd: float, ks: float) -> Array:
+def naive_light(points: Array, normals: Array, position: Array, n: float, kd: float, ks: float) -> Floats:
     """(K,) the reflection model in plain float32: directions divided by their lengths, pow of R.V."""
     points, normals, position = F(points), F(normals), F(position)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -54,7 +54,8 @@ def naive_light(points: Array, normals: Array, position: Array, n: float, kd: fl
         mirrored = F(2) * cosine[:, None] * normals - to_light
         base = np.maximum((mirrored * to_eye).sum(axis=1, dtype=F), F(0))
         highlight = np.where((cosine > 0) & (base > 0), np.power(base, F(n)), F(0))
-    return (F(kd) * np.maximum(cosine, F(0)) + F(ks) * highlight).astype(np.float64)
+    shine: Floats = (F(kd) * np.maximum(cosine, F(0)) + F(ks) * highlight).astype(np.float64)
+    return shine
 
 
 def exponent(bench: Bench, step: float = 0.5) -> Curve:
@@ -131,7 +132,8 @@ def naive_ids(scene: Scene) -> Array:
     rank = np.full(columns * rows, len(order))
     for k, column, row, _ in coverage.samples(xy[order], setup.box[order]):
         np.minimum.at(rank, (rows - 1 - row) * columns + column, k)
-    return (np.append(order, -1)[rank] + 1).reshape(rows, columns)
+    owners: Array = (np.append(order, -1)[rank] + 1).reshape(rows, columns)
+    return owners
 
 
 def offset(bench: Bench) -> Curve:
@@ -162,10 +164,11 @@ def naive_counts(fan: Array, angle: Array, inside: Array) -> Array:
     px, py, corners = F(x), F(y), F(fan)
     count = np.zeros(len(row), np.int64)
 
-    def positive(a: Array, b: Array) -> Array:
+    def positive(a: Array, b: Array) -> Bools:
         dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
         value = dx * (py - a[..., 1]) - dy * (px - a[..., 0])
-        return (value > 0) | ((value == 0) & ((dy < 0) | ((dy == 0) & (dx < 0))))
+        inside: Bools = (value > 0) | ((value == 0) & ((dy < 0) | ((dy == 0) & (dx < 0))))
+        return inside
 
     for beside in range(-3, 4):
         k = nearest + beside

@@ -77,7 +77,7 @@ def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
         raise DeviceError(f"pyopencl cannot be imported ({one_line(str(error))}): {advice}") from None
     # Its caches lie outside of the slots, and neither is checked for damage nor needed: `programs` has one of its own.
     if "PYOPENCL_NO_CACHE" not in os.environ:
-        cl._PYOPENCL_NO_CACHE = True  # type: ignore[attr-defined]
+        cl._PYOPENCL_NO_CACHE = True
     environment.starting()
     found: list[tuple[DeviceInfo, Any]] = []
     try:

@@ -258,7 +258,7 @@ def recall(info: DeviceInfo) -> bool | None:
     tried out again before it is refused; the verdict only says which one to try first."""
     try:
         file = _verdict_file(info)
-        works = json.loads(file.read_text())["problem"] == ""
+        works: bool = json.loads(file.read_text())["problem"] == ""
         if not works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
             return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Floats, Floats32, Reals
 
-Grids = tuple[Array, Array]  # positions and unit normals of a grid of points, (rows+1, columns+1, 3) each
+Grids = tuple[Floats, Floats]  # positions and unit normals of a grid of points, (rows+1, columns+1, 3) each
 
 # One quarter of a round patch. A row (radius, inner, height) stands for the four control points (radius, 0),
 # (radius, inner), (inner, radius), (0, radius) at that height. Each patch runs outwards along the outside of the pot.
@@ -73,7 +73,7 @@ def parts(level: int) -> dict[str, Grids]:
     }
 
 
-def _bernstein(count: int) -> tuple[Array, Array]:
+def _bernstein(count: int) -> tuple[Floats, Floats]:
     """Cubic Bernstein polynomials and their slopes at 0, 1/count ... 1, (count+1, 4) each; exactly symmetric."""
     t = np.arange(count + 1) / count
     s = t[::-1]
@@ -83,13 +83,14 @@ def _bernstein(count: int) -> tuple[Array, Array]:
     )
 
 
-def _mix(weights: Array, points: Array) -> Array:
+def _mix(weights: Floats, points: Floats) -> Floats:
     """(K, ...) sums of four (4, ...) points by (K, 4) weights, added in the same order wherever a point lies."""
     a, b, c, d = (weights[:, k].reshape(-1, *[1] * (points.ndim - 1)) * points[k] for k in range(4))
-    return (a + d) + (b + c)
+    mixed: Floats = (a + d) + (b + c)
+    return mixed
 
 
-def _bezier(points: Array, rows: int, columns: int) -> Grids:
+def _bezier(points: Floats, rows: int, columns: int) -> Grids:
     """The patch of (4, 4, 3) control points; its normal is (d/drow) x (d/dcolumn).
 
     In a row of control points that coincide, a pole, d/dcolumn is 0; its direction's limit is that of the next row.
@@ -115,7 +116,7 @@ def _round(profile: Any, rows: int, columns: int) -> Grids:
     return _each(_bezier(np.moveaxis(np.array(quarter), 2, 0), rows, columns), _turned)
 
 
-def _turned(grid: Array) -> Array:
+def _turned(grid: Floats) -> Floats:
     x, y, z = np.moveaxis(grid[:, :-1], 2, 0)
     quarters = [np.stack(axes, axis=2) for axes in ((x, y, z), (-y, x, z), (-x, -y, z), (y, -x, z))]
     return np.concatenate([*quarters, quarters[0][:, :1]], axis=1)
@@ -135,7 +136,7 @@ def _joined(patches: Sequence[Grids]) -> Grids:
     return _each((positions, normals), lambda grid: np.stack([grid[..., 0], grid[..., 2], 0.0 - grid[..., 1]], axis=-1))
 
 
-def _each(grids: Grids, change: Callable[[Array], Array]) -> Grids:
+def _each(grids: Grids, change: Callable[[Floats], Floats]) -> Grids:
     return change(grids[0]), change(grids[1])
 
 
@@ -144,7 +145,7 @@ def _each(grids: Grids, change: Callable[[Array], Array]) -> Grids:
 _REACH, _CELLS = 8.0, 128  # half the side of the square of floor that can be in shadow, and its cells a side
 
 
-def shadows(lights: Sequence[Array], points: Array) -> list[Array]:
+def shadows(lights: Sequence[Floats], points: Floats) -> list[Floats]:
     """For each light (3,): how much of it the pot hides from points of the floor y = 0, (K,) from 0 to 1, softened."""
     pot = [positions for positions, _ in parts(24).values()]
     at = [np.clip(_cells(points[:, k]) - 0.5, 0.0, _CELLS - 1.001) for k in (0, 2)]
@@ -157,11 +158,11 @@ def shadows(lights: Sequence[Array], points: Array) -> list[Array]:
     return hidden
 
 
-def _cells(coordinate: Array) -> Array:
+def _cells(coordinate: Floats) -> Floats:
     return (coordinate + _REACH) * (_CELLS / (2.0 * _REACH))
 
 
-def _cover(pot: Sequence[Array], light: Array) -> Array:
+def _cover(pot: Sequence[Floats], light: Floats) -> Floats:
     """(_CELLS, _CELLS), rows along z: how much of each cell of the floor is hidden from a light.
 
     The surface's quads, projected from the light, add their areas to the cells that their middles land in; the surface
@@ -185,7 +186,7 @@ def _cover(pot: Sequence[Array], light: Array) -> Array:
 # The images. Distances are in the units of the surface; ink is 0 for none, about 1 for a full stroke.
 
 
-def body_image() -> Array:
+def body_image() -> Floats32:
     """(512, 512, 3): a quarter of the body, 3 wide, 4.45 from inside the rim down to the middle of the bottom."""
     scale = (3.0 / 512, 4.45 / 512)
     x, y = (np.arange(512) + 0.5) * scale[0], (np.arange(340)[:, None] + 0.5) * scale[1]
@@ -208,14 +209,14 @@ def body_image() -> Array:
     return np.concatenate([painted, np.broadcast_to(painted[-1], (512 - len(painted), 512, 3))])  # the foot is plain
 
 
-def lid_image() -> Array:
+def lid_image() -> Floats32:
     """(256, 256, 3): a quarter of the lid, 2.25 from the top of the knob to the edge."""
     x, y = (np.arange(256) + 0.5) / 256, (np.arange(256)[:, None] + 0.5) * (2.25 / 256)
     ink = _lines(y, (0.0, 0.56), (0.66, 0.05), (0.93, 0.08), (1.03, 0.03), (1.95, 0.05), (2.1, 0.12))
     return _glazed(ink + _petals(3.0 * x, y, 1.86, 1.08), 2)
 
 
-def tube_image() -> Array:
+def tube_image() -> Floats32:
     """(256, 128, 3): handle or spout, once round it (columns) and 4 from end to end: a winding stem on either side."""
     x, y = (np.arange(128) + 0.5) / 64 % 1.0, (np.arange(256)[:, None] + 0.5) / 64
     ink = 0.9 * _stroke(0.5 + 0.16 * np.sin(2.0 * np.pi * y) - x, 0.05, 0.03)
@@ -226,7 +227,7 @@ def tube_image() -> Array:
     return _glazed(ink, 3)
 
 
-def marble_image() -> Array:
+def marble_image() -> Floats32:
     """(384, 384, 3): two by two tiles of a darker and a lighter marble."""
     x = (np.arange(384) + 0.5) / 384
     y = x[:, None]
@@ -239,7 +240,7 @@ def marble_image() -> Array:
     return quantized((stone * (0.35 + 0.65 * joint * joint[:, None]))[..., None] * np.array([1.0, 0.95, 0.88]))
 
 
-def swirl_image() -> Array:
+def swirl_image() -> Floats32:
     """(256, 256, 3): stripes winding round, smooth enough to be looked up at vertices only."""
     u, v = (np.arange(256) + 0.5) / 256, (np.arange(256)[:, None] + 0.5) / 256
     stripe = smoothstep(0.1, 0.9, 0.5 + 0.5 * np.sin(2.0 * np.pi * (4.0 * u + v)))[..., None]
@@ -247,19 +248,21 @@ def swirl_image() -> Array:
     return quantized(stripe * light + (1.0 - stripe) * dark)
 
 
-def smoothstep(edge0: float, edge1: float, x: Array) -> Array:
+def smoothstep(edge0: float, edge1: float, x: Reals) -> Floats:
     """0 on the side of edge0, 1 on that of edge1, a cubic between."""
     t = np.clip((x - edge0) / (edge1 - edge0), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
+    cubic: Floats = t * t * (3.0 - 2.0 * t)
+    return cubic
 
 
-def quantized(colors: Array) -> Array:
+def quantized(colors: Floats) -> Floats32:
     """Colors in steps of 2^-12, so that the last bit of some machine's cosine does not show in a texture."""
     colors = colors * 4096.0
-    return np.rint(colors, out=colors).astype(np.float32) * np.float32(1.0 / 4096.0)
+    steps: Floats32 = np.rint(colors, out=colors).astype(np.float32) * np.float32(1.0 / 4096.0)
+    return steps
 
 
-def _clouds(size: int, seed: int, scale: int) -> Array:
+def _clouds(size: int, seed: int, scale: int) -> Floats:
     """(size, size) smooth noise of about unit size that repeats at the borders, of up to `scale` waves a side.
 
     Made of waves at every fourth texel, bilinear between.
@@ -279,7 +282,7 @@ def _clouds(size: int, seed: int, scale: int) -> Array:
     return noise
 
 
-def _glazed(ink: Array, seed: int) -> Array:
+def _glazed(ink: Floats, seed: int) -> Floats32:
     """Cobalt under a white glaze: how much light comes back through the ink; the brush varied a little."""
     rows, columns = ink.shape
     passed = np.exp(-ink * (1.0 + 0.18 * _clouds(columns, seed, 8)[np.arange(rows) % columns]))
@@ -287,23 +290,25 @@ def _glazed(ink: Array, seed: int) -> Array:
     return quantized(np.stack([0.80 * cubed * passed, 0.80 * cubed, 0.77 * passed], axis=2))
 
 
-def _stroke(distance: Array, width: float, soft: float = 0.02) -> Array:
+def _stroke(distance: Reals, width: float, soft: float = 0.02) -> Floats:
     return 1.0 - smoothstep(width / 2.0 - soft, width / 2.0 + soft, np.abs(distance))
 
 
-def _lines(y: Array, *strokes: tuple[float, float]) -> Array:
-    return np.sum([_stroke(y - at, width) for at, width in strokes], axis=0)
+def _lines(y: Reals, *strokes: tuple[float, float]) -> Floats:
+    inked: Floats = np.sum([_stroke(y - at, width) for at, width in strokes], axis=0)
+    return inked
 
 
-def _petals(x: Array, y: Array, tip: float, base: float) -> Array:
+def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
     """A row of pointed petals, one a unit of x, from their tips at y = tip to y = base."""
     t = np.clip((y - tip) / (base - tip), 0.0, 1.0)
     edge = 0.46 * np.sqrt(t) * (1.3 - 0.3 * t) - np.abs(x % 1.0 - 0.5)
     inside = (y > min(tip, base)) & (y < max(tip, base))
-    return inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t)))
+    row: Floats = inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t)))
+    return row
 
 
-def _window(ink: Array, scale: Sequence[float], at: Sequence[float], reach: float) -> tuple[Any, Array, Array]:
+def _window(ink: Floats, scale: Sequence[float], at: Sequence[float], reach: float) -> tuple[Any, Reals, Reals]:
     """The texels within `reach` of a point: their index (columns repeat), and their distances from it in x and y."""
     columns, rows = (
         np.arange(math.floor((c - reach) / unit), math.ceil((c + reach) / unit))
@@ -314,7 +319,7 @@ def _window(ink: Array, scale: Sequence[float], at: Sequence[float], reach: floa
     return np.ix_(rows, columns % ink.shape[1]), dx, dy
 
 
-def _leaf(ink: Array, scale: Sequence[float], at: Sequence[float], angle: float, length: float) -> None:
+def _leaf(ink: Floats, scale: Sequence[float], at: Sequence[float], angle: float, length: float) -> None:
     """Paints a leaf that starts at a point and goes in direction `angle`, darker to its tip, with a light vein."""
     window, dx, dy = _window(ink, scale, at, length)
     along = (dx * math.cos(angle) + dy * math.sin(angle)) / length
@@ -324,7 +329,7 @@ def _leaf(ink: Array, scale: Sequence[float], at: Sequence[float], angle: float,
     ink[window] = np.maximum(ink[window], leaf)
 
 
-def _flower(ink: Array, scale: Sequence[float], at: Sequence[float], radius: float) -> None:
+def _flower(ink: Floats, scale: Sequence[float], at: Sequence[float], radius: float) -> None:
     """Paints three rounds of petals, each dark at its edge, over what is there."""
     window, dx, dy = _window(ink, scale, at, 1.2 * radius)
     distance, angle = np.hypot(dx, dy) / radius, np.arctan2(dy, dx)

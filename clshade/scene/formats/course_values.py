@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats
 from ...base.validation import floats, indices, integer, number, refuse, rows, vector
 from ...errors import InputError
 from ..camera import MAX_RESOLUTION, Camera
@@ -60,7 +60,7 @@ def _upright(owner: str, names: Mapping[str, str], given: Mapping[str, Any]) -> 
     return [array if False in shown_by else array.T for array in given.values()]
 
 
-def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any) -> tuple[Array, Array]:
+def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any) -> tuple[Floats, Floats]:
     """Positions and intensities, (L, 3) float64 each. names: what the two are called in messages."""
     places, powers = _per_light(owner, names[0], positions), _per_light(owner, names[1], intensities)
     if len(places) != len(powers):
@@ -77,10 +77,11 @@ def _is_vector(value: Any) -> bool:
     return found.shape in ((3,), (3, 1)) and found.dtype.kind in "fiub"
 
 
-def _per_light(owner: str, name: str, value: Any) -> Array:
+def _per_light(owner: str, name: str, value: Any) -> Floats:
     """(L, 3) float64 from an array of L rows, a list of L 3-vectors, or one 3-vector; without any element L is 0."""
     if _is_vector(value):
-        return vector(owner, name, value)[None].copy()
+        only: Floats = vector(owner, name, value)[None].copy()
+        return only
     if isinstance(value, (list, tuple)):
         listed = [vector(owner, f"{name}[{k}]", item) for k, item in enumerate(value)]
         return np.array(listed).reshape(-1, 3)

@@ -15,12 +15,12 @@ from ...base.input_files import complaint, quoted, read_file
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
-from ..model import Material, Texture
+from ..model import Material, Texture, Wrap
 from .gltf_accessors import Buffers
 from .gltf_json import Item
 from .mtl import MAX_PIXELS
 
-_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _SMALLEST_ALPHA = 1.0 / 512.0  # of a pixel that blending would show
 _MAPS = {
     "normalTexture": "normal maps",
@@ -167,7 +167,7 @@ class Materials:
     def _name(self, entry: Item, source: int | None) -> str:
         return entry.text("name") or ("" if source is None else self.document.entry("images", source).text("name"))
 
-    def _wraps(self, entry: Item) -> tuple[str, str]:
+    def _wraps(self, entry: Item) -> tuple[Wrap, Wrap]:
         index = entry.reference("sampler", "samplers")
         if index is None:
             return "repeat", "repeat"

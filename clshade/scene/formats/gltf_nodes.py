@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats
 from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
 from ..model import PointLight
@@ -91,7 +91,7 @@ def _collect(node: Item, matrix: Array, found: Placed, ignored: list[str]) -> No
 def _matrix(node: Item) -> Array:
     """(4, 4) of a node in its parent."""
     if "matrix" in node.value:
-        matrix = node.numbers("matrix", 16).reshape(4, 4).T.copy()
+        matrix: Floats = node.numbers("matrix", 16).reshape(4, 4).T.copy()
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
             raise node.refuse("matrix", "a last row of 0 0 0 1", str(matrix[3].tolist()))
         matrix[3] = 0.0, 0.0, 0.0, 1.0

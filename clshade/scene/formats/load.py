@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...base import console
 from ...base.atomic_files import Path, shown
@@ -18,7 +19,8 @@ from ...base.validation import flag, integer, refuse
 from ...base.validation import path as checked_path
 from ...errors import InputError
 from ..camera import MAX_RESOLUTION
-from ..model import Scene
+from ..framing import Up
+from ..model import Scene, Texture
 from .course_npy import read_course, save_course
 from .gltf import read_gltf
 from .obj import DEFAULT_MATERIAL, read_obj
@@ -37,13 +39,13 @@ IMAGES = (".exr", ".png")
 def load(
     path: Path,
     *,
-    texture: Any = None,
+    texture: Path | ArrayLike | Texture | None = None,
     focal: float | None = None,
     resolution: tuple[int, int] | None = None,
     lights: Sequence[int] | None = None,
     crease: float | None = None,
     flat: bool = False,
-    up: str | None = None,
+    up: Up | None = None,
     two_sided: bool | None = None,
 ) -> Scene:
     """The scene in a file: a course scene (.npy, preset `course`) or meshes (EXTENSIONS, preset `standard`).

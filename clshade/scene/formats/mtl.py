@@ -22,7 +22,7 @@ from ...base.input_files import beside, complaint, quoted, read_file, within
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
-from ..model import Material, Texture
+from ..model import Material, Texture, Wrap
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 24  # of a library
@@ -170,7 +170,7 @@ class Library:
     def _texture(self, found: _Found) -> tuple[Texture, bool]:
         """The texture of map_Kd, with map_d as its alpha, and whether it has one."""
         source = found.image or found.mask
-        wrap = "clamp" if source is not None and source.clamp else "repeat"
+        wrap: Wrap = "clamp" if source is not None and source.clamp else "repeat"
         image = None if found.image is None else self._decoded(found.image.path, True)
         mask = None if found.mask is None else self._alpha(found.mask.path)
         name = "" if source is None else os.path.basename(source.path)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...base.validation import choice
-from ..framing import UPS
+from ..framing import UPS, Up
 from ..model import Material, Scene, Texture
 from ..normals import crease_angle
 
@@ -24,7 +24,7 @@ class Options:
     texture: Texture | None = None
     resolution: tuple[int, int] | None = None
     crease: float | None = None
-    up: str | None = None
+    up: Up | None = None
     two_sided: bool | None = None
 
     def __post_init__(self) -> None:

@@ -119,11 +119,13 @@ def arguments(lines: Lines, chosen: Array) -> bytes:
     if len(chosen) == len(lines.first):  # the usual case: all but the keywords
         letters = letters.copy()
         letters[lines.starts[first]] = letters[lines.ends[first] - 1] = ord(" ")
-        return letters.tobytes()
+        joined: bytes = letters.tobytes()
+        return joined
     steps = np.zeros(len(letters) + 1, np.int8)
     steps[lines.ends[first]] = 1
     steps[lines.ends[first + lines.count[chosen]] + 1] = -1
-    return letters[np.cumsum(steps[:-1], dtype=np.int8).view(bool)].tobytes()
+    kept: bytes = letters[np.cumsum(steps[:-1], dtype=np.int8).view(bool)].tobytes()
+    return kept
 
 
 def numbers(text: bytes, dtype: type, count: int) -> Array | None:

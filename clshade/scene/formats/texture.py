@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
+from numpy.typing import ArrayLike
+
+from ...base.atomic_files import Path
 from ...images.decode import read_image
-from ..model import Texture
+from ..model import Lookup, Texture
 
 
-def as_texture(source: Any, *, srgb: bool, lookup: str = "standard") -> Texture:
+def as_texture(source: Path | ArrayLike | Texture, *, srgb: bool, lookup: Lookup = "standard") -> Texture:
     """A Texture from an image file's path, an array (see `Texture`: taken as linear) or a Texture (as it is)."""
     if isinstance(source, Texture):
         return source

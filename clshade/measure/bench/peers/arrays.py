@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base.arrays import Array
+from ....base.arrays import Array, Floats, Integers
 from ....errors import InputError
 from ....scene.camera import Camera
 from ....scene.geometry import camera_axes, vertex_normals
@@ -28,7 +28,7 @@ class MeshArrays(NamedTuple):
 def mesh_arrays(scene: Scene) -> MeshArrays:
     """Raises InputError for a scene that is not one mesh, placed where it is, in one material lit from its front."""
     mesh = scene.meshes[0] if len(scene.meshes) == 1 else None
-    if mesh is None or not np.array_equal(mesh.instances, np.eye(4)[None]) or mesh.material.two_sided:  # type: ignore[arg-type]
+    if mesh is None or not np.array_equal(mesh.instances, np.eye(4)[None]) or mesh.material.two_sided:
         raise InputError(f"bench: scene {scene.name!r}: expected one mesh in its own place, lit from one side")
     normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -39,7 +39,7 @@ def mesh_arrays(scene: Scene) -> MeshArrays:
     indices = [mesh.faces, mesh.faces if mesh.normal_faces is None else mesh.normal_faces]
     if uvs is not None:
         indices.append(mesh.faces if mesh.uv_faces is None else mesh.uv_faces)
-    faces = mesh.faces
+    faces: Integers = mesh.faces
     at = np.arange(len(mesh.verts))
     own = [at] * len(indices)
     if any(each is not mesh.faces for each in indices):
@@ -67,9 +67,10 @@ def view_axes(camera: Camera) -> tuple[Array, Array]:
     return camera_axes(camera), np.array([2.0 * camera.focal / width, 2.0 * camera.focal / height])
 
 
-def depths(verts: Array, camera: Camera) -> Array:
+def depths(verts: Array, camera: Camera) -> Floats:
     """(V,) camera z of positions (V, 3). Raises InputError where one is not before the eye."""
     z = (verts - camera.eye) @ camera_axes(camera)[2]
     if z.min(initial=1.0) <= 0.0:
         raise InputError("bench: scene: expected all of it before the eye, for peers clip nothing")
-    return z
+    found: Floats = z
+    return found

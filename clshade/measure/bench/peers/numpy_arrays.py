@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....base.arrays import Array
+from ....base.arrays import Array, Floats32
 from ....errors import InputError
 from ....scene.camera import Camera
 from ....scene.model import Scene
@@ -177,8 +177,9 @@ def _counted(first: Array, count: Array) -> Array:
     return np.repeat(first - (ends - count), count) + np.arange(total, dtype=np.int32)
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _dot(a: Array, b: Array) -> Floats32:
+    product: Floats32 = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 def _unit(vectors: Array) -> Array:

@@ -24,9 +24,10 @@ from ....pipeline.renderer import Renderer
 from ....pipeline.single_primitive import Lookup
 from ....pipeline.struct_layout import SINGLE
 from ....scene.model import Scene, Texture
+from ....scene.settings import Layer
 from ...check import oracle_bounds
 
-LAYERS = ("Z", "id")
+LAYERS: tuple[Layer, ...] = ("Z", "id")
 BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: what a color may be off (see compare.color_bound)
 _POINT_FEATURES = {"LIT", "DIFFUSE", "SPECULAR", "POWER"}
 
@@ -118,7 +119,8 @@ class Bench:
         surface, shining = Buffer(self.device, material), Buffer(self.device, table)
         found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
         stages.light(at, facing, tint, surface, shining, found, 1.0, len(table), len(points))
-        return found.to_host()[:, :3].copy()
+        lit: Array = found.to_host()[:, :3].copy()
+        return lit
 
     def look_up(self, texture: Texture, uv: Array) -> Array:
         """(K, 3): the colors that the stage `bilerp` finds at uv (K, 2), float64."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....base.arrays import Array
+from ....base.arrays import Array, Floats
 from ....scene.camera import Camera
 from ....scene.model import Mesh, Scene
 from . import flat
@@ -29,9 +29,10 @@ def _grid(cells: int) -> tuple[Array, Array]:
     return points, np.stack([first, second], axis=1).reshape(-1, 3)
 
 
-def _turned(points: Array, angle: float) -> Array:
+def _turned(points: Array, angle: float) -> Floats:
     c, s = np.cos(angle), np.sin(angle)
-    return points @ np.array([[c, s], [-s, c]])
+    turned: Floats = points @ np.array([[c, s], [-s, c]])
+    return turned
 
 
 _SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

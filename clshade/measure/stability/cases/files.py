@@ -10,13 +10,18 @@ from ....errors import InputError
 from ....images import png
 from ....images.tonemap import OPERATORS, tonemap
 from ....oracle import texture
-from ....scene.model import Texture
+from ....scene.model import Lookup, Texture, Wrap
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, worst
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 1e-30, -1e-30, 1 - 2.0**-40, 1e30, -1e30, 3e38, np.nan, np.inf, -np.inf)
 SIZES = ((1, 1), (1, 5), (7, 1), (16, 9))  # columns, rows
-KINDS = (("standard", "repeat"), ("standard", "clamp"), ("standard", "mirror"), ("course", "repeat"))
+KINDS: tuple[tuple[Lookup, Wrap], ...] = (
+    ("standard", "repeat"),
+    ("standard", "clamp"),
+    ("standard", "mirror"),
+    ("course", "repeat"),
+)
 MEAN = 8.0  # roundings of a mean of four texels: three differences and sums, each of at most twice the largest texel
 
 

@@ -24,7 +24,8 @@ Points = tuple[Array, Array, Array]
 
 
 def unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    units: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return units
 
 
 def _float32(values: Array) -> Array:
@@ -102,7 +103,8 @@ def _values(found: list[Array], expected: list[list[float]]) -> Outcome:
 
 def _one(bench: Bench, point: object, normal: object, light: object, **options: Any) -> Array:
     vectors = [np.array([v], np.float64) for v in (point, normal, light)]
-    return bench.light(vectors[0], vectors[1], (vectors[2], np.ones((1, 3))), **options)[0]
+    lit: Array = bench.light(vectors[0], vectors[1], (vectors[2], np.ones((1, 3))), **options)[0]
+    return lit
 
 
 def zero_power(bench: Bench) -> Outcome:

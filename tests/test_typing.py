@@ -1,0 +1,186 @@
+"""What type checkers and editors see of the public API is what it is."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from clshade.pipeline.frame import SAVING, Frame, SavingOptions
+from clshade.scene import camera, model, settings
+
+# Typed defaults that stand for values that only exist when they are made.
+FACTORY = "..."
+
+
+def test_the_keywords_of_render_are_the_fields_of_settings():
+    names = [field.name for field in fields(settings.Settings)]
+    assert list(settings.SettingsFields.__annotations__) == names
+    assert set(settings.RenderOptions.__annotations__) == {*names, "resolution"}
+    assert set(settings.FrameOptions.__annotations__) == {*names, "resolution", "preset", "settings"}
+    assert not settings.SettingsFields.__required_keys__ | settings.FrameOptions.__required_keys__
+
+
+def test_the_keywords_of_save_are_those_of_write():
+    named = [p.name for p in inspect.signature(Frame.write).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    assert list(SavingOptions.__annotations__) == named == list(SAVING)
+
+
+@pytest.mark.parametrize(
+    ("literal", "choices", "field"),
+    [
+        (settings.Shader, settings.SHADERS, "shader"),
+        (settings.Visibility, settings.VISIBILITIES, "visibility"),
+        (settings.LightingAt, settings.LIGHTING_AT, "lighting_at"),
+        (settings.Interpolation, settings.INTERPOLATIONS, "interpolation"),
+        (settings.TextureAt, settings.TEXTURE_AT, "texture_at"),
+        (settings.TextureFilter, settings.TEXTURE_FILTERS, "texture_filter"),
+        (settings.Ambient, settings.AMBIENTS, "ambient"),
+        (settings.Precision, settings.PRECISIONS, "precision"),
+        (settings.Resolve, settings.RESOLVES, "resolve"),
+    ],
+)
+def test_a_choice_has_the_same_values_for_type_checkers(literal, choices, field):
+    """Each of them is taken, and both the keyword's and the field's annotation name the literal."""
+    assert get_args(literal) == choices
+    for value in choices:
+        assert getattr(settings.Settings(**{field: value}), field) == value
+    annotation = settings.SettingsFields.__annotations__[field].__forward_arg__
+    assert getattr(settings, annotation) == literal
+    assert settings.Settings.__dataclass_fields__[field].type == annotation
+
+
+@pytest.mark.parametrize(
+    ("literal", "choices"),
+    [
+        (settings.Layer, settings.LAYERS),
+        (settings.Preset, settings.PRESETS),
+        (model.Wrap, model.WRAPS),
+        (model.Lookup, model.LOOKUPS),
+        (model.Sides, model.SIDES),
+        (model.Nonfinite, model.NONFINITE),
+    ],
+)
+def test_other_choices_too(literal, choices):
+    assert get_args(literal) == choices
+
+
+def test_operators_compressions_and_axes():
+    from clshade.images import exr, tonemap
+    from clshade.scene import framing
+
+    assert get_args(tonemap.Operator) == tonemap.OPERATORS
+    assert get_args(exr.Compression) == exr.COMPRESSIONS
+    assert exr.COMPRESSIONS[-len(exr.LOSSY) :] == tuple(exr.LOSSY)
+    assert get_args(framing.Up) == tuple(framing.UPS)
+
+
+def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
+    """The parameters and defaults of the constructors that only type checkers see, by class."""
+    found = {}
+    tree = ast.parse(Path(module.__file__).read_text())
+    for each in (node for node in tree.body if isinstance(node, ast.ClassDef)):
+        for block in (node for node in each.body if isinstance(node, ast.If)):
+            assert ast.unparse(block.test) == "TYPE_CHECKING"
+            (function,) = block.body
+            assert isinstance(function, ast.FunctionDef)
+            given = function.args
+            defaults = [None] * (len(given.args) - len(given.defaults)) + given.defaults
+            pairs = zip(given.args, defaults, strict=True)
+            found[each.name] = [(a.arg, "" if d is None else ast.unparse(d)) for a, d in pairs][1:]
+    return found
+
+
+@pytest.mark.parametrize("module", [camera, model], ids=["camera", "model"])
+def test_the_constructors_for_type_checkers_are_those_of_the_classes(module):
+    found = typed_constructors(module)
+    assert set(found) == ({"Camera"} if module is camera else {"PointLight", "Texture", "Mesh", "Scene"})
+    for name, parameters in found.items():
+        own = []
+        for field in fields(getattr(module, name)):
+            default = "" if field.default is MISSING else repr(field.default)
+            own.append((field.name, FACTORY if field.default_factory is not MISSING else default))
+        assert parameters == own
+
+
+RIGHT = """
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import clshade
+
+light = clshade.PointLight((1, 2, 3), 0.5)
+camera = clshade.Camera.from_fov((0, 0, 5), [0, 0, 0], np.array([0, 1, 0]), 35.0)
+material = replace(clshade.Material(kd=(0.5, 0.4, 0.3), n=40), ks=0.0)
+texture = clshade.Texture(np.zeros((2, 2, 3), np.uint8), wrap=("repeat", "clamp"))
+mesh = clshade.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.array([[0, 1, 2]]), material=material)
+scene = clshade.Scene([mesh], camera, [light], ambient=0.2, background=None)
+scene = replace(scene, ambient=(0.1, 0.1, 0.1), lights=light)
+frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, resolution=(64, 48), preset="standard")
+frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
+with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:
+    frames = [renderer.render(camera.with_resolution((32, 24)))]
+brighter: NDArray[np.floating] = frame.rgb * 2.0
+numbers: NDArray[np.uint32] = frame["id"]
+places: NDArray[np.float64] = frame["P"]
+verts: NDArray[np.floating] = mesh.verts
+placed: NDArray[np.float64] = mesh.instances
+wraps: tuple[str, str] = texture.wrap
+lines: list[str] = frame.save("image", tonemap="aces", exposure=1.0, half=True, compression="piz")
+error: float = clshade.check(frame, "all").error
+warnings: list[str] = clshade.exr.write("a.exr", {"R": frame.rgb[..., 0]}, compression="zip", window="drawn")
+lit: NDArray[np.float64] = clshade.course.light((0, 0, 0), (0, 0, 1), 1, (0, 0, 5), 0.1, 0.8, 0.5, 20, [], [])
+numbered = clshade.farm.parse_frames("1..10")
+cameras = clshade.farm.orbit(camera, numbered.numbers, numbered)
+run = clshade.farm.draw_frames(scene, cameras, "out.##.exr", saving={"half": True}, preset="course", cull=True)
+loaded = clshade.load("a.stl", texture=np.zeros((2, 2, 3)), up="z", crease=30)
+"""
+
+WRONG = {
+    'clshade.render(scene, shadr="phong")': "shadr",
+    'clshade.render(scene, shader="phongg")': "shader",
+    'clshade.render(scene, layers=["z"])': "List item 0",
+    'clshade.render(scene, preset="courses")': "preset",
+    "clshade.Renderer(scene, sampels=4)": "sampels",
+    'clshade.Settings(visibility="z-buffer")': "visibility",
+    'clshade.Settings.from_preset("standard", resolution=(4, 4))': "resolution",
+    'frame.rgb + "a"': "__add__",
+    'frame.save("image", tonmap="aces")': "tonmap",
+    'frame.save("image", compression="zap")': "compression",
+    'clshade.load("a.stl", up="w")': "up",
+    "clshade.Camera((0, 0, 5), (0, 0, 0), (0, 1, 0))": "Missing positional arguments",
+    "clshade.PointLight()": "position",
+    'clshade.course.render_object("phongg", **{})': "Literal",
+    'clshade.farm.draw_frames(scene, {}, "a", saving={"halb": True})': "saving",
+}
+
+
+def checked_by_mypy(folder: Path, text: str) -> list[str]:
+    """mypy's errors for a user's script, in the order of its lines."""
+    from mypy import api
+
+    script = folder / "script.py"
+    script.write_text(text)
+    given = ["--strict", "--no-incremental", "--config-file", "", "--ignore-missing-imports", "--follow-imports=silent"]
+    out, problems, _ = api.run([*given, "--no-error-summary", "--hide-error-context", str(script)])
+    assert not problems
+    return [line for line in out.splitlines() if ": error: " in line]
+
+
+@pytest.mark.long
+def test_mypy_takes_right_calls_and_refuses_wrong_ones(tmp_path):
+    pytest.importorskip("mypy", reason="mypy is not installed: pip install clshade[lint]")
+    lines = RIGHT.splitlines()
+    errors = checked_by_mypy(tmp_path, "\n".join([*lines, *WRONG]) + "\n")
+    by_line: dict[int, list[str]] = {}
+    for error in errors:
+        by_line.setdefault(int(error.split("script.py:")[1].split(":")[0]), []).append(error)
+    assert [error for number, found in by_line.items() if number <= len(lines) for error in found] == []
+    for number, (call, named) in enumerate(WRONG.items(), len(lines) + 1):
+        assert any(named in error for error in by_line.get(number, [])), (call, by_line.get(number))
