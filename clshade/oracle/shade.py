@@ -124,8 +124,8 @@ def budget(
     """
     total = np.abs(np.asarray(light_intensities, np.float64).reshape(-1, 3)).sum(axis=0)
     most = np.maximum(np.abs(color), 1.0)
-    most_light: Floats = np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
-    return most_light
+    bound: Floats = np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
+    return bound
 
 
 def conditioning(

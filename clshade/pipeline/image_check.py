@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..base.arrays import Array
+from ..base.arrays import Floats32
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Check:
     ids: bool
     precision: str
     seconds: float
-    image: Array | None = field(repr=False)
+    image: Floats32 | None = field(repr=False)
 
     @property
     def passed(self) -> bool:

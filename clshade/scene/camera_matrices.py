@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Floats
 from .camera import Camera
 from .geometry import camera_axes
 
 
-def camera_matrices(camera: Camera) -> tuple[Array, Array]:
+def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:
     """(worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
 
     As OpenEXR's ImfStandardAttributes.h defines them: camera space is left-handed, the eye at the origin, +x right,

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats
 from ..base.validation import refuse, vector
@@ -26,7 +26,7 @@ def _exponent(values: Array) -> int:
     return int(np.frexp(max(values.max(initial=0.0), -values.min(initial=0.0)))[1])
 
 
-def _normalized(vectors: Array) -> Array:
+def _normalized(vectors: Floats) -> Floats:
     """(K, 3) float64 vectors of any finite length to unit length; the zero vector stays."""
     x, y, z = vectors.T
     exponent = np.frexp(np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z)))[1]
@@ -36,7 +36,7 @@ def _normalized(vectors: Array) -> Array:
     return np.stack([x / length, y / length, z / length], axis=1)
 
 
-def vertex_normals(verts: Any, faces: Any) -> Array:
+def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     """Unit normals at the vertices of a mesh: the sum of the faces' cross products, normalized.
 
     verts: (V, 3) finite positions. faces: (F, 3) indices into verts; counter-clockwise seen from outside.
@@ -79,7 +79,7 @@ def _cross(edges: Array, axis: int) -> Floats:
     return component
 
 
-def _edges(verts: Array, faces: Array) -> Array:
+def _edges(verts: Array, faces: Array) -> Floats:
     """(2, 3, F) half of b-a and c-a of each face, by axis; halves, so that they cannot overflow."""
     columns = np.multiply(verts.T, 0.5, order="C")
     edges = np.empty((2, 3, len(faces)))
@@ -97,7 +97,7 @@ def _blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
     return (slice(start, start + size) for start in range(0, count, size))
 
 
-def look_at(eye: Any, lookat: Any, up: Any) -> Array:
+def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
     """The axes of a camera in world space: (3, 3) float64, rows x (right), y (up), z (viewing direction), orthonormal.
 
     eye, lookat, up: 3-vectors, world space; z = lookat - eye, y = up minus its part along z, x = z cross y, each of
@@ -109,7 +109,7 @@ def look_at(eye: Any, lookat: Any, up: Any) -> Array:
     return np.array(_axes(eye.tolist(), lookat.tolist(), up.tolist()))
 
 
-def camera_axes(camera: Camera) -> Array:
+def camera_axes(camera: Camera) -> Floats:
     """`look_at` of a camera."""
     return np.array(_axes(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
 
@@ -138,7 +138,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     return x / length, y / length, z / length
 
 
-def bounding_box(scene: Scene) -> tuple[Array, Array]:
+def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
     """Lowest and highest corner, two (3,) float64 arrays, of all vertices that faces refer to, in world space.
 
     Every instance counts. Both are 0 for a scene without faces. Raises InputError where a position overflows.
@@ -206,7 +206,7 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def half_diagonal(low: Array, high: Array) -> float:
+def half_diagonal(low: Floats, high: Floats) -> float:
     """Half the distance of two corners (3,), which may be as far apart as float64 allows."""
     half = high / 2 - low / 2
     exponent = _exponent(half)

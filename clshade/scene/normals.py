@@ -6,13 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Faces, Floats
 from ..base.validation import number, refuse
 from .geometry import _blocks, _exponent, _normalized
 
 
-def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array]:
+def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
     """Unit normals for the corners of a mesh whose edges of more than `degrees` between their faces are sharp.
 
     verts: (V, 3) finite positions; vertices at the same position count as one. faces: (F, 3) indices into verts.
@@ -35,7 +36,7 @@ def crease_normals(verts: Any, faces: Any, degrees: float) -> tuple[Array, Array
     renumbered = np.zeros(3 * count, np.int32)
     renumbered[used] = np.arange(len(used), dtype=np.int32)
     corners = renumbered[labels]
-    sums = np.stack([np.bincount(corners, np.repeat(column, 3), len(used)) for column in cross.T], axis=1)
+    sums: Array = np.stack([np.bincount(corners, np.repeat(column, 3), len(used)) for column in cross.T], axis=1)
     return _normalized(sums), corners.reshape(-1, 3)
 
 

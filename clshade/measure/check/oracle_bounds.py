@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array, Bools
+from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import held
 from ...scene.model import Scene, Settings
@@ -48,8 +48,8 @@ class Agreement(NamedTuple):
     """
 
     bounds: float
-    ties: Array
-    gates: Array
+    ties: Bools
+    gates: Bools
 
 
 def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
@@ -69,7 +69,7 @@ def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, fini
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 
 
-def tied(first: Array, second: Array) -> Array:
+def tied(first: Floats, second: Floats) -> Bools:
     """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
     with np.errstate(invalid="ignore"):
         close = np.abs(first - second) <= DEPTH_TIE * np.maximum(np.abs(first), np.abs(second))
@@ -170,7 +170,7 @@ def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
             yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
 
 
-def color_bound(oracle: OracleFrame, precision: str = "float32") -> Array:
+def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
     """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; 1e-12 * kappa * B of float64.
 
     sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions and normals is
@@ -185,7 +185,7 @@ def color_bound(oracle: OracleFrame, precision: str = "float32") -> Array:
         return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
 
 
-def color_errors(rgb: Array, oracle: OracleFrame, precision: str = "float32") -> tuple[Array, Array]:
+def color_errors(rgb: Reals, oracle: OracleFrame, precision: str = "float32") -> tuple[Floats, Floats]:
     """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
 
     Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
@@ -241,12 +241,12 @@ def _colors_agree(
     return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
 
 
-def depth_roundings(Z: Array) -> int:
+def depth_roundings(Z: Reals) -> int:
     """How many roundings depths of this type may be off."""
     return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
 
 
-def depth_errors(Z: Array, oracle: OracleFrame) -> Array:
+def depth_errors(Z: Reals, oracle: OracleFrame) -> Floats:
     """Relative errors of depths (M, N) in roundings (2^-24, of float64 2^-53); infinite where one is background."""
     empty = np.isinf(oracle.Z)
     with np.errstate(invalid="ignore"):

@@ -304,8 +304,8 @@ def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
     t = np.clip((y - tip) / (base - tip), 0.0, 1.0)
     edge = 0.46 * np.sqrt(t) * (1.3 - 0.3 * t) - np.abs(x % 1.0 - 0.5)
     inside = (y > min(tip, base)) & (y < max(tip, base))
-    row: Floats = inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t)))
-    return row
+    petals: Floats = inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t)))
+    return petals
 
 
 def _window(ink: Floats, scale: Sequence[float], at: Sequence[float], reach: float) -> tuple[Any, Reals, Reals]:

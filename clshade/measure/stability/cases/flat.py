@@ -127,5 +127,5 @@ def each_alone(bench: Bench, scene: Scene, **options: object) -> Array:
     alone = (
         Scene((Mesh(mesh.verts, face[None], material=UNLIT),), scene.camera, background=None) for face in mesh.faces
     )
-    layers: Array = np.sum([bench.draw(one, **{**FLAT, **options}).alpha > 0 for one in alone], axis=0)
-    return layers
+    drawn: Array = np.sum([bench.draw(one, **{**FLAT, **options}).alpha > 0 for one in alone], axis=0)
+    return drawn
