@@ -18,7 +18,7 @@ kernel void bilerp(global const real4 *uvs,               // K, u, v and what ro
         u[lane] = uvs[i].x, v[lane] = uvs[i].y;
         u_low[lane] = uvs[i].z, v_low[lane] = uvs[i].w;
     }
-    pairs across = {LOAD_LANES(u), LOAD_LANES(u_low)}, down = {LOAD_LANES(v), LOAD_LANES(v_low)};
+    double_single across = {LOAD_LANES(u), LOAD_LANES(u_low)}, down = {LOAD_LANES(v), LOAD_LANES(v_low)};
     for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
         int texture = texture_of[first + lane];
         if (texture != last_taken) {

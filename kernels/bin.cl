@@ -32,12 +32,12 @@ INLINE int misses_tile(const TileTests *tests, int right, int up)
     return signs < 0;
 }
 
-// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of. Its box is (left, low) to
-// (right, high), in pixels.
+// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of. Its box is (left, bottom) to
+// (right, top), in pixels.
 #define FOR_TILES_OF(b, index, tile)                                                                  \
-    uint left = (b).box & 0xffff, low = (b).box >> 16 & 0xffff, right = (b).box >> 32 & 0xffff, high = (b).box >> 48; \
-    int first_x = left / TILE_SIZE, first_y = low / TILE_SIZE;                                        \
-    int last_x = right / TILE_SIZE, last_y = high / TILE_SIZE;                                        \
+    uint left = (b).box & 0xffff, bottom = (b).box >> 16 & 0xffff, right = (b).box >> 32 & 0xffff, top = (b).box >> 48; \
+    int first_x = left / TILE_SIZE, first_y = bottom / TILE_SIZE;                                        \
+    int last_x = right / TILE_SIZE, last_y = top / TILE_SIZE;                                        \
     TileTests tests;                                                                                  \
     int whole = last_x - first_x < 2 && last_y - first_y < 2;                                         \
     if (!whole)                                                                                       \
@@ -140,8 +140,8 @@ kernel void bin_fill(global const uint *order,           // T, triangles, neares
         Bounds b = sorted[i];
         FOR_TILES_OF(b, index, tile) {
             int x = tile_x * TILE_SIZE, y = tile_y * TILE_SIZE;
-            int box = max((int)left - x, 0) | max((int)low - y, 0) << 8 | min((int)right - x, TILE_SIZE - 1) << 16 |
-                      min((int)high - y, TILE_SIZE - 1) << 24;
+            int box = max((int)left - x, 0) | max((int)bottom - y, 0) << 8 | min((int)right - x, TILE_SIZE - 1) << 16 |
+                      min((int)top - y, TILE_SIZE - 1) << 24;
             Entry e = {b.nearest, index, box, b.only};
             lists[own[tile]++] = e;
         }

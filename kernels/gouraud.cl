@@ -63,10 +63,10 @@ typedef struct {
     colors3 color;
     Surface surface;
     Texels texels;
-} Seen;
+} ShadingInput;
 
 // Sets the lanes that are `mine`, which triangle `index` owns.
-INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, int index, int2 at, global const real4 *corner_light)
+INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, int index, int2 at, global const real4 *corner_light)
 {
     global const Triangle *t = in->triangles + index;
     int face = t->face;
@@ -88,7 +88,7 @@ INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, int index, int2 a
 
 #if GATHERS
 // Sets as many as it can of the lanes in `todo`; returns those.
-INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
+INLINE ints see_lanes(ShadingInput *seen, ints todo, const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
 {
     ints own = todo ? owner : (ints)(lane_of(owner, todo));
     Gathered t = gather_triangles(in, own, at);
@@ -112,7 +112,7 @@ INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 
 
 colors3 light_block(const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
 {
-    Seen seen;
+    ShadingInput seen;
     seen.color.r = seen.color.g = seen.color.b = (reals)(1.0f);
     seen.surface = surface_of(in->materials);
     seen.texels = no_texels();

@@ -9,10 +9,10 @@ typedef struct {
     colors3 color;
     Surface surface;
     Texels texels;
-} Seen;
+} ShadingInput;
 
 // Sets the lanes that are `mine`, which triangle t owns.
-INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, global const Triangle *t, int2 at)
+INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, global const Triangle *t, int2 at)
 {
     int face = t->face;
     Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
@@ -42,7 +42,7 @@ INLINE void see_owner(Seen *seen, ints mine, const Inputs *in, global const Tria
 
 #if GATHERS
 // Sets as many as it can of the lanes in `todo`; returns those.
-INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 at)
+INLINE ints see_lanes(ShadingInput *seen, ints todo, const Inputs *in, ints owner, int2 at)
 {
     Gathered t = gather_triangles(in, todo ? owner : (ints)(lane_of(owner, todo)), at);
     ints mine = todo & t.fits;
@@ -77,7 +77,7 @@ INLINE ints see_lanes(Seen *seen, ints todo, const Inputs *in, ints owner, int2 
 
 colors3 light_block(const Inputs *in, ints owner, int2 at)
 {
-    Seen seen;
+    ShadingInput seen;
     seen.point.x = seen.point.y = seen.point.z = (reals)(0.0f);
     seen.normal = seen.point;
     seen.color.r = seen.color.g = seen.color.b = (reals)(1.0f);

@@ -1,5 +1,5 @@
-// Vertices from world space to snapped image positions, in float64. Where the device has none, clshade/pipeline/host_projection.py
-// does the same on the host.
+// Vertices from world space to snapped image positions, in float64. Where the device has none,
+// clshade/pipeline/host_projection.py does the same on the host.
 #include "reals.clh"
 
 #if FP64

@@ -23,8 +23,8 @@ typedef ulong depth_t;
 // nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
 ulong sort_key(ulong order, int index)
 {
-    ulong low = (1UL << KEY_INDEX_BITS) - 1;
-    return (order & ~low) | (low - (ulong)index);
+    ulong index_bits = (1UL << KEY_INDEX_BITS) - 1;
+    return (order & ~index_bits) | (index_bits - (ulong)index);
 }
 
 // The mask of lanes whose faces are drawn only where they are seen from the front.
@@ -86,13 +86,13 @@ Corners corners_of(const Rows *rows)
 void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int *index, const int *face, int piece,
                      global Triangle *triangles, global Bounds *bounds)
 {
-    int visible[LANES], left[LANES], low[LANES], right[LANES], high[LANES], turn[LANES];
+    int visible[LANES], left[LANES], bottom[LANES], right[LANES], top[LANES], turn[LANES];
     real inverse_area[LANES], nearest[LANES], only[LANES];
     STORE_LANES(seen, visible);
     STORE_LANES(t->left, left);
-    STORE_LANES(t->low, low);
+    STORE_LANES(t->bottom, bottom);
     STORE_LANES(t->right, right);
-    STORE_LANES(t->high, high);
+    STORE_LANES(t->top, top);
     STORE_LANES(t->turn, turn);
     STORE_LANES(t->inverse_area, inverse_area);
     STORE_LANES(MOST(t->w), nearest);
@@ -104,7 +104,7 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
                              {rows->y[0][lane], rows->y[1][lane], rows->y[2][lane]},
                              {rows->w[0][lane], rows->w[1][lane], rows->w[2][lane]},
                              piece < 0 ? piece : piece + lane, turn[lane], face[lane], inverse_area[lane]};
-        ulong box = left[lane] | low[lane] << 16 | (ulong)(right[lane] | high[lane] << 16) << 32;
+        ulong box = left[lane] | bottom[lane] << 16 | (ulong)(right[lane] | top[lane] << 16) << 32;
         Bounds reach = {box, nearest[lane], only[lane]};
         triangles[index[lane]] = triangle;
         bounds[index[lane]] = reach;
@@ -133,7 +133,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     int own_count = 0;
     Culled culled = nothing_culled();
     depth_t near = DEPTH_OF(view->near);
-    int right_end = image->columns << SUBPIXEL_BITS, high_end = image->rows << SUBPIXEL_BITS;
+    int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
     for (int group = first; group < end; group += LANES) {
         Rows rows;
         depth_t nearest[LANES];
@@ -154,14 +154,14 @@ kernel void setup(global const int *faces,         // F x 3, vertices
             behind_count[lane] = behind;
         }
         Corners t = corners_of(&rows);
-        fixeds left = LEAST_OF(t.x), right = MOST_OF(t.x), low = LEAST_OF(t.y), high = MOST_OF(t.y);
+        fixeds left = MIN3(t.x), right = MAX3(t.x), bottom = MIN3(t.y), top = MAX3(t.y);
         fixeds asked = group + TO_FIXEDS(LANE_INDEX) < end, behind = LOAD_LANES(behind_count);
         COUNT(culled.behind, asked & (behind == 3));
         asked = asked & (behind != 3);
-        fixeds beside = (behind == 0) & (((right < 0) | (high < 0)) | ((left > right_end) | (low > high_end)));
+        fixeds beside = (behind == 0) & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
         COUNT(culled.off_screen, asked & beside);
         asked = asked & !beside;
-        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((low == -SNAP_LIMIT) | (high == SNAP_LIMIT));
+        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
         fixeds cut = asked & ((behind != 0) | far);
         asked = asked & !cut;
         if (any_lane(TO_INTS(cut))) {

@@ -13,7 +13,7 @@ SWAPS = {"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+"
 SWAPS |= {"&&": "||", "||": "&&", "&": "|", "|": "&", "<<": ">>", ">>": "<<", "%": "*", "+=": "-=", "-=": "+="}
 SWAPS |= {"*=": "=", "//": "*", "|=": "&=", "&=": "|="}
 NAMES = {"min": "max", "max": "min", "fmin": "fmax", "fmax": "fmin", "LEAST": "MOST", "MOST": "LEAST"}
-NAMES |= {"LEAST_OF": "MOST_OF", "MOST_OF": "LEAST_OF", "NEXT_CORNER": "LAST_CORNER", "LAST_CORNER": "NEXT_CORNER"}
+NAMES |= {"MIN3": "MAX3", "MAX3": "MIN3", "NEXT_CORNER": "LAST_CORNER", "LAST_CORNER": "NEXT_CORNER"}
 MEMBERS = {"x": "y", "y": "x", "z": "x", "w": "z", "r": "g", "g": "b", "b": "r", "lo": "hi", "hi": "lo"}
 MEMBERS |= {"high": "low", "low": "high"}
 
@@ -68,7 +68,7 @@ _STATEMENT = re.compile(
     r"^[ \t]+(?!for \(|if \(|while \()((?:[\w\->.\[\]*() +]+? [-+*|&]?= [^;{}]*|\w+\([^;{}]*\)|continue|break|return);)",
     re.MULTILINE,
 )
-_DECLARED = re.compile(r"[ \t]*(?:global |local |const )*(?:int|real|reals|ints|longs|fixeds|pairs) [^=]*$")
+_DECLARED = re.compile(r"[ \t]*(?:global |local |const )*(?:int|real|reals|ints|longs|fixeds|double_single) [^=]*$")
 _DECLARES = re.compile(r"^(?:const |global |private )*[A-Za-z_]\w*(?: \*?| \*const )[a-z]\w*(?:\[\w*\])*(?:,| =)")
 
 

@@ -129,7 +129,7 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
                    global const int *lookup, global REAL *out)
 {
     int i = get_global_id(0) * LANES;
-    pairs u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
+    double_single u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
     Span span = texels_along(wrapped(u, wrap[i], lookup[i]), (ints)(size[i]), wrap[i], lookup[i]);
     REAL fraction[LANES];
     integer first[LANES], second[LANES];

@@ -45,7 +45,7 @@ kernel void unit(global const float *x, global const float *y, global const floa
                      global const float *bl, global float *out)                                              \\
     {                                                                                                        \\
         FIRST;                                                                                               \\
-        pairs a = {IN(ah), IN(al)}, b = {IN(bh), IN(bl)}, c = call(a, b);                                    \\
+        double_single a = {IN(ah), IN(al)}, b = {IN(bh), IN(bl)}, c = call(a, b);                                    \\
         float high[LANES], low[LANES];                                                                       \\
         STORE_LANES(c.high, high);                                                                           \\
         STORE_LANES(c.low, low);                                                                             \\
