@@ -8,9 +8,14 @@ Each as EXR (linear) and PNG (clamped), and all on the sheet demotmap.png.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
-import figures
-from figures import Figure
+CHECKOUT = Path(__file__).resolve().parent.parent
+if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
+    sys.path.insert(0, str(CHECKOUT))
+
+from clshade.course import figures  # noqa: E402
+from clshade.course.figures import Figure  # noqa: E402
 
 
 def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:

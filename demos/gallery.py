@@ -1,4 +1,4 @@
-"""The picture at the head of README: built-in scenes, and the layers of one of them, on a sheet.
+"""The picture at the head of README: built-in scenes, and the layers of one of them, on a contact_sheet.
 
 python demos/gallery.py [--out DIR]
 """
@@ -13,12 +13,11 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
-import sheet  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.base.text_tables import made_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
-from clshade.images import exr, png  # noqa: E402
+from clshade.images import contact_sheet, exr, png  # noqa: E402
 from clshade.images.thumbnails import thumbnails  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
@@ -36,17 +35,19 @@ LAYERS = {
 }
 
 
-def panels() -> list[sheet.Panel]:
+def panels() -> list[contact_sheet.Panel]:
     """One for each scene, then one for each layer of the first scene."""
     found, first = [], next(iter(SCENES))
     layers = tuple(LAYERS)
     for name, about in SCENES.items():
         scene = clshade.builtin(name, resolution=SIZE)
         frame = clshade.render(scene, samples=16)
-        found.append(sheet.Panel(sheet.reduced(frame.to_png8()), name, about))
+        found.append(contact_sheet.Panel(contact_sheet.reduced(frame.to_png8()), name, about))
     frame = clshade.render(clshade.builtin(first, resolution=SIZE), layers=layers)
     pictures = thumbnails(exr.flatten(frame.channels()), side=max(SIZE))
-    return found + [sheet.Panel(sheet.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers]
+    return found + [
+        contact_sheet.Panel(contact_sheet.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers
+    ]
 
 
 def main() -> int:
@@ -55,7 +56,7 @@ def main() -> int:
     options = parser.parse_args()
     try:
         path = made_folder(options.out) / "gallery.png"
-        png.write(path, sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
+        png.write(path, contact_sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
     except ClshadeError as error:
         print(f"gallery.py: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -1,7 +1,7 @@
 """Structs and constants shared by host and kernels, written once; `header()` emits them as OpenCL C.
 
-A `real` is float32, or float64 in kernels of that precision. NumPy aligns members as C does; `tests/test_layout.py` probes
-sizes and offsets on every device.
+A `real` is float32, or float64 in kernels of that precision. NumPy aligns members as C does;
+`tests/pipeline/test_layout.py` probes sizes and offsets on every device.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def prepare() -> None:
 
 
 @cache
-def _font():
+def _font() -> Any:
     """The font that comes with matplotlib, alone: the rest of matplotlib takes as long to import as the figures."""
     from matplotlib import get_data_path
     from matplotlib.ft2font import FT2Font
@@ -51,11 +52,12 @@ def _font():
 
 
 @cache
-def _unhinted():
+def _unhinted() -> Any:
     """The flag with which letters keep their distances, under its name in this version of matplotlib."""
     from matplotlib import ft2font
 
-    return ft2font.LoadFlags.NO_HINTING if hasattr(ft2font, "LoadFlags") else ft2font.LOAD_NO_HINTING
+    names: Any = ft2font
+    return names.LoadFlags.NO_HINTING if hasattr(names, "LoadFlags") else names.LOAD_NO_HINTING
 
 
 @cache

@@ -1,4 +1,6 @@
-"""What demo.py and demotmap.py share: the scene, drawing the figures with `clshade.course`, their files, the sheet."""
+"""The course's figures, as demos/demo.py and demos/demotmap.py draw them: the scene, the
+images, their files, the sheet.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
-CHECKOUT = Path(__file__).resolve().parent.parent
-if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
-    sys.path.insert(0, str(CHECKOUT))
+import numpy as np
 
-import numpy as np  # noqa: E402
-import sheet  # noqa: E402
-
-import clshade  # noqa: E402
-from clshade.base.text_tables import made_folder  # noqa: E402
-from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.scene.formats.texture import as_texture  # noqa: E402
-from clshade.scene.model import Scene  # noqa: E402
+from ..base.text_tables import made_folder
+from ..errors import ClshadeError, InputError
+from ..images import contact_sheet
+from ..scene.builtin.scenes import builtin
+from ..scene.formats.load import load
+from ..scene.formats.texture import as_texture
+from ..scene.model import Scene
+from ..scene.settings import Shader
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
 
@@ -37,7 +37,7 @@ class Figure:
     """
 
     number: int
-    shader: str
+    shader: Shader
     what: str
     terms: tuple[str, ...] = ("ambient", "diffuse", "specular")
     lights: tuple[int, ...] = (0, 1, 2)
@@ -53,7 +53,7 @@ class Figure:
     @cached_property
     def picture(self) -> np.ndarray:
         """The image as it is shown, clamped, (M, N, 3) uint8, row 0 at the top."""
-        from clshade.images.tonemap import tonemap
+        from ..images.tonemap import tonemap
 
         return tonemap(self.linear, "none")
 
@@ -106,13 +106,13 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
         path = SCENE
     if path is None:
         size = {} if resolution is None else {"resolution": resolution}
-        scene = clshade.builtin("course", **size)
+        scene = builtin("course", **size)
         if mapped and options.texture:
             scene = _with_texture(scene, texture)
     else:
         if mapped and not texture:
             raise InputError(f"--texture: expected an image for {path}, found none")
-        scene = clshade.load(path, texture=texture if mapped else None, resolution=resolution)
+        scene = load(path, texture=texture if mapped else None, resolution=resolution)
     if len(scene.lights) != 3:
         raise InputError(f"{scene.name}: lights: expected three, found {len(scene.lights)}")
     if scene.preset != "course":
@@ -131,7 +131,7 @@ def _with_texture(scene: Scene, path: str) -> Scene:
 
 def draw(scene: Scene, figure: Figure) -> np.ndarray:
     """The figure, by one call of `render_object` or `render_object_map`."""
-    from clshade import course
+    from .. import course
 
     given = course.arguments(scene, textured=figure.mapped)
     for term, name in (("ambient", "k_a"), ("diffuse", "k_d"), ("specular", "k_s")):
@@ -146,7 +146,7 @@ def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
     """Has the programs of all figures built, by drawing one figure with each: seconds each, the first time."""
     from tqdm import tqdm
 
-    from clshade.pipeline.opencl.device import shared_device
+    from ..pipeline.opencl.device import shared_device
 
     shared_device()  # what is wrong with it is told before there is a bar
     needed = {(figure.shader, figure.terms): figure for figure in figures}
@@ -156,7 +156,7 @@ def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
 
 def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
     """Draws and times each figure, as if it were the first of its scene."""
-    from clshade import course
+    from .. import course
 
     for figure in figures:
         course.release()
@@ -171,8 +171,8 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
-    from clshade.images import exr, png
-    from clshade.scene.camera_matrices import camera_metadata
+    from ..images import exr, png
+    from ..scene.camera_matrices import camera_metadata
 
     metadata = camera_metadata(scene.camera)
     metadata.update(
@@ -189,22 +189,22 @@ def _numbers(vector: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"
 
 
-def shown(scene: Scene, figure: Figure) -> sheet.Panel:
+def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
     """The figure, clamped, with position and intensity of its lights and the time it took."""
     lights = [scene.lights[k] for k in figure.lights]
     lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
     text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
-    return sheet.Panel(sheet.reduced(figure.picture), figure.title, text)
+    return contact_sheet.Panel(contact_sheet.reduced(figure.picture), figure.title, text)
 
 
-def difference(gouraud: Figure, phong: Figure) -> sheet.Panel:
+def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
     """How far two figures are apart in the channel that differs most."""
     apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
     white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
     level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
     text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
     text += f"\nmean {apart.mean():.2g}, largest {apart.max():.2g}"
-    return sheet.Panel(sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
+    return contact_sheet.Panel(contact_sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
 
 
 def heading(scene: Scene) -> str:
@@ -223,13 +223,13 @@ def _run(
 ) -> None:
     from tqdm import tqdm
 
-    from clshade.images import png
+    from ..images import png
 
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
     folder = made_folder(options.out)
-    importing = threading.Thread(target=sheet.prepare, daemon=True)
+    importing = threading.Thread(target=contact_sheet.prepare, daemon=True)
     importing.start()
     build_all(scene, figures)
     importing.join()
@@ -238,7 +238,7 @@ def _run(
     with ThreadPoolExecutor(1) as writer:
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
         panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs]
-        png.write(folder / sheet_name, sheet.compose(panels, heading(scene)))
+        png.write(folder / sheet_name, contact_sheet.compose(panels, heading(scene)))
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")
