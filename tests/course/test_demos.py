@@ -16,7 +16,8 @@ from PIL import Image
 
 import clshade
 from clshade import course
-from clshade.images import contact_sheet, exr, png
+from clshade.images import contact_sheet as sheet
+from clshade.images import exr, png
 from clshade.images.tonemap import tonemap
 from clshade.scene.builtin.scenes import builtin
 
@@ -111,26 +112,26 @@ def test_the_figures_are_render_object(drawn, saved_course):
 def test_the_sheets_show_every_figure(drawn, name, panels):
     """Each panel's place holds its figure, reduced, and dark text stands under it."""
     picture = png.read(drawn / name).astype(float)
-    height = contact_sheet.PANEL * 64 // 80
-    step = height + contact_sheet.TITLE + contact_sheet.CAPTION
+    height = sheet.PANEL * 64 // 80
+    step = height + sheet.TITLE + sheet.CAPTION
     assert picture.shape == (
-        contact_sheet.HEAD + step * (panels // 4),
-        (contact_sheet.PANEL + contact_sheet.GAP) * 4,
+        sheet.HEAD + step * (panels // 4),
+        (sheet.PANEL + sheet.GAP) * 4,
         3,
     )
     first = 1 if name == "demo.png" else 17
     files = sorted(drawn.glob("figure*.png"))
     for k in range(panels):
         x, y = (
-            k % 4 * (contact_sheet.PANEL + contact_sheet.GAP) + contact_sheet.GAP // 2,
-            contact_sheet.HEAD + k // 4 * step + contact_sheet.TITLE,
+            k % 4 * (sheet.PANEL + sheet.GAP) + sheet.GAP // 2,
+            sheet.HEAD + k // 4 * step + sheet.TITLE,
         )
-        shown = picture[y : y + height, x : x + contact_sheet.PANEL]
-        assert picture[y + height + 2 : y + height + contact_sheet.CAPTION, x : x + contact_sheet.PANEL].min() < 128.0
-        assert picture[y - contact_sheet.TITLE : y - 2, x : x + contact_sheet.PANEL].min() < 128.0
+        shown = picture[y : y + height, x : x + sheet.PANEL]
+        assert picture[y + height + 2 : y + height + sheet.CAPTION, x : x + sheet.PANEL].min() < 128.0
+        assert picture[y - sheet.TITLE : y - 2, x : x + sheet.PANEL].min() < 128.0
         path = next((f for f in files if f.name.startswith(f"figure{first + k:02d}")), None)
         if path is not None and (name == "demo.png") == (first + k < 17):
-            assert np.array_equal(shown, contact_sheet.reduced(png.read(path)))
+            assert np.array_equal(shown, sheet.reduced(png.read(path)))
 
 
 def test_without_files_the_built_in_scene_is_drawn(tmp_path):
