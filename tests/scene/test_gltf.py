@@ -343,3 +343,59 @@ def test_options(tmp_path):
     refusal(path, "load: up: ", up="w")
     refusal(path, "load: crease: ", crease=181)
     refusal(path, "load: crease: ", crease=-1)
+
+
+def test_points_and_lines_are_named(tmp_path):
+    for mode in range(4):
+        document = triangle()
+        document.mesh({"POSITION": CORNERS}, INDICES, mode=mode)
+        scene, messages = told(document.glb(tmp_path / "a.glb"))
+        assert (len(scene.meshes), scene.ignored) == (1, ("points and lines",)), mode
+        assert len(messages) == 1, mode
+
+
+@pytest.mark.parametrize(
+    ("alpha", "mode", "ignored"), [(128, "MASK", True), (255, "MASK", False), (128, "OPAQUE", False)]
+)
+def test_the_alpha_of_vertex_colors_is_named_where_it_would_show(tmp_path, alpha, mode, ignored):
+    document = Gltf()
+    document.add("materials", {"alphaMode": mode})
+    colors = np.array([[255, 255, 255, 255]] * 2 + [[255, 255, 255, alpha]], np.uint8)
+    color = document.accessor(colors, normalized=True)
+    document.mesh({"POSITION": CORNERS, "COLOR_0": color}, INDICES, material=0)
+    assert load(document.glb(tmp_path / "a.glb")).ignored == (("alpha of vertex colors",) if ignored else ())
+
+
+def test_indices_are_whole_numbers_whatever_normalized_says(tmp_path):
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, np.arange(3, dtype=np.uint8))
+    document.json["accessors"][-1]["normalized"] = True
+    (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_chunks_of_a_glb(tmp_path):
+    """A third one is of an extension, and not looked at; a file that ends before its first is refused by its length."""
+    path = tmp_path / "a.glb"
+    triangle().glb(path)
+    whole = path.read_bytes()
+    unknown = whole + struct.pack("<I4s", 1 << 30, b"MORE")
+    path.write_bytes(unknown[:8] + struct.pack("<I", len(unknown)) + unknown[12:])
+    assert load(path).face_count == 1
+    for length in (19, len(whole) + 1):
+        path.write_bytes(whole[:8] + struct.pack("<I", length) + whole[12:])
+        refusal(path, "GLB length: ", str(length))
+    path.write_bytes(whole[:8] + struct.pack("<I", 20) + whole[12:])
+    assert "GLB length" not in refusal(path, "GLB chunk 0")
+
+
+def test_of_several_cameras_the_first_is_taken(tmp_path):
+    document = triangle()
+    for fov in (0.5, 1.0):
+        document.add("cameras", {"type": "perspective", "perspective": {"yfov": fov, "znear": 0.1}})
+    document.add("nodes", {"mesh": 0})
+    for k in range(2):
+        document.add("nodes", {"camera": k, "translation": [0.3, 0.3, 5.0 + k]})
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    assert scene.camera.eye.tolist() == [0.3, 0.3, 5.0]
+    assert "cameras" in " ".join(messages)

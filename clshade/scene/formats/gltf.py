@@ -171,7 +171,7 @@ class _Builder:
         if uvs is not None and surface.transform is not None:
             uvs = uvs.astype(np.float64) @ surface.transform[:, :2].T + surface.transform[:, 2]
         if colors is not None and colors.shape[1] == 4:
-            if surface.material.alpha_cutoff is not None and (colors[:, 3] < 1.0).any():
+            if surface.alpha_counts and (colors[:, 3] < 1.0).any():
                 self.ignored.append("alpha of vertex colors")
             colors = colors[:, :3]
         own = verts if used is None else verts[used]

@@ -34,13 +34,14 @@ class Surface:
     """A material, and which texture coordinates its texture takes.
 
     coordinates: the number of the TEXCOORD set. transform: (2, 3) for (u, v, 1), or None. visible: False where its
-    alpha is too low everywhere.
+    alpha is too low everywhere. alpha_counts: whether what alpha there is decides where it is seen.
     """
 
     material: Material
     coordinates: int = 0
     transform: Array | None = None
     visible: bool = True
+    alpha_counts: bool = False
 
 
 def phong(metallic: float, roughness: float, base: float) -> tuple[float, float, float]:
@@ -110,12 +111,12 @@ class Materials:
         )
         if item.extension("KHR_materials_unlit") is not None:  # the color itself, whatever the lights are
             material = replace(material, ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
-        visible = True
+        visible, alpha_counts = True, cutoff is not None and cutoff > 0.0
         if cutoff is not None and cutoff > 0.0:
             visible = opacity > 0.0 and (texture is not None or opacity >= cutoff)
             if visible and texture is not None and texture.image.shape[2] == 4:
                 material = replace(material, alpha_cutoff=cutoff / opacity)
-        return Surface(material, coordinates, transform, visible)
+        return Surface(material, coordinates, transform, visible, alpha_counts)
 
     def _note_maps(self, item: Item, reflection: Item) -> None:
         for key, words in _MAPS.items():
