@@ -15,7 +15,7 @@ if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
 
 
 import clshade  # noqa: E402
-from clshade.base.text_tables import made_folder  # noqa: E402
+from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
 from clshade.images import contact_sheet, exr, png  # noqa: E402
 from clshade.images.thumbnails import thumbnails  # noqa: E402
@@ -55,7 +55,7 @@ def main() -> int:
     parser.add_argument("--out", default=".", help="folder for gallery.png (default: this one)")
     options = parser.parse_args()
     try:
-        path = made_folder(options.out) / "gallery.png"
+        path = create_folder(options.out) / "gallery.png"
         png.write(path, contact_sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
     except ClshadeError as error:
         print(f"gallery.py: {' '.join(str(error).split())}", file=sys.stderr)

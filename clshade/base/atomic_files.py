@@ -26,8 +26,8 @@ def shown(path: Path) -> str:
     return text if text.isprintable() and text else ascii(text)
 
 
-def refused(path: Path, reason: str) -> OutputError:
-    """The one form of every complaint about a file that cannot be written."""
+def write_error(path: Path, reason: str) -> OutputError:
+    """The one form of every error about a file that cannot be written."""
     return OutputError(f"{shown(path)}: cannot be written: {reason}")
 
 
@@ -53,7 +53,7 @@ def naming(path: Path) -> Iterator[None]:
     except OutputError:
         raise
     except (OSError, MemoryError) as error:
-        raise refused(path, _reason(error, path)) from None
+        raise write_error(path, _reason(error, path)) from None
 
 
 def _resolved(path: Path) -> str:
@@ -63,21 +63,21 @@ def _resolved(path: Path) -> str:
             raise ValueError("embedded null character")
         return os.path.realpath(path)
     except ValueError as error:  # or what the file system's encoding does not have
-        raise refused(path, str(error)) from None
+        raise write_error(path, str(error)) from None
 
 
 def _permissions(path: Path, target: str) -> int | None:
     """The permissions of the file that is to be replaced, None where there is none yet. `target`: links followed."""
     if os.path.isdir(target) or os.fspath(path).endswith(os.sep):
-        raise refused(path, "it is a folder")
+        raise write_error(path, "it is a folder")
     try:
         mode = os.stat(target).st_mode
     except FileNotFoundError:
         return None
     if not stat.S_ISREG(mode):  # renaming over /dev/null would put a file in its place
-        raise refused(path, "it is not a regular file")
+        raise write_error(path, "it is not a regular file")
     if not os.access(target, os.W_OK):
-        raise refused(path, os.strerror(errno.EACCES))
+        raise write_error(path, os.strerror(errno.EACCES))
     return stat.S_IMODE(mode)
 
 
@@ -89,7 +89,7 @@ def check(path: Path) -> None:
         _permissions(path, target)
         os.stat(folder)
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise refused(path, os.strerror(errno.EACCES))
+            raise write_error(path, os.strerror(errno.EACCES))
 
 
 _swept: set[str] = set()

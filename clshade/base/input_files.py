@@ -1,4 +1,4 @@
-"""Files as input: the one form of a complaint about a file, reading with limits, and what a scene may refer to."""
+"""Files as input: the one form of a file_error about a file, reading with limits, and what a scene may refer to."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .arrays import Array
 from .atomic_files import Path, shown
 
 
-def complaint(owner: str, field: str, expected: str, found: str) -> InputError:
+def file_error(owner: str, field: str, expected: str, found: str) -> InputError:
     """An InputError of one line, `owner: field: expected ..., found ...`; unprintable characters are escaped."""
     text = f"{owner}: {field}: expected {expected}, found {found}"
     return InputError(text if text.isprintable() else text.encode("unicode_escape").decode("ascii"))
@@ -52,15 +52,15 @@ def size_of(path: Path) -> int:
     try:
         status = os.stat(path)
     except FileNotFoundError:
-        raise complaint(owner, "file", "an existing file", "no such file") from None
+        raise file_error(owner, "file", "an existing file", "no such file") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise complaint(owner, "file", "a readable file", str(reason)) from None
+        raise file_error(owner, "file", "a readable file", str(reason)) from None
     if not stat.S_ISREG(status.st_mode):
         found = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
-        raise complaint(owner, "file", "a regular file", found)
+        raise file_error(owner, "file", "a regular file", found)
     if status.st_size == 0:
-        raise complaint(owner, "file", "content", "an empty file")
+        raise file_error(owner, "file", "content", "an empty file")
     return status.st_size
 
 
@@ -73,14 +73,14 @@ def read_file(path: Path, most: int) -> bytes:
     owner = shown(path)
     size = size_of(path)
     if size > most:
-        raise complaint(owner, "file", f"at most {most} bytes", f"{size} bytes")
+        raise file_error(owner, "file", f"at most {most} bytes", f"{size} bytes")
     try:
         with open(path, "rb") as file:
             return file.read(size)
     except OSError as error:
-        raise complaint(owner, "file", "a readable file", str(error.strerror or error)) from None
+        raise file_error(owner, "file", "a readable file", str(error.strerror or error)) from None
     except MemoryError:
-        raise complaint(owner, "file", "a file that fits into memory", f"{size} bytes") from None
+        raise file_error(owner, "file", "a file that fits into memory", f"{size} bytes") from None
 
 
 def beside(root: str, folder: str, reference: str, owner: str, field: str) -> str | None:
@@ -94,17 +94,17 @@ def beside(root: str, folder: str, reference: str, owner: str, field: str) -> st
     parts = reference.replace("\\", "/")
     inside = "a file in the scene's folder"
     if not parts.replace("\t", " ").isprintable() or not parts:
-        raise complaint(owner, field, inside, quoted(reference))
+        raise file_error(owner, field, inside, quoted(reference))
     if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or ".." in parts.split("/"):
-        raise complaint(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))
+        raise file_error(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))
     path = os.path.join(folder, *parts.split("/"))
     real, top = os.path.realpath(path), os.path.realpath(root)
     if os.path.commonpath([real, top]) != top:
-        raise complaint(owner, field, inside, f"{quoted(reference)}, a link out of it")
+        raise file_error(owner, field, inside, f"{quoted(reference)}, a link out of it")
     if not os.path.exists(path):
         return None
     if not os.path.isfile(path):
-        raise complaint(owner, field, "a regular file", f"{quoted(reference)}, which is none")
+        raise file_error(owner, field, "a regular file", f"{quoted(reference)}, which is none")
     return path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from .input_files import complaint, quoted
+from .input_files import file_error, quoted
 
 MAX_DIGITS = 1000  # of a whole number: float64 has none of more than 309; reading digits takes time as their square
 MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
@@ -18,20 +18,20 @@ def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> A
     Raises InputError for what is no JSON in UTF-8, holds NaN or infinity, is nested too deeply, or has too many values.
     """
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
-        raise complaint(owner, "JSON", f"at most {MAX_VALUES} values", "more")
+        raise file_error(owner, "JSON", f"at most {MAX_VALUES} values", "more")
     hook = _unique if unique else None
     try:
         return json.loads(
             text.decode("utf-8-sig"), parse_int=_whole, parse_constant=_refuse_constant, object_pairs_hook=hook
         )
     except UnicodeDecodeError as error:
-        raise complaint(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
+        raise file_error(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
     except json.JSONDecodeError as error:
         found = f"{error.msg} in line {error.lineno}, column {error.colno}"
-        raise complaint(owner, "JSON", form, found) from None
+        raise file_error(owner, "JSON", form, found) from None
     except (ValueError, RecursionError) as error:
         found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
-        raise complaint(owner, "JSON", form, found) from None
+        raise file_error(owner, "JSON", form, found) from None
 
 
 def found_text(value: Any) -> str:

@@ -75,7 +75,7 @@ def as_markdown(header: Row, rows: Iterable[Row]) -> list[str]:
     return [first, "| --- " * len(header) + "|", *others]
 
 
-def made_folder(path: str | Path, option: str = "--out") -> Path:
+def create_folder(path: str | Path, option: str = "--out") -> Path:
     """The folder, made where there is none. Raises OutputError where it cannot be."""
     folder = Path(path)
     try:

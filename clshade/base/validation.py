@@ -23,8 +23,8 @@ def _describe(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def refuse(owner: str, name: str, expected: str, found: Any, remark: str = "") -> InputError:
-    """The one form of every complaint about a value: owner, field, expected, found; and what to write instead."""
+def value_error(owner: str, name: str, expected: str, found: Any, remark: str = "") -> InputError:
+    """The one form of every error about a value: owner, field, expected, found; and what to write instead."""
     return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}{remark}")
 
 
@@ -32,7 +32,7 @@ def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: 
     """One of the allowed texts. Another is answered with the nearest; others: what `spelling.hint` knows besides."""
     allowed = tuple(allowed)
     if not isinstance(value, str) or value not in allowed:
-        raise refuse(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **others))
+        raise value_error(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **others))
     return value
 
 
@@ -50,21 +50,21 @@ def known(owner: str, given: Iterable[str], allowed: Iterable[str], **others: An
 
 def text(owner: str, name: str, value: Any) -> str:
     if not isinstance(value, str):
-        raise refuse(owner, name, "a text", value)
+        raise value_error(owner, name, "a text", value)
     return value
 
 
 def path(owner: str, name: str, value: Any) -> str:
     """A file's name, text or a path object, as text. No bytes, and no open file."""
     if not isinstance(value, (str, os.PathLike)) or isinstance(os.fspath(value), bytes):
-        raise refuse(owner, name, "a path (text)", value)
+        raise value_error(owner, name, "a path (text)", value)
     return os.fspath(value)
 
 
 def flag(owner: str, name: str, value: Any) -> bool:
     """True or False, of Python or NumPy: any other value, "no" and 0 too, may mean either."""
     if not isinstance(value, (bool, np.bool_)):
-        raise refuse(owner, name, "True or False", value)
+        raise value_error(owner, name, "True or False", value)
     return bool(value)
 
 
@@ -82,7 +82,7 @@ def floats(owner: str, name: str, value: Any, expected: str) -> Array:
         if array.dtype.kind not in "fiub":
             raise TypeError
     except (TypeError, ValueError):
-        raise refuse(owner, name, expected, value) from None
+        raise value_error(owner, name, expected, value) from None
     return array
 
 
@@ -91,10 +91,10 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
     expected = "three finite numbers" if finite else "three numbers"
     array = floats(owner, name, value, expected)
     if array.shape not in _VECTOR_SHAPES:
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     array = array.astype(np.float64).reshape(3)
     if finite and not np.isfinite(array).all():
-        raise refuse(owner, name, expected, array.tolist())
+        raise value_error(owner, name, expected, array.tolist())
     array.flags.writeable = False
     return array
 
@@ -104,7 +104,7 @@ def coefficient(owner: str, name: str, value: Any) -> Floats:
     expected = "a number or three finite numbers"
     array = floats(owner, name, value, expected)
     if array.dtype.kind == "b" or (array.ndim and array.shape not in _VECTOR_SHAPES):
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     return vector(owner, name, array if array.ndim else np.full(3, array.item()))
 
 
@@ -118,10 +118,10 @@ def number(
         expected += f" of at least {least:g}" if least > -math.inf else ""
     array = floats(owner, name, value, expected)
     if array.ndim or array.dtype.kind == "b":
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     result = float(array.item())
     if not math.isfinite(result) or result <= above or result < least:
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     return result
 
 
@@ -129,10 +129,10 @@ def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
     expected = f"a whole number from {least} to {most}"
     array = floats(owner, name, value, expected)
     if array.ndim or array.dtype.kind == "b" or not math.isfinite(array.item()):
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     result = int(array.item())
     if result != array.item() or not least <= result <= most:
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     return result
 
 
@@ -141,13 +141,13 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
     expected = f"an array of shape (K, {width}) of {'finite ' if finite else ''}numbers"
     array = floats(owner, name, value, expected)
     if array.ndim != 2 or array.shape[1] != width or array.shape[0] < least:
-        raise refuse(owner, name, expected + (f" with K of at least {least}" if least else ""), array)
+        raise value_error(owner, name, expected + (f" with K of at least {least}" if least else ""), array)
     if array.dtype not in (np.float32, np.float64):
         array = array.astype(np.float64)
     array = np.ascontiguousarray(array)
     if finite and not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise refuse(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
+        raise value_error(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
     kept: Reals = array.view()
     kept.flags.writeable = False
     return kept
@@ -160,10 +160,10 @@ def indices(owner: str, name: str, value: Any, count: int) -> Faces:
     if array.size == 0:
         array = np.zeros((0, 3), np.int32)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     if array.size and (array.min() < 0 or array.max() >= count):
         face, corner = np.argwhere((array < 0) | (array >= count))[0]
-        raise refuse(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
+        raise value_error(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
     kept: Faces = np.ascontiguousarray(array, dtype=np.int32).view()
     kept.flags.writeable = False
     return kept

@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats, Reals
-from ..base.validation import choice, coefficient, refuse, vector
+from ..base.validation import choice, coefficient, value_error, vector
 from ..pipeline.opencl.device import Device, shared_device
 from ..pipeline.renderer import Renderer
-from ..pipeline.single_primitive import NOWHERE, Lookup, Surroundings, draw_triangle, light_point, reach
+from ..pipeline.single_primitive import NOWHERE, Lookup, PointLighting, draw_triangle, light_point, reach
 from ..scene.camera import Camera
 from ..scene.formats import course_values
 from ..scene.formats.course_npy import only_mesh
@@ -45,7 +45,7 @@ from ..scene.geometry import vertex_normals
 from ..scene.model import Material, Mesh, PointLight, Scene
 from ..scene.settings import SHADERS, Shader
 from . import arguments as checked
-from .content_cache import Recent
+from .content_cache import ContentCache
 
 __all__ = [
     "arguments",
@@ -94,16 +94,16 @@ def light(
 
 def _surroundings(
     owner: str, point: tuple[str, ArrayLike], eye: ArrayLike, surface: _Surface, lights: _Lights
-) -> Surroundings:
+) -> PointLighting:
     name, place = point
-    around = Surroundings(
+    around = PointLighting(
         vector(owner, name, place),
         vector(owner, "cam_pos", eye),
         *checked.lights(owner, *lights),
         checked.material(owner, *surface),
     )
     if not np.isfinite(reach(around)):
-        raise refuse(owner, "cam_pos", f"a distance from {name} that float64 can hold", around.eye.tolist())
+        raise value_error(owner, "cam_pos", f"a distance from {name} that float64 can hold", around.eye.tolist())
     return around
 
 
@@ -120,7 +120,7 @@ def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
     owner = "bilerp"
     place = checked.array(owner, "uv", uv)
     if place.shape not in ((2,), (1, 2), (2, 1)) or not np.isfinite(place).all():
-        raise refuse(owner, "uv", "two finite numbers", uv)
+        raise value_error(owner, "uv", "two finite numbers", uv)
     image = checked.texel_array(owner, texture_map)
     with _lock:
         color: Floats = _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
@@ -323,7 +323,7 @@ def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
     if not textured:
         given["verts_colors"] = (np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors).T
     elif texture is None or mesh.uvs is None:
-        raise refuse("arguments", "scene", "a mesh with a texture and texture coordinates", scene.name)
+        raise value_error("arguments", "scene", "a mesh with a texture and texture coordinates", scene.name)
     else:
         uvs_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
         given |= {"uvs": mesh.uvs.T, "uvs_faces": uvs_faces.T, "texture_map": texture.image}
@@ -350,8 +350,8 @@ def _make_lookup(device: Device, texels: Array) -> Lookup:
 
 
 _ANYWHERE = Camera(np.zeros(3), np.ones(3), np.array([0.0, 1.0, 0.0]), 1.0, (1.0, 1.0))  # each call brings its own
-_renderers: Recent[Renderer] = Recent(_make_renderer, Renderer.close)
-_lookups: Recent[Lookup] = Recent(_make_lookup, lambda lookup: None, most=2)
+_renderers: ContentCache[Renderer] = ContentCache(_make_renderer, Renderer.close)
+_lookups: ContentCache[Lookup] = ContentCache(_make_lookup, lambda lookup: None, most=2)
 
 
 def release() -> None:

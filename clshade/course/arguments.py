@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.arrays import Array, Floats
 from ..base.spelling import hint
-from ..base.validation import coefficient, refuse
+from ..base.validation import coefficient, value_error
 from ..errors import InputError
 from ..scene.camera import MAX_RESOLUTION
 from ..scene.formats import course_values as values
@@ -114,7 +114,7 @@ def array(owner: str, name: str, value: Any) -> Array:
     except (TypeError, ValueError):
         found = np.asarray(None)
     if found.dtype.kind not in "fiub":
-        raise refuse(owner, name, "an array of numbers", value)
+        raise value_error(owner, name, "an array of numbers", value)
     return found
 
 
@@ -140,10 +140,10 @@ def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Floats
     """A small float64 array of exactly this shape, finite."""
     found = array(owner, name, value)
     if found.shape != shape:
-        raise refuse(owner, name, f"an array of shape {shape}", found)
+        raise value_error(owner, name, f"an array of shape {shape}", found)
     found = found.astype(np.float64)
     if not np.isfinite(found).all():
-        raise refuse(owner, name, "finite numbers", found.tolist())
+        raise value_error(owner, name, "finite numbers", found.tolist())
     return found
 
 
@@ -152,14 +152,14 @@ def _all_finite(owner: str, name: str, found: Array) -> None:
     with np.errstate(over="ignore", invalid="ignore"):
         # The sum is cheap, and finite unless something is not or it overflows.
         if found.dtype.kind == "f" and not np.isfinite(found.sum()) and not np.isfinite(found).all():
-            raise refuse(owner, name, "finite numbers", "NaN or infinity")
+            raise value_error(owner, name, "finite numbers", "NaN or infinity")
 
 
 def texel_array(owner: str, value: Any) -> Array:
     """`texture_map` as a contiguous array of its own type."""
     found = array(owner, "texture_map", value)
     if found.ndim != 3 or found.shape[2] != 3 or 0 in found.shape:
-        raise refuse(owner, "texture_map", "an array of shape (h, w, 3)", found)
+        raise value_error(owner, "texture_map", "an array of shape (h, w, 3)", found)
     _all_finite(owner, "texture_map", found)
     return np.ascontiguousarray(found)
 
@@ -176,6 +176,6 @@ def image(owner: str, value: Any) -> Floats:
     """A copy of image X, (M, N, 3) float64."""
     found = array(owner, "X", value)
     if found.ndim != 3 or found.shape[2] != 3 or not 0 < min(found.shape) <= max(found.shape) <= MAX_RESOLUTION:
-        raise refuse(owner, "X", f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}", found)
+        raise value_error(owner, "X", f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}", found)
     _all_finite(owner, "X", found)
     return np.array(found, np.float64, order="C")

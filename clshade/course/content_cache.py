@@ -25,7 +25,7 @@ def same(a: Any, b: Any) -> bool:
     return type(a) is type(b) and bool(a == b)
 
 
-class Recent(Generic[T]):
+class ContentCache(Generic[T]):
     """The last `most` results of `make`, dropped from the oldest on while their arrays hold more than `size` bytes.
 
     make: gets the arguments, arrays as copies of its own, so that the caller may change theirs afterwards.

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.text_tables import made_folder
+from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
 from ..images import contact_sheet
 from ..scene.builtin.scenes import builtin
@@ -228,7 +228,7 @@ def _run(
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
-    folder = made_folder(options.out)
+    folder = create_folder(options.out)
     importing = threading.Thread(target=contact_sheet.prepare, daemon=True)
     importing.start()
     build_all(scene, figures)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from ..base.atomic_files import Path, shown
-from ..base.input_files import complaint, quoted, read_file
+from ..base.input_files import file_error, quoted, read_file
 from ..base.spelling import hint
 from ..base.strict_json import found_text, parse_text
 from ..errors import InputError
-from ..scene.adjust_camera import moved
+from ..scene.adjust_camera import adjusted
 from ..scene.camera import Camera
 from .frames import MOST, Frames
 
@@ -43,7 +43,7 @@ class _Orbit(Mapping[int, Camera]):
         if number not in self.numbers:
             raise KeyError(number)
         angle = math.fmod(self.degrees * (number - self.turn.first) / self.turn.span, 360.0)
-        return moved(self.camera, azimuth=angle)
+        return adjusted(self.camera, azimuth=angle)
 
     def __iter__(self) -> Iterator[int]:
         return iter(self.numbers)
@@ -62,25 +62,25 @@ def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
     listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)
     if not isinstance(listed, list) or not listed:
         found = "an empty list" if listed == [] else "an object" if isinstance(listed, dict) else found_text(listed)
-        raise complaint(owner, "JSON", "a list of cameras, [{...}, ...]", found)
+        raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", found)
     if len(listed) > MOST:
-        raise complaint(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
+        raise file_error(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
     return tuple(_camera(given, base, owner, f"camera {k}") for k, given in enumerate(listed, 1))
 
 
 def _camera(given: Any, base: Camera, owner: str, who: str) -> Camera:
     if not isinstance(given, dict):
-        raise complaint(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
+        raise file_error(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
     for key, value in given.items():
         if key not in FIELDS:
             near = hint(key, FIELDS)
-            raise complaint(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
+            raise file_error(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
         if key == "orthographic" and not isinstance(value, bool):
-            raise complaint(owner, f"{who}: {key}", "true or false", found_text(value))
+            raise file_error(owner, f"{who}: {key}", "true or false", found_text(value))
         if key != "orthographic" and not _are_numbers(value):
-            raise complaint(owner, f"{who}: {key}", "numbers", found_text(value))
+            raise file_error(owner, f"{who}: {key}", "numbers", found_text(value))
     if "fov" in given and (clash := {"focal", "plane", "orthographic"} & set(given)):
-        raise complaint(owner, f"{who}: fov", f"either fov or {min(clash)}", "both")
+        raise file_error(owner, f"{who}: fov", f"either fov or {min(clash)}", "both")
     values = dict(given)
     fov, resolution = values.pop("fov", None), values.get("resolution")
     try:

@@ -31,7 +31,7 @@ from ..base import console
 from ..errors import InputError, WorkerError
 from ..pipeline.programs import kernel_folder
 from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
-from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
+from .job import THREADS, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .members import Members
 from .waiting import POLL, SILENT
 
@@ -43,7 +43,7 @@ COMPARED = ("python", "dask", "distributed")  # packages whose versions had bett
 
 def draw_on_cluster(
     job: Job, tasks: Iterable[Task], address: str, timeout: float, frame_timeout: float | None = None
-) -> Iterator[Drawn | Lost | Silent]:
+) -> Iterator[DrawnFrame | Lost | Silent]:
     """Draws the tasks and gives what came of each as soon as it is there, in any order; some for each thread of the
     workers are taken ahead.
 
@@ -85,7 +85,7 @@ class _Drawing(WorkerPlugin):
         if self._writer is not None:
             self._writer.close()
 
-    def draw(self, task: Task, ready: Callable[[], None]) -> Drawn | None:
+    def draw(self, task: Task, ready: Callable[[], None]) -> DrawnFrame | None:
         """None: it is not set up yet."""
         if code_digest() != self._digest:
             where = get_worker().address
@@ -118,7 +118,7 @@ def _draw(name: str, task: Task) -> None:
     say("drawn", drawn=asdict(drawn))
 
 
-def _draw_if_there(worker: Worker, name: str, task: Task, ready: Callable[[], None]) -> Drawn | None:
+def _draw_if_there(worker: Worker, name: str, task: Task, ready: Callable[[], None]) -> DrawnFrame | None:
     plugin = worker.plugins.get(name)
     return plugin.draw(task, ready) if isinstance(plugin, _Drawing) else None
 

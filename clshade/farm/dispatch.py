@@ -17,7 +17,7 @@ from distributed import TimeoutError as NotInTime  # not Python's own before 3.1
 
 from ..errors import ClshadeError, WorkerError
 from ..pipeline.frame import output_paths
-from .job import Drawn, Lost, Silent, Task
+from .job import DrawnFrame, Lost, Silent, Task
 from .members import Members
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
@@ -53,7 +53,7 @@ class _Flight:
 
 class Dispatcher:
     """The frames of a run, from here. Workers say on TOPIC what they do: {"run": name, "key", "worker", "sign": "begun",
-    "ready", "drawn" or "failed"}, of "drawn" with the fields of Drawn."""
+    "ready", "drawn" or "failed"}, of "drawn" with the fields of DrawnFrame."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Dispatcher:
         for topic in ("all", TOPIC):
             client.subscribe_topic(topic, self._hear)
 
-    def results(self) -> Iterator[Drawn | Lost | Silent]:
+    def results(self) -> Iterator[DrawnFrame | Lost | Silent]:
         pauses = Pauses()
         while True:
             if paused := pauses.latest():
@@ -161,7 +161,7 @@ class Dispatcher:
         if isinstance(event[1], dict):
             self._events.put(event[1])
 
-    def _note(self, event: Mapping[str, Any]) -> Drawn | None:
+    def _note(self, event: Mapping[str, Any]) -> DrawnFrame | None:
         """A sign of a worker; of a frame that another one has drawn before, too."""
         key, sign = event["key"], event["sign"]
         flight = self._by_key.get(key)
@@ -170,12 +170,12 @@ class Dispatcher:
         if flight is None:
             return None
         if sign == "drawn":
-            return self._finish(flight, Drawn(**{**event["drawn"], "warnings": tuple(event["drawn"]["warnings"])}))
+            return self._finish(flight, DrawnFrame(**{**event["drawn"], "warnings": tuple(event["drawn"]["warnings"])}))
         if flight.future is not None and flight.future.key == key and sign != "failed":
             flight.place(event["worker"], begun=True, ready=sign == "ready")
         return None
 
-    def _finish(self, flight: _Flight, drawn: Drawn) -> Drawn:
+    def _finish(self, flight: _Flight, drawn: DrawnFrame) -> DrawnFrame:
         del self._flights[drawn.number]
         for key in flight.keys:
             del self._by_key[key]

@@ -43,7 +43,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnFrame:
     """A frame whose files are written. render_ms, save_ms: what that took. size: bytes of the two files. worker: the
     process that drew it, host:pid."""
 
@@ -95,7 +95,7 @@ class FrameWriter:
                     renderer.render(replace(self._job.scene.camera, orthographic=kind).with_resolution(SMALL))
             return self._renderers[kind]
 
-    def draw(self, task: Task, ready: Callable[[], None] | None = None) -> Drawn:
+    def draw(self, task: Task, ready: Callable[[], None] | None = None) -> DrawnFrame:
         """ready: called when the kernels are compiled and nothing but the frame's own work is left.
 
         Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for what is a bug.
@@ -117,7 +117,7 @@ class FrameWriter:
             failure.__notes__ = [traceback.format_exc()]  # pickled with it, which its cause would not be
             raise failure from error
         worker = f"{socket.gethostname()}:{os.getpid()}"
-        return Drawn(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings), worker)
+        return DrawnFrame(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings), worker)
 
     def close(self) -> None:
         with self._lock:

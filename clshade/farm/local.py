@@ -23,7 +23,7 @@ from types import FrameType
 
 from ..base import interrupts
 from ..errors import WorkerError
-from .job import THREADS, Drawn, FrameWriter, Job, Lost, Silent, Task
+from .job import THREADS, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
 MOST_WORKERS = 256
@@ -37,7 +37,7 @@ def processors() -> int:
 
 def draw_locally(
     job: Job, tasks: Iterable[Task], workers: int, frame_timeout: float | None = None
-) -> Iterator[Drawn | Lost | Silent]:
+) -> Iterator[DrawnFrame | Lost | Silent]:
     """Draws the tasks and gives what came of each as soon as it is there, in any order; no task is taken before there is a
     worker for it.
 
@@ -170,7 +170,7 @@ class _Crew:
         self._attempts: Counter[int] = Counter()
         self._latest = 0.0  # seconds that the latest frame took
 
-    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[Drawn | Lost | Silent]:
+    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[DrawnFrame | Lost | Silent]:
         """first: what the workers begin with, one task each."""
         started = [self._start() for _ in first]
         for worker, begun in zip(started, first, strict=True):
@@ -266,7 +266,7 @@ def _serve(pipe: Connection, threads: int, timed: bool) -> None:
             while True:
                 task = pipe.recv()
                 try:
-                    answer: Drawn | Exception = writer.draw(task, ready)
+                    answer: DrawnFrame | Exception = writer.draw(task, ready)
                 except Exception as error:
                     answer = error
                 pipe.send(answer)

@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from ..base import console
-from .job import Drawn
+from .job import DrawnFrame
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -47,7 +47,7 @@ class Progress:
             self._bar.clear()
         console.warning(message)
 
-    def advance(self, drawn: Drawn) -> None:
+    def advance(self, drawn: DrawnFrame) -> None:
         for warning in drawn.warnings:
             if warning not in self._said:
                 self._said.add(warning)

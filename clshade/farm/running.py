@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..base import console
 from ..base.atomic_files import folder_made, shown
-from ..base.validation import integer, known, number, refuse
+from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
 from ..pipeline.frame import SAVING, SavingOptions, check_output
-from ..pipeline.renderer import settle
+from ..pipeline.renderer import effective_settings
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
-from .job import Drawn, FrameWriter, Job, Lost, Silent, Task
+from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
 from .progress import Progress, rate_text
 
@@ -108,7 +108,7 @@ def draw_frames(
     known("draw_frames: saving", saving or (), SAVING)
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
-    scene, settled = settle(scene, **settings)
+    scene, settled = effective_settings(scene, **settings)
     left = list(cameras) if overwrite else _left(pattern, cameras)
     skipped = len(cameras) - len(left)
     if skipped:
@@ -148,17 +148,17 @@ def _check_arguments(
             raise InputError(f"--frame-timeout: expected {expected}, found one process")
     numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
     if not numbered or not cameras:
-        raise refuse("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
+        raise value_error("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
 
 
 def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:
     camera = cameras[number]
     if not isinstance(camera, Camera):
-        raise refuse("draw_frames", f"cameras: frame {number}", "a Camera", camera)
+        raise value_error("draw_frames", f"cameras: frame {number}", "a Camera", camera)
     return camera
 
 
-def _collect(results: Iterator[Drawn | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
+def _collect(results: Iterator[DrawnFrame | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
     """Draws all, and says what is to be said meanwhile; further fields of Run. limited: workers that hang are replaced."""
     draw_ms = array("d")
     drawn_by: set[str] = set()
@@ -227,7 +227,7 @@ def _results(
     scheduler: str | None,
     timeout: float,
     frame_timeout: float | None,
-) -> Iterator[Drawn | Lost | Silent]:
+) -> Iterator[DrawnFrame | Lost | Silent]:
     if scheduler is not None:
         if importlib.util.find_spec("distributed") is None:
             raise InputError('--scheduler: expected dask.distributed, found none: `pip install "dask[distributed]"`')
@@ -239,7 +239,7 @@ def _results(
     return _draw_here(job, tasks)
 
 
-def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[Drawn]:
+def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[DrawnFrame]:
     with FrameWriter(job) as writer:
         for task in tasks:
             yield writer.draw(task)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.input_files import complaint, quoted
+from ..base.input_files import file_error, quoted
 from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
@@ -154,10 +154,10 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
     """
     if picture.shape != reference.shape:
         (rows, columns), (height, width) = picture.shape, reference.shape
-        raise complaint(picture.name, "size", f"{width} x {height} as of {reference.name}", f"{columns} x {rows}")
+        raise file_error(picture.name, "size", f"{width} x {height} as of {reference.name}", f"{columns} x {rows}")
     if bool(picture.bits) != bool(reference.bits):
         wanted, given = ("a PNG" if each.bits else "an EXR" for each in (reference, picture))
-        raise complaint(picture.name, "file", f"{wanted} as {reference.name} is", given)
+        raise file_error(picture.name, "file", f"{wanted} as {reference.name} is", given)
     if names:
         groups, expected = _selected(picture, names), _selected(reference, names)
     else:
@@ -167,10 +167,10 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
         )
         if not expected:
             listed = (_listed(grouped(each.channels)) for each in (reference, picture))
-            raise complaint(picture.name, "layers", f"some of {next(listed)} as of {reference.name}", next(listed))
+            raise file_error(picture.name, "layers", f"some of {next(listed)} as of {reference.name}", next(listed))
     for name, group in expected.items():
         if groups[name].names != group.names:
-            raise complaint(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
+            raise file_error(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
     return {name: (groups[name], group) for name, group in expected.items()}
 
 
@@ -202,7 +202,7 @@ def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
     for name in names:
         if name not in groups and name not in single:
             near = hint(name, (*groups, *single), LAYER_WORDS)
-            raise complaint(picture.name, "--layer", "one of " + ", ".join(groups), f"{quoted(name)}{near}")
+            raise file_error(picture.name, "--layer", "one of " + ", ".join(groups), f"{quoted(name)}{near}")
     return {name: groups.get(name) or single[name] for name in names}
 
 

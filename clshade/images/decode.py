@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import complaint, read_file, reason_of
+from ..base.input_files import file_error, read_file, reason_of
 from ..errors import InputError
 from . import pnm, tiff
 
@@ -73,7 +73,7 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
         reason = reason_of(error) or type(error).__name__
-        raise complaint(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
+        raise file_error(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
     levels = np.arange(most + 1) / most
     plain = levels.astype(np.float32)
     table = srgb_to_linear(levels).astype(np.float32) if srgb else plain
@@ -97,7 +97,7 @@ def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tup
     except (InputError, ImportError):
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
-        raise complaint(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
+        raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
     return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
 
 
@@ -123,7 +123,7 @@ def _decoded(data: bytes | memoryview, owner: str) -> tuple[Array, int]:
 def _check_size(width: int, height: int, owner: str, most_pixels: int, found: str = "") -> None:
     if max(width, height) > MAX_SIDE or width * height > most_pixels:
         expected = f"at most {MAX_SIDE} pixels a side and {most_pixels} in all"
-        raise complaint(owner, "image", expected, found or f"{width} x {height}")
+        raise file_error(owner, "image", expected, found or f"{width} x {height}")
 
 
 def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tuple[str, ...] = FORMATS) -> Any:
@@ -158,7 +158,7 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
         return _keyed(codes, image), 4095 if raw == "I;12" else 65535
     if image.format == "TIFF" and max(image.tag_v2.get(258, (1,))) > 8:
         found = f"a TIFF image with channels of {max(image.tag_v2[258])} bits and pixels of type {image.mode}"
-        raise complaint(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
+        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
     return _eight_bits(image, owner), 255
 
 
@@ -209,6 +209,6 @@ def _eight_bits(image: Any, owner: str) -> Array:
     elif mode in _TO_RGB:
         image = image.convert("RGBA" if mode in ("RGBa", "PA") else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA"):
-        raise complaint(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
+        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
     pixels = np.asarray(image)
     return pixels[:, :, None] if pixels.ndim == 2 else pixels

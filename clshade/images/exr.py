@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from ..base import atomic_files
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import complaint, quoted, read_file, reason_of
+from ..base.input_files import file_error, quoted, read_file, reason_of
 from ..base.validation import choice
 from ..base.validation import path as checked_path
 from ..errors import InputError
@@ -133,7 +133,7 @@ def _attribute(name: str, value: Any) -> Any:
     if isinstance(value, float):
         return value
     expected = "text, a number, a whole number of 32 bits or a (4, 4) array"
-    raise complaint("exr: metadata", name, expected, quoted(repr(value)))
+    raise file_error("exr: metadata", name, expected, quoted(repr(value)))
 
 
 def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[str, Any]:
@@ -322,13 +322,13 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
     parts = []
     with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
         if len(exr.parts) != len(headers) or not headers:  # all that it says when pixels cannot be read
-            raise complaint(owner, "file", "pixels", "truncated or damaged data")
+            raise file_error(owner, "file", "pixels", "truncated or damaged data")
         for part, header in enumerate(headers):
             channels = {name: channel.pixels for name, channel in exr.channels(part).items()}
             x0, y0, x1, y1 = header["dataWindow"]
             for name, plane in channels.items():
                 if not isinstance(plane, np.ndarray) or plane.shape != (y1 - y0 + 1, x1 - x0 + 1):
-                    raise complaint(owner, name, "a value for every pixel", "a subsampled channel")
+                    raise file_error(owner, name, "a value for every pixel", "a subsampled channel")
             parts.append((channels, header))
     return parts
 
@@ -375,16 +375,16 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
     if not data.startswith(b"\x76\x2f\x31\x01"):
-        raise complaint(owner, "file", "an OpenEXR image", "something else")
+        raise file_error(owner, "file", "an OpenEXR image", "something else")
     try:
         with _quiet():
             parts = _decode(data, owner)
         planes = _merged(parts)
     except MemoryError:
-        raise complaint(owner, "file", "an image that fits into memory", "a larger one") from None
+        raise file_error(owner, "file", "an image that fits into memory", "a larger one") from None
     except (InputError, ImportError):
         raise
     except Exception as error:  # the decoder raises anything at all
-        raise complaint(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
+        raise file_error(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
     return {name: planes[name] for name in names}, parts[0][1]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..base import host_memory
-from ..base.input_files import complaint
+from ..base.input_files import file_error
 
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
 OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
@@ -91,24 +91,24 @@ def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], da
             else:
                 copied = max(copied, size * min(data_window, display))
     if shown > MAX_SHOWN:  # a small file may have a large display window
-        raise complaint(owner, "channels", f"at most {MAX_SHOWN} bytes in the display window", str(shown))
+        raise file_error(owner, "channels", f"at most {MAX_SHOWN} bytes in the display window", str(shown))
     if least > len(data):
-        raise complaint(owner, "dataWindow", f"pixels that {len(data)} bytes can hold", f"{pixels} bytes of them")
+        raise file_error(owner, "dataWindow", f"pixels that {len(data)} bytes can hold", f"{pixels} bytes of them")
     free = host_memory.available()
     needed = pixels + copied + filled
     if needed > free:
-        raise complaint(
+        raise file_error(
             owner, "file", f"an image that fits into memory, of which {free:.0f} bytes are free", str(needed)
         )
 
 
 def _check_part(header: dict[str, Any], owner: str) -> None:
     if str(header.get("type", "")).startswith("deep"):
-        raise complaint(owner, "type", "a flat image", "a deep one")
+        raise file_error(owner, "type", "a flat image", "a deep one")
     for name in ("dataWindow", "displayWindow"):
         x0, y0, x1, y1 = header[name]
         if x1 < x0 or y1 < y0 or _area(header[name]) > MAX_PIXELS:
-            raise complaint(owner, name, f"1 to {MAX_PIXELS} pixels", str(header[name]))
+            raise file_error(owner, name, f"1 to {MAX_PIXELS} pixels", str(header[name]))
     for channel in header["channels"]:
         if (channel.xSampling, channel.ySampling) != (1, 1):
-            raise complaint(owner, channel.name, "a value for every pixel", "a subsampled channel")
+            raise file_error(owner, channel.name, "a value for every pixel", "a subsampled channel")

@@ -13,7 +13,7 @@ import numpy as np
 from ..base import console
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import complaint, read_file, size_of
+from ..base.input_files import file_error, read_file, size_of
 from ..errors import InputError
 from . import decode, exr
 from .channels import color_group
@@ -73,11 +73,11 @@ def _read(path: Path, owner: str) -> Picture:
         with open(path, "rb") as file:
             begin = file.read(len(_PNG))
     except OSError as error:
-        raise complaint(owner, "file", "a readable file", str(error.strerror or error)) from None
+        raise file_error(owner, "file", "a readable file", str(error.strerror or error)) from None
     if begin.startswith(_EXR):
         return Picture(*exr.read(path), name=owner)
     if begin != _PNG:
-        raise complaint(owner, "file", "an OpenEXR or PNG image", "something else")
+        raise file_error(owner, "file", "an OpenEXR or PNG image", "something else")
     codes, header = decode.decode_png(read_file(path, _MAX_BYTES), owner, most_pixels=_MAX_PIXELS)
     names = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[codes.shape[2]]
     most = np.iinfo(codes.dtype).max

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.json_values import plain
-from ..base.validation import refuse
+from ..base.validation import value_error
 from .tonemap import srgb_curve
 
 # Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
@@ -101,7 +101,7 @@ def has_ssim() -> bool:
 def image_error(image: Array, reference: Array) -> ImageError:
     """All measures. Raises InputError for images of different sizes."""
     if image.shape != reference.shape:
-        raise refuse("image_error", "image", f"the reference's shape {reference.shape}", image)
+        raise value_error("image_error", "image", f"the reference's shape {reference.shape}", image)
     return ImageError(rmse(image, reference), relmse(image, reference), psnr(image, reference), flip(image, reference))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base import atomic_files
 from ..base.atomic_files import Path, shown
-from ..base.input_files import complaint, read_file, reason_of
+from ..base.input_files import file_error, read_file, reason_of
 from ..errors import InputError
 
 _LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
@@ -63,7 +63,7 @@ def read(path: Path) -> np.ndarray:
         # Not Image.open: it refuses more than 1.8e8 pixels, which this project may well have written.
         with PngImagePlugin.PngImageFile(io.BytesIO(data)) as image:
             if image.width * image.height > _MAX_PIXELS:
-                raise complaint(owner, "file", f"at most {_MAX_PIXELS} pixels", f"{image.width} x {image.height}")
+                raise file_error(owner, "file", f"at most {_MAX_PIXELS} pixels", f"{image.width} x {image.height}")
             if image.mode.startswith("I"):
                 gray = (np.asarray(image).astype(np.uint32) + 128) // 257
                 return np.repeat(gray.astype(np.uint8)[:, :, None], 3, axis=2)
@@ -71,4 +71,4 @@ def read(path: Path) -> np.ndarray:
     except InputError:
         raise
     except Exception as error:  # a decoder fed with a broken file raises anything at all
-        raise complaint(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
+        raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None

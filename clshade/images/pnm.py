@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.input_files import complaint, quoted
+from ..base.input_files import file_error, quoted
 
 _MAX_HEADER = 1 << 16  # bytes, of which most are comments
 _CHUNK = 1 << 20  # bytes of text taken at once
@@ -41,17 +41,17 @@ def header(data: bytes, owner: str) -> Header | None:
         return None
     match = _HEADER.match(data, 0, _MAX_HEADER)
     if match is None:
-        raise complaint(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
+        raise file_error(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
     kind, width, height, most = (int(number) for number in match.groups())
     if not (width and height and 0 < most < 1 << 16):
         expected = "a PNM image with pixels and a largest value from 1 to 65535"
-        raise complaint(owner, "image", expected, f"{width} x {height} with {most}")
+        raise file_error(owner, "image", expected, f"{width} x {height} with {most}")
     found = Header(width, height, 3 if kind in (3, 6) else 1, most, kind < 4, match.end())
     count = width * height * found.channels
     least = 2 * count - 1 if found.is_text else count * (1 if most < 256 else 2)
     if least > len(data) - found.start:
         expected = f"at least {least} bytes for {width} x {height} pixels"
-        raise complaint(owner, "image", expected, f"{len(data) - found.start} bytes")
+        raise file_error(owner, "image", expected, f"{len(data) - found.start} bytes")
     return found
 
 
@@ -67,7 +67,7 @@ def codes(data: bytes, found: Header, owner: str) -> Array:
     else:
         values = np.frombuffer(data, kind, count, found.start).astype(kind.newbyteorder("="), copy=False)
     if values.max() > found.most:
-        raise complaint(owner, "image", f"values up to {found.most}", str(values.max()))
+        raise file_error(owner, "image", f"values up to {found.most}", str(values.max()))
     return values.reshape(found.height, found.width, found.channels)
 
 
@@ -75,14 +75,14 @@ def _text_values(data: bytes, found: Header, count: int, kind: np.dtype, owner: 
     values, place, start = np.empty(count, kind), 0, found.start
     while place < count:
         if start >= len(data):
-            raise complaint(owner, "image", f"{count} values", str(place))
+            raise file_error(owner, "image", f"{count} values", str(place))
         end = _end(_SPACE, data, start + _CHUNK)  # no number is cut in two
         line = max(data.rfind(b"\n", start, end), data.rfind(b"\r", start, end)) + 1
         if data.find(b"#", max(line, start), end) >= 0:  # nor is a comment
             end = _end(_LINE_END, data, end + 1)
         part = _numbers(_COMMENT.sub(b"", data[start:end]), count - place, owner)
         if len(part) and part.max() > found.most:
-            raise complaint(owner, "image", f"values up to {found.most}", str(part.max()))
+            raise file_error(owner, "image", f"values up to {found.most}", str(part.max()))
         values[place : place + len(part)] = part
         place, start = place + len(part), end
     return values
@@ -99,5 +99,5 @@ def _numbers(text: bytes, most: int, owner: str) -> Array:
     words = text.split(None, most)[:most]
     bad = next((word for word in words if not (word.isdigit() and len(word) < 10)), None)
     if bad is not None:
-        raise complaint(owner, "image", "whole numbers", quoted(bad))
+        raise file_error(owner, "image", "whole numbers", quoted(bad))
     return np.array(words, dtype="S9").astype(np.int64)

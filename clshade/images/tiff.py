@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.input_files import complaint
+from ..base.input_files import file_error
 
 _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
@@ -82,7 +82,7 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
     except ImportError:
         expected = "tifffile, for 16 bits a channel in planes, with gray and alpha, or with associated alpha"
         found_none = "none: `pip install tifffile`"
-        raise complaint(owner, "image", expected, found_none) from None
+        raise file_error(owner, "image", expected, found_none) from None
     wanted = (found.samples, found.height, found.width) if found.planar else (found.height, found.width, found.samples)
     logger = logging.getLogger("tifffile")  # which complains of broken files on standard error
     before, logger.disabled = logger.disabled, True
@@ -106,12 +106,12 @@ def _check_parts(page: Any, wanted: tuple[int, int, int], owner: str) -> None:
     """Raises InputError where a file of a few bytes claims more pixels, in depth, or more or larger strips or tiles than
     those of an image of the wanted shape: tifffile would make them all."""
     if page.size != math.prod(wanted) or page.dtype != np.uint16:
-        raise complaint(owner, "image", f"16-bit pixels of shape {wanted}", f"{page.dtype} of shape {page.shape}")
+        raise file_error(owner, "image", f"16-bit pixels of shape {wanted}", f"{page.dtype} of shape {page.shape}")
     parts, listed = math.prod(page.chunked), len(page.dataoffsets)
     if parts != listed:
-        raise complaint(owner, "image", f"{parts} strips or tiles", str(listed))
+        raise file_error(owner, "image", f"{parts} strips or tiles", str(listed))
     if math.prod(page.chunks) > _MAX_PART:
-        raise complaint(owner, "image", f"strips or tiles of at most {_MAX_PART} values", str(math.prod(page.chunks)))
+        raise file_error(owner, "image", f"strips or tiles of at most {_MAX_PART} values", str(math.prod(page.chunks)))
 
 
 def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
@@ -119,14 +119,14 @@ def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
     compression = int(page.compression)
     if compression not in _NONE + _DEFLATE:
         expected = "no compression or deflate, for 16 bits in planes, with associated alpha, or gray with alpha"
-        raise complaint(owner, "image", expected, page.compression.name)
+        raise file_error(owner, "image", expected, page.compression.name)
     if compression in _NONE:
         return
     most = math.prod(page.chunks) * 2
     for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
         part = zlib.decompressobj().decompress(data[start : start + count], most + 1)
         if len(part) > most:
-            raise complaint(owner, "image", f"at most {most} bytes in a strip or tile", "more")
+            raise file_error(owner, "image", f"at most {most} bytes in a strip or tile", "more")
 
 
 def _divided(pixels: Array) -> Array:

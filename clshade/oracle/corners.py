@@ -22,7 +22,7 @@ class Corners:
 
     world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) by how much rounding in
     float64 may change the worst of them, 0 for normals that the mesh has. colors: (F, 3, 3) vertex colors, white where
-    the mesh has none. uvs: (F, 3, 2), `held`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
+    the mesh has none. uvs: (F, 3, 2), `usable_uvs`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
     world: Floats
@@ -47,7 +47,7 @@ def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, 
     return verts[mesh.faces], normals, errors
 
 
-def held(uvs: Reals) -> Floats:
+def usable_uvs(uvs: Reals) -> Floats:
     """Texture coordinates as they count, float64: those that are NaN or infinite as 0, and none beyond MOST_UV."""
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
 
@@ -61,7 +61,7 @@ def gather(scene: Scene) -> Corners:
         if mesh.uvs is None:
             mesh_uvs = np.zeros((count, 3, 2))
         else:
-            mesh_uvs = held(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
+            mesh_uvs = usable_uvs(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors turns the corners' order round: what was the front stays the front.

@@ -15,7 +15,7 @@ import numpy as np
 from ..base import display
 from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
-from ..base.validation import choice, flag, known, refuse
+from ..base.validation import choice, flag, known, value_error
 from ..base.validation import path as checked_path
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
@@ -143,7 +143,7 @@ class Frame:
         if not isinstance(name, str) or name not in self._layers:
             expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
             near = hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS)
-            raise refuse("Frame", "layer", expected, name, near)
+            raise value_error("Frame", "layer", expected, name, near)
         return self._layers[name]
 
     def __contains__(self, name: object) -> bool:
@@ -272,11 +272,11 @@ def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -
     path = Path(checked_path(*asked, path))
     stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
     if stem.name in ("", ".."):
-        raise refuse(*asked, "a file name", str(path))
+        raise value_error(*asked, "a file name", str(path))
     if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
-        raise refuse(*asked, both, str(path))
+        raise value_error(*asked, both, str(path))
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 

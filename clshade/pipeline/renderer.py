@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.validation import known, refuse
+from ..base.validation import known, value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
@@ -49,7 +49,7 @@ def _clock() -> float:
     return time.perf_counter() - programs.waited()
 
 
-def settle(
+def effective_settings(
     scene: Scene,
     preset: Preset | None = None,
     settings: Settings | None = None,
@@ -59,7 +59,9 @@ def settle(
     """The scene and settings that a call's arguments mean: `resolution` changes the scene's camera, the other fields the
     given settings or those of the preset (default: the scene's own)."""
     if not isinstance(scene, Scene):
-        raise refuse("render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene)
+        raise value_error(
+            "render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene
+        )
     allowed = (*Settings.__dataclass_fields__, *_KEYWORDS)
     known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
     if resolution is not None:
@@ -69,7 +71,7 @@ def settle(
     if preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
-        raise refuse("render", "settings", "a Settings", settings)
+        raise value_error("render", "settings", "a Settings", settings)
     return scene, replace(settings, **fields)
 
 
@@ -113,7 +115,7 @@ class Renderer:
     ) -> None:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
-        self.scene, self.settings = settle(scene, preset, settings, **fields)
+        self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         self.features = packed.features
         packed_at = _clock()
@@ -122,7 +124,7 @@ class Renderer:
             scene_stages(tried, self.features, lanes, packed.layers.features)
 
         if not isinstance(device, (Device, str, type(None))):
-            raise refuse("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
+            raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
@@ -341,10 +343,10 @@ class Renderer:
         """One frame, seen by `camera` (default: the scene's)."""
         camera = self.scene.camera if camera is None else camera
         if not isinstance(camera, Camera):
-            raise refuse("Renderer.render", "camera", "a Camera", camera)
+            raise value_error("Renderer.render", "camera", "a Camera", camera)
         if camera.orthographic != self.scene.camera.orthographic:
             kind = "an orthographic" if self.scene.camera.orthographic else "a perspective"
-            raise refuse("Renderer.render", "camera", f"{kind} camera, as the scene's", "the other kind")
+            raise value_error("Renderer.render", "camera", f"{kind} camera, as the scene's", "the other kind")
         with self._lock:
             if self._closed:
                 raise ClshadeError("Renderer.render: the renderer is closed")

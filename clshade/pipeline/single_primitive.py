@@ -26,7 +26,7 @@ _ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class PointLighting:
     """What light reaches a point, and what its surface makes of it.
 
     point, eye: (3,) world space. positions, intensities: (L, 3) of the lights. material: its ka is ka*Ia already.
@@ -39,10 +39,10 @@ class Surroundings:
     material: Material
 
 
-NOWHERE = Surroundings(_ORIGIN, _ORIGIN, np.zeros((0, 3)), np.zeros((0, 3)), Material(0.0, 0.0, 0.0, 1.0))
+NOWHERE = PointLighting(_ORIGIN, _ORIGIN, np.zeros((0, 3)), np.zeros((0, 3)), Material(0.0, 0.0, 0.0, 1.0))
 
 
-def reach(around: Surroundings) -> float:
+def reach(around: PointLighting) -> float:
     """The largest coordinate of the point relative to the eye; infinite where float64 cannot hold it."""
     with np.errstate(over="ignore"):
         return float(np.abs(around.point - around.eye).max())
@@ -51,7 +51,7 @@ def reach(around: Surroundings) -> float:
 class _Lit:
     """The buffers that the reflection model reads, for one point; unlit lights are left out."""
 
-    def __init__(self, device: Device, around: Surroundings, colors: Array) -> None:
+    def __init__(self, device: Device, around: PointLighting, colors: Array) -> None:
         shining = around.intensities.any(axis=1)
         self.count = int(shining.sum())
         self.unit = shading_tables.light_unit(
@@ -68,7 +68,7 @@ class _Lit:
         self.materials = Buffer(device, shading_tables.material_table([around.material], [], _ONES))
 
 
-def _features(shader: str, around: Surroundings, bright: bool = False) -> Features:
+def _features(shader: str, around: PointLighting, bright: bool = False) -> Features:
     """bright: see `derive_alone`."""
     return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()), bright)
 
@@ -93,7 +93,7 @@ def unit(vectors: Array) -> Floats:
     return units
 
 
-def light_point(device: Device, around: Surroundings, normal: Floats, color: Floats) -> Floats:
+def light_point(device: Device, around: PointLighting, normal: Floats, color: Floats) -> Floats:
     """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
     stages = _light_stages(device, _features("phong", around))
     lit = _Lit(device, around, color)
@@ -179,7 +179,7 @@ def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]
 
 
 def draw_triangle(
-    device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: Surroundings, image: Array
+    device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: PointLighting, image: Array
 ) -> None:
     """Draws a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
 
@@ -209,7 +209,7 @@ def _draw(
     shader: str,
     pieces: Array,
     attributes: tuple[Array, Array],
-    around: Surroundings,
+    around: PointLighting,
     resolution: tuple[int, int],
 ) -> Array | None:
     """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..base.validation import number, refuse, vector
+from ..base.validation import number, value_error, vector
 from .camera import Camera, height_seen
 from .geometry import camera_axes
 
@@ -22,7 +22,7 @@ def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
     return turned
 
 
-def moved(
+def adjusted(
     camera: Camera,
     *,
     position: Any = None,
@@ -52,7 +52,7 @@ def moved(
         up_axis = camera.up / np.linalg.norm(camera.up)
         own = math.degrees(math.asin(max(-1.0, min(1.0, float(offset @ up_axis) / float(np.linalg.norm(offset))))))
         if not -90.0 < own + elevation < 90.0:
-            raise refuse(who, "elevation", f"degrees between {-90 - own:.4g} and {90 - own:.4g}", elevation)
+            raise value_error(who, "elevation", f"degrees between {-90 - own:.4g} and {90 - own:.4g}", elevation)
         right = camera_axes(camera)[0]
         offset = _rotated(_rotated(offset, right, -elevation), up_axis, azimuth)
         camera = replace(camera, eye=camera.lookat + offset)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Floats
-from ..base.validation import choice, flag, floats, integer, number, refuse, sequence, set_fields, vector
+from ..base.validation import choice, flag, floats, integer, number, sequence, set_fields, value_error, vector
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 
@@ -18,7 +18,7 @@ MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ra
 def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
     items = sequence(value)
     if items is None or len(items) != 2:
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     return items[0], items[1]
 
 
@@ -35,7 +35,7 @@ def height_seen(who: str, name: str, degrees: Any) -> float:
     """How high the image is at distance 1, of a vertical field of view. Raises InputError, which names `who` and `name`."""
     angle = number(who, name, degrees)
     if not 1e-6 <= angle < 180.0:
-        raise refuse(who, name, "degrees from 1e-6 to less than 180", degrees)
+        raise value_error(who, name, "degrees from 1e-6 to less than 180", degrees)
     return 2.0 * math.tan(math.radians(angle) / 2.0)
 
 
@@ -80,12 +80,12 @@ class Camera:
         with np.errstate(over="ignore"):
             forward = lookat - eye
         if not np.isfinite(forward).all() or not forward.any():
-            raise refuse(who, "lookat", "a point other than eye", self.lookat)
+            raise value_error(who, "lookat", "a point other than eye", self.lookat)
         if not up.any():
-            raise refuse(who, "up", "a vector other than zero", self.up)
+            raise value_error(who, "up", "a vector other than zero", self.up)
         unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
         if np.linalg.norm(np.cross(unit_forward, unit_up)) <= 1e-12:
-            raise refuse(who, "up", "a vector not parallel to lookat - eye", up.tolist())
+            raise value_error(who, "up", "a vector not parallel to lookat - eye", up.tolist())
         height, width = _pair(who, "plane", "two numbers (H, W)", self.plane)
         right, up_part = _pair(who, "principal", "two numbers", self.principal)
         set_fields(
@@ -141,16 +141,16 @@ class Camera:
             or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
             or k[2, 2] != 1.0
         ):
-            raise refuse(who, "matrix", form, k.tolist())
+            raise value_error(who, "matrix", form, k.tolist())
         if min(k[0, 0], k[1, 1]) <= 0.0:
-            raise refuse(who, "matrix", "fx and fy above 0", k.tolist())
+            raise value_error(who, "matrix", "fx and fy above 0", k.tolist())
         if placement.shape != (4, 4) or not np.isfinite(placement).all():
-            raise refuse(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
+            raise value_error(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
         rotation, eye = placement[:3, :3], placement[:3, 3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
-            raise refuse(who, "pose", "a rotation without scale or reflection", rotation.tolist())
+            raise value_error(who, "pose", "a rotation without scale or reflection", rotation.tolist())
         if pixel_center not in (0, 0.5):
-            raise refuse(who, "pixel_center", "0.5 or 0", pixel_center)
+            raise value_error(who, "pixel_center", "0.5 or 0", pixel_center)
         choice(who, "convention", convention, ("opencv", "opengl"))
         forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
         columns, count_rows = checked_resolution(who, resolution)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats
-from ..base.validation import refuse, vector
+from ..base.validation import value_error, vector
 from ..errors import InputError
 from .camera import Camera
 from .model import Scene
@@ -118,13 +118,13 @@ def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple
     """The rows of `look_at`. Plain floats: a frame needs them once, and NumPy's calls would cost ten times as much."""
     z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
     if not any(z):
-        raise refuse("look_at", "lookat", "a point other than eye", lookat)
+        raise value_error("look_at", "lookat", "a point other than eye", lookat)
     exponent = math.frexp(max(map(abs, up)))[1]
     u = [math.ldexp(value, -exponent) for value in up]
     along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
     across = [a - along * b for a, b in zip(u, z, strict=True)]
     if max(map(abs, across)) <= 1e-12:
-        raise refuse("look_at", "up", "a vector not parallel to lookat - eye", up)
+        raise value_error("look_at", "up", "a vector not parallel to lookat - eye", up)
     y = _unit(*across)
     x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
     return x, y, z

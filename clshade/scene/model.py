@@ -22,11 +22,11 @@ from ..base.validation import (
     floats,
     indices,
     number,
-    refuse,
     rows,
     sequence,
     set_fields,
     text,
+    value_error,
     vector,
 )
 from .camera import Camera
@@ -76,7 +76,7 @@ class PointLight:
             intensity=vector("PointLight", "intensity", self.intensity),
         )
         if (np.abs(self.intensity) > float(np.finfo(np.float32).max)).any():
-            raise refuse("PointLight", "intensity", "numbers within float32", self.intensity.tolist())
+            raise value_error("PointLight", "intensity", "numbers within float32", self.intensity.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +104,16 @@ class Texture:
     def __post_init__(self) -> None:
         image = floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
         if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
-            raise refuse("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
+            raise value_error("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
         if image.dtype.kind in "iu":
             image = image.astype(np.float64) / np.iinfo(image.dtype).max
         image = np.ascontiguousarray(image, dtype=np.float32).view()
         if not np.isfinite(image).all():
-            raise refuse("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
+            raise value_error("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
         image.flags.writeable = False
         wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else sequence(self.wrap)
         if wraps is None or len(wraps) != 2:
-            raise refuse("Texture", "wrap", "one name or two, for u and v", self.wrap)
+            raise value_error("Texture", "wrap", "one name or two, for u and v", self.wrap)
         set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
         choice("Texture", "lookup", self.lookup, LOOKUPS)
         text("Texture", "name", self.name)
@@ -150,9 +150,9 @@ class Material:
     def __post_init__(self) -> None:
         exponent = number("Material", "n", self.n, least=0.0, expected="a number from 0 to 1e9")
         if exponent > 1e9:
-            raise refuse("Material", "n", "a number from 0 to 1e9", self.n)
+            raise value_error("Material", "n", "a number from 0 to 1e9", self.n)
         if self.texture is not None and not isinstance(self.texture, Texture):
-            raise refuse("Material", "texture", "a Texture or None", self.texture)
+            raise value_error("Material", "texture", "a Texture or None", self.texture)
         set_fields(
             self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
         )
@@ -229,23 +229,23 @@ class Mesh:
             given = getattr(self, f"{name}_faces")
             if given is None:
                 if attribute is not None and len(attribute) < len(verts):
-                    raise refuse(who, f"{name}s", f"one row per vertex ({len(verts)}), or {name}_faces", attribute)
+                    raise value_error(who, f"{name}s", f"one row per vertex ({len(verts)}), or {name}_faces", attribute)
                 continue
             if attribute is None:
-                raise refuse(who, f"{name}_faces", f"None without {name}s", given)
+                raise value_error(who, f"{name}_faces", f"None without {name}s", given)
             given = indices(who, f"{name}_faces", given, len(attribute))
             if given.shape != faces.shape:
-                raise refuse(who, f"{name}_faces", f"the shape of faces {faces.shape}", given)
+                raise value_error(who, f"{name}_faces", f"the shape of faces {faces.shape}", given)
             set_fields(self, **{f"{name}_faces": given})
         if not isinstance(self.material, Material):
-            raise refuse(who, "material", "a Material", self.material)
+            raise value_error(who, "material", "a Material", self.material)
         form = "an array of shape (K, 4, 4)"
         placements = np.eye(4)[None] if self.instances is None else floats(who, "instances", self.instances, form)
         if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
-            raise refuse(who, "instances", form, self.instances)
+            raise value_error(who, "instances", form, self.instances)
         placements = placements.astype(np.float64)
         if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
-            raise refuse(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
+            raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
         set_fields(self, instances=placements)
 
@@ -260,7 +260,7 @@ def _vertex_colors(who: str, given: Any, count: int) -> Reals:
         array = array / np.iinfo(array.dtype).max
     colors = rows(who, "colors", array, 3)
     if len(colors) != count:
-        raise refuse(who, "colors", f"one row per vertex ({count})", colors)
+        raise value_error(who, "colors", f"one row per vertex ({count})", colors)
     return colors
 
 
@@ -322,15 +322,15 @@ class Scene:
             value = getattr(self, name)
             items = (value,) if isinstance(value, kind) else sequence(value)
             if items is None:
-                raise refuse("Scene", name, f"a sequence of {kind.__name__}", value)
+                raise value_error("Scene", name, f"a sequence of {kind.__name__}", value)
             for item in items:
                 if not isinstance(item, kind):
-                    raise refuse("Scene", name, f"a sequence of {kind.__name__}", item)
+                    raise value_error("Scene", name, f"a sequence of {kind.__name__}", item)
             set_fields(self, **{name: items})
         if not isinstance(self.camera, Camera):
-            raise refuse("Scene", "camera", "a Camera", self.camera)
+            raise value_error("Scene", "camera", "a Camera", self.camera)
         if self.face_count > MAX_FACES:
-            raise refuse("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
+            raise value_error("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
         set_fields(
             self,
             ambient=coefficient("Scene", "ambient", self.ambient),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Faces, Floats
-from ..base.validation import number, refuse
+from ..base.validation import number, value_error
 from .geometry import _blocks, _exponent, _normalized
 
 
@@ -45,7 +45,7 @@ def crease_angle(owner: str, name: str, value: Any) -> float:
     expected = "degrees from 0 to 180"
     angle = number(owner, name, value, least=0.0, expected=expected)
     if angle > 180.0:
-        raise refuse(owner, name, expected, value)
+        raise value_error(owner, name, expected, value)
     return angle
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
 
 from ..base.arrays import Converted, kept
-from ..base.validation import choice, flag, integer, known, number, refuse, sequence, set_fields
+from ..base.validation import choice, flag, integer, known, number, sequence, set_fields, value_error
 from ..images.layer_words import LAYER_WORDS
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class Settings:
         choice(who, "texture_filter", self.texture_filter, TEXTURE_FILTERS)
         if self.texture_filter == "trilinear" and self.texture_at == "vertex":
             expected = "bilinear with texture_at vertex, for a corner spans no texels (or texture_at pixel)"
-            raise refuse(who, "texture_filter", expected, self.texture_filter)
+            raise value_error(who, "texture_filter", expected, self.texture_filter)
         choice(who, "ambient", self.ambient, AMBIENTS)
         choice(who, "precision", self.precision, PRECISIONS)
         set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))
@@ -144,7 +144,7 @@ class Settings:
         choice(who, "resolve", self.resolve, RESOLVES)
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
-            raise refuse(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
+            raise value_error(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
         for layer in layers:
             choice(who, "layers", layer, (*LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS)
         asked = tuple(name for name in LAYERS if name in layers or "all" in layers)

@@ -13,7 +13,7 @@ from clshade.cli.main import COMMANDS, _parser
 from clshade.errors import InputError
 from clshade.images import exr
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import settle
+from clshade.pipeline.renderer import effective_settings
 from clshade.scene.builtin.scenes import BUILTINS, builtin
 from clshade.scene.model import Settings
 
@@ -157,17 +157,20 @@ def test_a_frame_names_its_layers():
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda: settle(SCENE, sampels=4), ("render: sampels: ", "no such field: did you mean 'samples'?")),
-        (lambda: settle(SCENE, settings=Settings(), sampels=4), ("render: sampels: ", "did you mean 'samples'?")),
-        (lambda: settle(SCENE, size=(4, 4)), ("render: size: ", "did you mean 'resolution'?")),
+        (lambda: effective_settings(SCENE, sampels=4), ("render: sampels: ", "no such field: did you mean 'samples'?")),
+        (
+            lambda: effective_settings(SCENE, settings=Settings(), sampels=4),
+            ("render: sampels: ", "did you mean 'samples'?"),
+        ),
+        (lambda: effective_settings(SCENE, size=(4, 4)), ("render: size: ", "did you mean 'resolution'?")),
         (lambda: Settings.from_preset("standard", shaders="phong"), ("Settings: shaders: ", "did you mean 'shader'?")),
-        (lambda: settle(SCENE, shader="Phong"), ("Settings: shader: ", "did you mean 'phong'?")),
-        (lambda: settle(SCENE, layers="depth"), ("Settings: layers: ", "did you mean 'Z'?")),
-        (lambda: settle(SCENE, layers=("rgb",)), ("Settings: layers: ", "frame.rgba")),
+        (lambda: effective_settings(SCENE, shader="Phong"), ("Settings: shader: ", "did you mean 'phong'?")),
+        (lambda: effective_settings(SCENE, layers="depth"), ("Settings: layers: ", "did you mean 'Z'?")),
+        (lambda: effective_settings(SCENE, layers=("rgb",)), ("Settings: layers: ", "frame.rgba")),
         (lambda: clshade.render("bunny.obj"), ("render: scene: ", "clshade.load(path)", "'bunny.obj'")),
         (lambda: clshade.Renderer(SCENE.meshes[0]), ("render: scene: ", "<Mesh quads: ")),
         (
-            lambda: settle(SCENE, camera=SCENE.camera),
+            lambda: effective_settings(SCENE, camera=SCENE.camera),
             ("render: camera: ", "a part of the scene, see dataclasses.replace"),
         ),
         (lambda: clshade.render(SCENE, device=0), ("render: device: ", "a name such as pocl or 0:0", "found 0")),

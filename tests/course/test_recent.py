@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clshade.course.content_cache import Recent, same
+from clshade.course.content_cache import ContentCache, same
 
 
 def make_recent(**limits):
@@ -14,7 +14,7 @@ def make_recent(**limits):
         made.append(arguments)
         return f"result {len(made)}"
 
-    return Recent(make, dropped.append, **limits), made, dropped
+    return ContentCache(make, dropped.append, **limits), made, dropped
 
 
 def test_equal_arguments_give_the_kept_result():

@@ -18,7 +18,7 @@ from farm_jobs import job
 from clshade.cli.main import main
 from clshade.errors import DeviceError, InputError, WorkerError
 from clshade.farm import waiting
-from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
+from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 dispatch = pytest.importorskip("clshade.farm.dispatch", exc_type=ImportError)
@@ -56,16 +56,16 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
             writer.draw(task)
 
     cluster.wait_for_workers(2)
-    found: list[Drawn | Lost] = []
+    found: list[DrawnFrame | Lost] = []
     for each in cluster_module.draw_on_cluster(job(), tasks(there), cluster.address, PATIENT):
         found.append(each)
         if len(found) == COUNT // 4:
-            assert isinstance(each, Drawn)
+            assert isinstance(each, DrawnFrame)
             busy = workers[int(each.worker.rpartition(":")[2])]
             busy.send_signal(signal.SIGKILL)
             busy.wait()
     lost = [each for each in found if isinstance(each, Lost)]
-    drawn = [each for each in found if isinstance(each, Drawn)]
+    drawn = [each for each in found if isinstance(each, DrawnFrame)]
     assert [each.reason.partition(" ")[2] for each in lost] == ["is gone"]
     assert sorted(each.number for each in drawn) == list(range(1, COUNT + 1))
     assert len({each.worker for each in drawn}) == 2
@@ -88,15 +88,15 @@ def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
             taken.append(task.number)
             yield task
 
-    found: list[Drawn | Lost | Silent] = []
+    found: list[DrawnFrame | Lost | Silent] = []
     for each in cluster_module.draw_on_cluster(job(), given(tmp_path), cluster.address, PATIENT, 3.0):
         found.append(each)
         if len(found) == COUNT // 4:
-            assert isinstance(each, Drawn)
+            assert isinstance(each, DrawnFrame)
             stopped = workers[int(each.worker.rpartition(":")[2])]
             stopped.send_signal(signal.SIGSTOP)
-        assert len(taken) - sum(isinstance(each, Drawn) for each in found) <= 2 * dispatch.AHEAD
-    assert sorted(each.number for each in found if isinstance(each, Drawn)) == list(range(1, COUNT + 1))
+        assert len(taken) - sum(isinstance(each, DrawnFrame) for each in found) <= 2 * dispatch.AHEAD
+    assert sorted(each.number for each in found if isinstance(each, DrawnFrame)) == list(range(1, COUNT + 1))
     assert any(isinstance(each, Lost) and "gave no sign for " in each.reason for each in found)
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == COUNT
 
@@ -104,7 +104,7 @@ def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
         path.unlink()
     capsys.readouterr()
     found = list(cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0))
-    assert len({each.number for each in found if isinstance(each, Drawn)}) == COUNT
+    assert len({each.number for each in found if isinstance(each, DrawnFrame)}) == COUNT
     assert "no sign of worker tcp://127.0.0.1:" in capsys.readouterr().err
 
     for path in tmp_path.iterdir():
@@ -112,15 +112,15 @@ def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
     found = []
     for each in cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT):
         found.append(each)
-        if isinstance(each, Silent) and sum(isinstance(each, Drawn) for each in found) > COUNT // 2:
+        if isinstance(each, Silent) and sum(isinstance(each, DrawnFrame) for each in found) > COUNT // 2:
             stopped.send_signal(signal.SIGCONT)
-    assert len({each.number for each in found if isinstance(each, Drawn)}) == COUNT
+    assert len({each.number for each in found if isinstance(each, DrawnFrame)}) == COUNT
     silent = [each for each in found if isinstance(each, Silent)]
     assert silent
     assert silent[-1].worker.startswith("tcp://127.0.0.1:")
 
 
-def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATIENT) -> list[Drawn | Lost]:
+def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATIENT) -> list[DrawnFrame | Lost]:
     return list(cluster_module.draw_on_cluster(given, listed, address, timeout))
 
 

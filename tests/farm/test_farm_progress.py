@@ -13,7 +13,7 @@ from devices import working_devices
 
 from clshade.cli.main import main
 from clshade.farm import Run, progress, running
-from clshade.farm.job import Drawn
+from clshade.farm.job import DrawnFrame
 from clshade.farm.progress import Progress, rate_text
 
 
@@ -31,7 +31,7 @@ def now(monkeypatch) -> list[float]:
 
 
 def draw(bar: Progress, number: int, *warnings: str) -> None:
-    bar.advance(Drawn(number, 1.0, 1.0, 1, warnings, "here:1"))
+    bar.advance(DrawnFrame(number, 1.0, 1.0, 1, warnings, "here:1"))
 
 
 def test_lines_now_and_then_without_a_terminal(now, monkeypatch):

@@ -12,7 +12,7 @@ from farm_jobs import tasks
 
 from clshade.errors import WorkerError
 from clshade.farm import waiting
-from clshade.farm.job import Drawn, Lost, Silent, Task
+from clshade.farm.job import DrawnFrame, Lost, Silent, Task
 
 dispatch = pytest.importorskip("clshade.farm.dispatch", reason="needs dask.distributed", exc_type=ImportError)
 members = pytest.importorskip("clshade.farm.members", exc_type=ImportError)
@@ -145,7 +145,7 @@ class Run:
         self.turned, self.cluster = turned, cluster
         found = members.Members(cluster, "tcp://scheduler")
         self.dispatcher = dispatch.Dispatcher(cluster, None, "run", given, found, 10.0, limit)
-        self.found: list[Drawn | Lost | Silent] = []
+        self.found: list[DrawnFrame | Lost | Silent] = []
         self.events = self.dispatcher._events
         self.dispatcher._events = self  # in place of the queue: it is asked once a step
         self.steps_left, self.away = 0, 0.0
@@ -166,10 +166,10 @@ class Run:
     def empty(self) -> bool:
         return self.events.empty()
 
-    def step(self, seconds: int = 1) -> list[Drawn | Lost | Silent]:
+    def step(self, seconds: int = 1) -> list[DrawnFrame | Lost | Silent]:
         """What comes in so many seconds."""
         self.steps_left = seconds
-        found: list[Drawn | Lost | Silent] = []
+        found: list[DrawnFrame | Lost | Silent] = []
         try:
             for each in self.dispatcher.results():
                 found.append(each)
@@ -221,7 +221,7 @@ def test_a_frame_that_takes_too_long_goes_to_another_worker_and_the_first_to_dra
     run, cluster = start(turned, tmp_path, 2, a=1, b=1)
     slow, other = cluster.begin("a"), cluster.begin("b")
     cluster.draw(other)
-    assert [type(each) for each in run.step(4)] == [Drawn]
+    assert [type(each) for each in run.step(4)] == [DrawnFrame]
     (lost,) = run.step(4)
     assert isinstance(lost, Lost)
     assert (lost.numbers, lost.reason.split(" ")[0]) == ((1,), "a")
@@ -276,7 +276,7 @@ def test_a_worker_that_is_stopped_keeps_nothing_and_gets_nothing_new(turned, tmp
     drawn: set[int] = set()
     while cluster.waiting("b"):
         cluster.draw(cluster.waiting("b")[0])
-        drawn |= {each.number for each in run.step() if isinstance(each, Drawn)}
+        drawn |= {each.number for each in run.step() if isinstance(each, DrawnFrame)}
         assert not cluster.waiting("a")
     assert drawn == set(range(1, 101))
 

@@ -23,7 +23,7 @@ from processes import ROOT
 
 from clshade.errors import DeviceError, OutputError, WorkerError
 from clshade.farm import local, waiting
-from clshade.farm.job import Drawn, FrameWriter, Job, Lost, Silent, Task
+from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from clshade.farm.local import ATTEMPTS, draw_locally
 from clshade.images import exr
 from clshade.pipeline.renderer import Renderer
@@ -82,7 +82,7 @@ def test_two_workers_one_of_which_is_killed(tmp_path, expected):
         if len(found) == COUNT // 3:
             killed = children()[0]
             os.kill(killed, signal.SIGKILL)
-    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    drawn = [each.number for each in found if isinstance(each, DrawnFrame)]
     assert sorted(drawn) == list(range(1, COUNT + 1))
     assert killed
     lost = [each for each in found if isinstance(each, Lost)]
@@ -101,7 +101,7 @@ class Deadly:
 def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
     good, *_ = tasks(tmp_path)
     bad = Task(2, Deadly(), tmp_path / "002")  # type: ignore[arg-type]
-    found: list[Drawn | Lost] = []
+    found: list[DrawnFrame | Lost] = []
     with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* exit code 7$"):
         found.extend(draw_locally(job(), [good, bad], 2))
     assert sum(isinstance(each, Lost) for each in found) == ATTEMPTS - 1
@@ -115,19 +115,19 @@ def written(folder: Path) -> dict[str, bytes]:
 
 def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(waiting, "SILENT", 0.5)
-    found: list[Drawn | Lost | Silent] = []
+    found: list[DrawnFrame | Lost | Silent] = []
     silent: list[Silent] = []  # of the worker that is stopped
     stopped = 0
     for each in draw_locally(job(), tasks(tmp_path), 2):
         found.append(each)
-        if not stopped and sum(isinstance(one, Drawn) for one in found) == COUNT // 3:
+        if not stopped and sum(isinstance(one, DrawnFrame) for one in found) == COUNT // 3:
             stopped = children()[0]
             os.kill(stopped, signal.SIGSTOP)
         elif isinstance(each, Silent) and each.worker == str(stopped):
             silent.append(each)
             if len(silent) == 2:
                 os.kill(stopped, signal.SIGCONT)
-    drawn = [each.number for each in found if isinstance(each, Drawn)]
+    drawn = [each.number for each in found if isinstance(each, DrawnFrame)]
     assert sorted(drawn) == list(range(1, COUNT + 1))
     first, second, *_ = silent
     assert first.numbers == second.numbers
@@ -138,13 +138,13 @@ def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, 
 
 
 def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
-    found: list[Drawn | Lost | Silent] = []
+    found: list[DrawnFrame | Lost | Silent] = []
     for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
         found.append(each)
         if len(found) == COUNT // 3:
             stopped = children()[0]
             os.kill(stopped, signal.SIGSTOP)
-    assert sorted(each.number for each in found if isinstance(each, Drawn)) == list(range(1, COUNT + 1))
+    assert sorted(each.number for each in found if isinstance(each, DrawnFrame)) == list(range(1, COUNT + 1))
     lost = [each for each in found if isinstance(each, Lost)]
     assert [each.reason.partition(" for ")[0] for each in lost].count(f"{stopped} gave no sign") == 1
     assert written(tmp_path) == expected
@@ -154,7 +154,7 @@ def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
 
 def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
     bad = hanging(tasks(tmp_path, 2)[1])
-    found: list[Drawn | Lost | Silent] = []
+    found: list[DrawnFrame | Lost | Silent] = []
     with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* gave no sign for [0-9.]+ s$"):
         found.extend(draw_locally(job(), [bad], 2, frame_timeout=0.5))
     assert [each.numbers for each in found if isinstance(each, Lost)] == [(2,)] * (ATTEMPTS - 1)

@@ -11,7 +11,7 @@ import pytest
 from speeds import made_up
 
 from clshade.measure.bench import bench, children, device_peaks, starting, tables
-from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, Drawn, draw
+from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, FrameTiming, draw
 from clshade.measure.bench.peers import PEERS
 from clshade.measure.bench.workloads import SCALING, WORKLOADS, Workload, knot, thing
 from clshade.pipeline.renderer import render
@@ -67,7 +67,7 @@ def test_stages_and_host_make_up_the_frame(opened):
     assert drawn.frames == 3
     assert {"setup", "phong", "sort", "host"} <= set(drawn.stages)
     assert not {"frame", "pack", "build"} & set(drawn.stages)
-    assert Drawn.from_stats(json.loads(json.dumps(drawn.stats()))) == drawn
+    assert FrameTiming.from_stats(json.loads(json.dumps(drawn.stats()))) == drawn
 
 
 def test_a_scene_too_large_for_the_device_is_reported(opened):

@@ -27,7 +27,7 @@ from clshade.measure.report.measure import measure
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.tessellation import loglog_slope, tessellation
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
-from clshade.pipeline.renderer import render, settle
+from clshade.pipeline.renderer import effective_settings, render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 
@@ -260,7 +260,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
         arguments = parser.parse_args([name, *options])
         kept = command._render_options(arguments)
         kept.pop("device")
-        again, settings = settle(own, **kept)
+        again, settings = effective_settings(own, **kept)
         assert settings == each.settings(base), each.name
         assert again.camera.resolution == (48, 36)
     standard = [] if own.preset == "standard" else ["--preset", "standard"]

@@ -342,7 +342,7 @@ def test_format_devices_that_do_not_work() -> None:
     text = device.format_devices([])
     assert "No OpenCL device" in text
     assert "install" in text
-    broken = DeviceInfo("0:0", "NVIDIA CUDA", "X", is_cpu=False, problem=probe.complaint(NVIDIA, "computes wrongly"))
+    broken = DeviceInfo("0:0", "NVIDIA CUDA", "X", is_cpu=False, problem=probe.device_fault(NVIDIA, "computes wrongly"))
     text = device.format_devices([broken])
     assert "does not work: " in text
     assert "update its driver" in text

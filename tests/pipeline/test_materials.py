@@ -9,7 +9,7 @@ import pytest
 
 from clshade import oracle
 from clshade.measure.check.oracle_bounds import assert_frame
-from clshade.pipeline.renderer import Renderer, settle
+from clshade.pipeline.renderer import Renderer, effective_settings
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
@@ -67,7 +67,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize(("preset", "shader"), [("standard", "phong"), ("standard", "gouraud"), ("course", "phong")])
 def test_frames_match_the_oracle(device, name, preset, shader):
-    scene, settings = settle(CASES[name], preset=preset, shader=shader, layers=("id", "Z"))
+    scene, settings = effective_settings(CASES[name], preset=preset, shader=shader, layers=("id", "Z"))
     with Renderer(scene, settings=settings, device=device) as renderer:
         frame = renderer.render()
     assert frame.alpha.any(), "nothing was drawn"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
-from clshade.pipeline.renderer import settle
+from clshade.pipeline.renderer import effective_settings
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 from clshade.scene.model import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture
@@ -37,8 +37,11 @@ CASES = {
     "near": (lambda: Settings(near="far"), "Settings: near: "),
     "preset": (lambda: Settings.from_preset(""), "Settings: preset: expected one of course, standard, found ''"),
     "preset=5": (lambda: Settings.from_preset(5), "Settings: preset: expected one of course, standard, found 5"),
-    "render layers": (lambda: settle(SCENE, layers=None), "Settings: layers: "),
-    "render preset": (lambda: settle(SCENE, ""), "Settings: preset: expected one of course, standard, found ''"),
+    "render layers": (lambda: effective_settings(SCENE, layers=None), "Settings: layers: "),
+    "render preset": (
+        lambda: effective_settings(SCENE, ""),
+        "Settings: preset: expected one of course, standard, found ''",
+    ),
     "scene preset": (lambda: Scene((), CAMERA, preset=""), "Scene: preset: "),
     "wrap=5": (lambda: Texture(IMAGE, wrap=5), "Texture: wrap: expected one name or two, for u and v, found 5"),
     "wrap=None": (lambda: Texture(IMAGE, wrap=None), "Texture: wrap: "),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clshade.measure.bench import device_peaks, results, scaling, starting
-from clshade.measure.bench.frame_timing import Drawn
+from clshade.measure.bench.frame_timing import FrameTiming
 from clshade.measure.bench.peers import agreement
 from clshade.measure.bench.peers.agreement import TOLERANCE
 from clshade.measure.bench.workloads import Limit, Workload, full_screen, knot, thing
@@ -22,7 +22,9 @@ def made_up(*measured, **more):
 
 
 def drawn_with(triangles=100, ms=2.0, side=10, peak=None):
-    return Drawn((side, side), triangles, side**2, 5, Spread(0.9 * ms, ms, 1.1 * ms), {"host": ms}, 10**6, 10**7, peak)
+    return FrameTiming(
+        (side, side), triangles, side**2, 5, Spread(0.9 * ms, ms, 1.1 * ms), {"host": ms}, 10**6, 10**7, peak
+    )
 
 
 def compared(peer, ours, theirs, same=True):

@@ -196,7 +196,7 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
         scene = _with_lights(scene, arguments.lights)
     if arguments.components is not None:
         scene = _with_components(scene, arguments.components)
-    camera = adjust_camera.moved(
+    camera = adjust_camera.adjusted(
         scene.camera,
         position=arguments.camera_position,
         focal_point=arguments.camera_focal_point,

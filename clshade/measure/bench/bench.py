@@ -22,7 +22,7 @@ from ..timing import Spread, in_turns, spread
 from . import starting, tables
 from .children import draw_apart
 from .device_peaks import best, peaks
-from .frame_timing import PATH, SECONDS, Drawn, cameras, draw, warm_renderer
+from .frame_timing import PATH, SECONDS, FrameTiming, cameras, draw, warm_renderer
 from .peers import DEFAULT, PEERS, YARDSTICKS, Peer, open_peer
 from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
 from .results import Compared, Result, Speed
@@ -96,7 +96,7 @@ def measure_all(
         results.append(measure(workload, device, others, frames))
         say(tables.progress(results[-1]))
 
-    def draw_point(name: str) -> Drawn:
+    def draw_point(name: str) -> FrameTiming:
         drawn = draw_apart(name, device.index, frames)
         say(f"{name}: {drawn.ms:.2f} ms")
         return drawn

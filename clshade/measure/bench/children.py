@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from ...errors import ClshadeError
-from .frame_timing import Drawn
+from .frame_timing import FrameTiming
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -34,6 +34,6 @@ def run_module(*arguments: object, cwd: Path | None = None, **variables: str) ->
     return done.stdout
 
 
-def draw_apart(name: str, device: str, frames: int) -> Drawn:
+def draw_apart(name: str, device: str, frames: int) -> FrameTiming:
     """`drawing.draw` of the workload of that name, in a process of its own, with its peak of memory."""
-    return Drawn.from_stats(json.loads(run_module("clshade.measure.bench.apart", name, device, frames)))
+    return FrameTiming.from_stats(json.loads(run_module("clshade.measure.bench.apart", name, device, frames)))

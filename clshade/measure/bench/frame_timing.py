@@ -31,7 +31,7 @@ NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class FrameTiming:
     """What drawing took. pixels: all and covered ones. stages: name -> median ms; `host` is the rest of the frame.
 
     bytes: what no renderer that holds the scene as this one does can avoid: positions, faces and attributes read once, the
@@ -70,14 +70,14 @@ class Drawn:
         return {**asdict(self), "frame_ms": self.frame_ms._asdict()}
 
     @classmethod
-    def from_stats(cls, stats: dict[str, Any]) -> Drawn:
+    def from_stats(cls, stats: dict[str, Any]) -> FrameTiming:
         lists = {"resolution": tuple(stats["resolution"]), "frame_ms": Spread(**stats["frame_ms"])}
         return cls(**{**stats, **lists})
 
 
 def cameras(camera: Camera) -> list[Camera]:
     """Of frames one after the other; after the last comes the first."""
-    return [adjust_camera.moved(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
+    return [adjust_camera.adjusted(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
 
 
 @contextmanager
@@ -89,7 +89,7 @@ def warm_renderer(scene: Scene, device: Device) -> Iterator[Renderer]:
         yield renderer
 
 
-def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: float = SECONDS) -> Drawn:
+def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: float = SECONDS) -> FrameTiming:
     """frames: fewer where they take more than `seconds`. Raises DeviceError where the scene does not fit."""
     with warm_renderer(scene, device) as renderer:
         frame = renderer.render()
@@ -103,7 +103,7 @@ def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: floa
             return (time.perf_counter() - start) * 1e3, frame.stats["times_ms"]
 
         turns = [one for (one,) in in_turns([next_frame], frames, seconds)]
-    return Drawn(
+    return FrameTiming(
         resolution=scene.camera.resolution,
         triangles=scene.face_count,
         covered=covered,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ..timing import Spread
 from .device_peaks import Peaks
-from .frame_timing import Drawn
+from .frame_timing import FrameTiming
 from .peers.agreement import Agreement
 from .scaling import EXPONENT, Series
 from .starting import EMPTY, NAME, WARM, Started
@@ -66,7 +66,7 @@ class Result:
     """One workload. drawn: None where it cannot be drawn here, for the reason in `failed`. missing: peer -> why."""
 
     workload: Workload
-    drawn: Drawn | None
+    drawn: FrameTiming | None
     compared: tuple[Compared, ...] = ()
     missing: tuple[tuple[str, str], ...] = ()
     failed: str = ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..report.tessellation import loglog_slope
-from .frame_timing import Drawn
+from .frame_timing import FrameTiming
 from .workloads import SCALING
 
 EXPONENT = 1.05  # the bar
@@ -21,8 +21,8 @@ class Series:
     """name: what grows. fixed: drawn with few of them. points: by growing size, see `sizes`."""
 
     name: str
-    fixed: Drawn
-    points: tuple[Drawn, ...]
+    fixed: FrameTiming
+    points: tuple[FrameTiming, ...]
 
     @property
     def sizes(self) -> list[int]:
@@ -74,7 +74,7 @@ def power_beyond(
     return power(*zip(*kept, strict=True)) if kept else None
 
 
-def scaling(measure: Callable[[str], Drawn]) -> tuple[Series, ...]:
+def scaling(measure: Callable[[str], FrameTiming]) -> tuple[Series, ...]:
     """measure: draws the workload of a name in SCALING."""
     found = []
     for name in NAMES:

@@ -23,7 +23,7 @@ import numpy as np
 
 from ... import course
 from ...base.arrays import Array, Floats
-from ...base.validation import refuse
+from ...base.validation import value_error
 from ...errors import ClshadeError
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
@@ -122,17 +122,17 @@ def render(scene: Scene, shader: str = "phong") -> Array:
     """
     owner = "scanline.render"
     if scene.preset != "course" or len(scene.meshes) != 1 or scene.background is None:
-        raise refuse(owner, "scene", "a course scene of one mesh, with a background", scene.name)
+        raise value_error(owner, "scene", "a course scene of one mesh, with a background", scene.name)
     mesh, camera = scene.meshes[0], scene.camera
     material = mesh.material
     if material.texture is not None:
-        raise refuse(owner, "material.texture", "none", material.texture.name)
+        raise value_error(owner, "material.texture", "none", material.texture.name)
     verts = mesh.verts.astype(np.float64)
     colors = np.ones_like(verts) if mesh.colors is None else mesh.colors.astype(np.float64)
     normals = vertex_normals(verts, mesh.faces)
     positions, depths = project(verts, camera)
     if depths.min(initial=1.0) <= 0.0:
-        raise refuse(owner, "verts", "positions before the eye", f"depth {depths.min():g}")
+        raise value_error(owner, "verts", "positions before the eye", f"depth {depths.min():g}")
     lights = [(source.position, source.intensity) for source in scene.lights]
     light_arguments = (camera.eye, material.ka * scene.ambient, material.kd, material.ks, material.n, lights)
     columns, rows = camera.resolution

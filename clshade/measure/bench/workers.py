@@ -33,7 +33,7 @@ NOTE = (
 
 
 @dataclass(frozen=True)
-class Crew:
+class WorkerTiming:
     """What some workers took. draw_ms: of a frame. digest: of all files; "" where they differ from turn to turn."""
 
     name: str
@@ -50,7 +50,7 @@ class Crews:
     frames: int
     machine: str
     rounds: int
-    crews: tuple[Crew, ...]
+    crews: tuple[WorkerTiming, ...]
 
     @property
     def passed(self) -> bool:
@@ -110,7 +110,9 @@ def run(
     crews = []
     for name, results in zip(given, zip(*turns, strict=True), strict=True):
         seconds, draw_ms, found = zip(*results, strict=True)
-        crews.append(Crew(name, spread(seconds), spread(draw_ms).median, found[0] if len(set(found)) == 1 else ""))
+        crews.append(
+            WorkerTiming(name, spread(seconds), spread(draw_ms).median, found[0] if len(set(found)) == 1 else "")
+        )
     measured = Crews(scene, frames, machine(), rounds, tuple(crews))
     print(
         "\n".join(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array
-from ...base.validation import refuse
+from ...base.validation import value_error
 from ...oracle import OracleFrame
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
@@ -37,11 +37,11 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
     """
     start = time.perf_counter()
     if not isinstance(frame, Frame):
-        raise refuse("check", "frame", "a Frame", frame)
+        raise value_error("check", "frame", "a Frame", frame)
     count = frame.alpha.size
     if pixels != "all":
         if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 1:
-            raise refuse("check", "pixels", 'a whole number from 1 on, or "all"', pixels)
+            raise value_error("check", "pixels", 'a whole number from 1 on, or "all"', pixels)
         count = min(int(pixels), count)
     strata = _strata(frame)
     index = np.arange(frame.alpha.size) if count == frame.alpha.size else _sample(strata.ravel(), count, seed)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
-from ...oracle.corners import held
+from ...oracle.corners import usable_uvs
 from ...scene.model import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -165,7 +165,7 @@ def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
     between those the oracle rounds nothing, nor does float64."""
     for mesh in scene.meshes:
         if mesh.uvs is not None and mesh.material.texture is not None:
-            uvs = held(mesh.uvs)
+            uvs = usable_uvs(mesh.uvs)
             constant = not len(uvs) or bool((uvs == uvs[0]).all())
             yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
 

@@ -13,7 +13,7 @@ import numpy as np
 from ... import oracle
 from ...base.arrays import Array, Bools
 from ...oracle import OracleFrame
-from ...oracle.corners import held
+from ...oracle.corners import usable_uvs
 from ...pipeline.features import OPTIONAL
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
@@ -22,7 +22,7 @@ from ...scene.model import Scene, Settings
 from ..check import oracle_bounds
 from ..check.layer_bounds import assert_layers
 from . import file_mutations
-from .random_scenes import Drawn, scene_of
+from .random_scenes import RandomScene, scene_of
 
 ALPHA_MARGIN = 1e-5  # alpha this near to the cutoff: float32 may decide either way (see `decided_by_alpha`)
 TEXEL_ERROR = 2.0**-42  # of a position in texels, relative to the largest coordinate times the texture's size
@@ -70,7 +70,7 @@ class Tally:
         )
 
 
-def draw(device: Device, drawn: Drawn, lanes: int | None = None) -> Frame:
+def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
     """The frame of a random scene, all layers; in float32 where the device has no float64. A warning of arithmetic is an
     error. lanes: None: the kind's."""
     kind, settings = drawn.kind, drawn.settings
@@ -98,7 +98,7 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
         for mesh in scene.meshes:
             cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
             if cutoff is not None and texture is not None and mesh.uvs is not None:
-                reach = float(np.abs(held(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
+                reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
                 margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
                 material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
             meshes.append(replace(mesh, material=material))
@@ -146,7 +146,7 @@ def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
     return None
 
 
-def scene_problem(device: Device, drawn: Drawn, tally: Tally | None = None) -> str:
+def scene_problem(device: Device, drawn: RandomScene, tally: Tally | None = None) -> str:
     """What is wrong with the frame of a scene, or with drawing it at all."""
     try:
         frame = draw(device, drawn)
@@ -172,7 +172,7 @@ def different_bits(one: Frame, other: Frame) -> str:
     return ""
 
 
-def shrink(drawn: Drawn, failing: Callable[[Drawn], bool], seconds: float = SHRINKING) -> str:
+def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool], seconds: float = SHRINKING) -> str:
     """How little of a failing scene fails too, in words. The first mesh stays: it keeps the program the same."""
     end = time.perf_counter() + seconds
 

@@ -74,7 +74,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomScene:
     """One random scene and how to draw it. again: whether it is drawn with `kind.other_lanes` too, all bits compared."""
 
     number: int
@@ -145,7 +145,7 @@ def kind_of(seed: int, block: int) -> Kind:
     return replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright)
 
 
-def scene_of(number: int, seed: int = 0) -> Drawn:
+def scene_of(number: int, seed: int = 0) -> RandomScene:
     """Scene `number`; the same for the same seed, always."""
     kind = kind_of(seed, number // BLOCK)
     rng = np.random.default_rng([seed, number, 1])
@@ -188,7 +188,9 @@ def scene_of(number: int, seed: int = 0) -> Drawn:
         samples = int(rng.integers(17, MAX_SAMPLES + 1))
     if number % 2 == 0:
         scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
-    return Drawn(number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0)
+    return RandomScene(
+        number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0
+    )
 
 
 def _nothing(rng: Random) -> Any:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ...images.metrics import rmse
 from ...pipeline.opencl.device import Device, shared_device
-from ...pipeline.renderer import Renderer, settle
+from ...pipeline.renderer import Renderer, effective_settings
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from .measure import frame_ms, frame_times
@@ -94,7 +94,7 @@ def select(
     """
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
-    scene, base = settle(scene, preset, resolution=resolution, **fields)
+    scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
     fixed = set(fields) | (preset_fields() if preset is not None or scene.preset != BASE else set())
     variants = [
         each for each in variants_for(scene, base, opened) if each.name in SHORT and not fixed & set(each.changes)

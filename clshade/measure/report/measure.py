@@ -105,7 +105,7 @@ def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
     runtimes may compile at it. frames: of each; fewer where all of them take more than SECONDS."""
     if not renderers:
         return []
-    cameras = [adjust_camera.moved(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
+    cameras = [adjust_camera.adjusted(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
     turns = in_turns([partial(_next_ms, each, cameras) for each in renderers], frames, SECONDS)
     return [spread(ms) for ms in zip(*turns, strict=True)]
 

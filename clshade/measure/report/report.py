@@ -47,7 +47,7 @@ def run(
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
     variants = named(variants_for(scene, base_settings(scene), opened), names)
-    folder = text_tables.made_folder(out)
+    folder = text_tables.create_folder(out)
     found = study(scene, opened, variants, frames)
     used, unkept = None, None
     try:

@@ -141,7 +141,7 @@ def offset(bench: Bench) -> Curve:
     settings = Settings.from_preset("course", layers=("Z", "id"))
     ours, naive = [], []
     for shift in shifts:
-        scene = lit.moved(centered(), 1.0, shift)
+        scene = lit.shifted(centered(), 1.0, shift)
         expected = oracle.render(scene, settings).id
         ours.append(float((bench.draw(scene, settings=settings)["id"] != expected).sum()))
         naive.append(float((naive_ids(scene) != expected).sum()))

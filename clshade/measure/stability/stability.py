@@ -92,7 +92,7 @@ def run(
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     opened = devices(device)
-    folder = text_tables.made_folder(out)
+    folder = text_tables.create_folder(out)
     notes = [] if importlib.util.find_spec("mpmath") else [NO_MPMATH]
     found: list[Result] = []
     written: list[Path] = []

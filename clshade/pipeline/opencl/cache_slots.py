@@ -235,7 +235,7 @@ def take(folder: Path) -> Slot | None:
 
 
 def unusable(folder: Path, error: OSError) -> DeviceError:
-    """The complaint about a cache folder."""
+    """The error about a cache folder."""
     return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
 
 

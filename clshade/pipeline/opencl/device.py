@@ -20,7 +20,7 @@ from .probe import (
     DeviceInfo,
     Probe,
     can_probe,
-    complaint,
+    device_fault,
     install_advice,
     is_runtime,
     one_line,
@@ -264,7 +264,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
         queue = cl.CommandQueue(context, handle, **options)
     except cl.Error as error:
-        raise _Broken(complaint(info, f"cannot be opened ({one_line(str(error))})")) from None
+        raise _Broken(device_fault(info, f"cannot be opened ({one_line(str(error))})")) from None
     return Device(
         device=handle,
         context=context,

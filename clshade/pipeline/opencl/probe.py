@@ -92,7 +92,7 @@ def install_advice() -> str:
     return f"{GET_CONDA}: PyPI has none for {platform.system() or sys.platform}; {gpu}"
 
 
-def complaint(info: DeviceInfo, fault: str) -> str:
+def device_fault(info: DeviceInfo, fault: str) -> str:
     """One line: the device, what is wrong with it (a predicate), and what to do."""
     remedy = "update its driver or choose another device"
     if is_runtime(info, "pocl") and info.is_cpu and "first kernel" in fault:
@@ -203,7 +203,7 @@ class Probe:
             fault = f"had not finished a small kernel after {PROBE_SECONDS:g} s"
         finally:
             self.abandon()
-        problem = complaint(self.info, fault) if fault else ""
+        problem = device_fault(self.info, fault) if fault else ""
         remember(self.info, problem)
         return problem
 

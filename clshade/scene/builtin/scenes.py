@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.validation import choice, integer, known, refuse
+from ...base.validation import choice, integer, known, value_error
 from ..camera import Camera
 from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 from . import teapot as newell
@@ -165,7 +165,7 @@ def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Res
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
     if math.gcd(p, q) != 1:
-        raise refuse("torus_knot", "p, q", "numbers without a common divisor", (p, q))
+        raise value_error("torus_knot", "p, q", "numbers without a common divisor", (p, q))
     tube = 0.26 * min(math.sin(math.pi / max(p, 2)), 2.0 * math.sin(math.pi / max(q, 2)) / 1.7)
     angle = np.linspace(0.0, 2.0 * np.pi, 4097)
     length = np.sqrt((np.diff(_knot_frame(angle, p, q)[0], axis=0) ** 2).sum(axis=1)).sum()

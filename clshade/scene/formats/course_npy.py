@@ -11,8 +11,8 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown, write_bytes
-from ...base.input_files import complaint, read_file
-from ...base.validation import coefficient, number, refuse
+from ...base.input_files import file_error, read_file
+from ...base.validation import coefficient, number, value_error
 from ..camera import Camera
 from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
@@ -39,7 +39,7 @@ class _Fields:
 
     def get(self, key: str) -> Any:
         if key not in self.content:
-            raise complaint(self.owner, key, "this key", "none")
+            raise file_error(self.owner, key, "this key", "none")
         return self.content.value(key)
 
     def number(self, key: str) -> float:
@@ -73,7 +73,7 @@ def read_course(
         scene = replace(scene, camera=camera.with_resolution(resolution))
     if texture is not None:
         if mesh.uvs is None:
-            raise complaint(owner, "uvs", "texture coordinates for the texture", "none")
+            raise file_error(owner, "uvs", "texture coordinates for the texture", "none")
         material = replace(mesh.material, texture=as_texture(texture, srgb=False, lookup="course"))
         scene = replace(scene, meshes=(replace(mesh, material=material),))
     return scene
@@ -104,7 +104,7 @@ def _lights(fields: _Fields) -> tuple[PointLight, ...]:
     names = ("light_positions", "light_intensities")
     given = values.lights(fields.owner, names, *(fields.get(name) for name in names))
     if len(given[0]) > MAX_LIGHTS:
-        raise refuse(fields.owner, names[0], f"at most {MAX_LIGHTS} lights", len(given[0]))
+        raise value_error(fields.owner, names[0], f"at most {MAX_LIGHTS} lights", len(given[0]))
     return tuple(PointLight(*light) for light in zip(*given, strict=True))
 
 
@@ -119,10 +119,10 @@ def save_course(scene: Scene, path: Path) -> None:
     """
     owner = "save_course"
     if not os.fspath(path).lower().endswith(".npy"):
-        raise complaint(owner, "path", "a name ending in .npy", shown(path))
+        raise file_error(owner, "path", "a name ending in .npy", shown(path))
     mesh = only_mesh(scene, owner)
     if isinstance(mesh.material.texture, Texture):
-        raise complaint(owner, "mesh.material.texture", "None: the image is a file apart", "a texture")
+        raise file_error(owner, "mesh.material.texture", "None: the image is a file apart", "a texture")
     camera, material = scene.camera, mesh.material
     content: dict[str, Any] = {
         "verts": mesh.verts.T,
@@ -154,14 +154,14 @@ def save_course(scene: Scene, path: Path) -> None:
 def only_mesh(scene: Scene, owner: str) -> Mesh:
     """The mesh of a scene that is drawn as the course does. Raises InputError for any other scene."""
     if scene.preset != "course":
-        raise refuse(owner, "scene.preset", "course", scene.preset)
+        raise value_error(owner, "scene.preset", "course", scene.preset)
     if len(scene.meshes) != 1:
-        raise complaint(owner, "scene.meshes", "one mesh", str(len(scene.meshes)))
+        raise file_error(owner, "scene.meshes", "one mesh", str(len(scene.meshes)))
     if scene.background is None:
-        raise refuse(owner, "scene.background", "a color", None)
+        raise value_error(owner, "scene.background", "a color", None)
     mesh = scene.meshes[0]
     if not np.array_equal(np.asarray(mesh.instances), np.eye(4)[None]):
-        raise complaint(owner, "mesh.instances", "one identity", "a placement or several")
+        raise file_error(owner, "mesh.instances", "one identity", "a placement or several")
     if mesh.normals is not None:
-        raise complaint(owner, "mesh.normals", "None: course scenes compute them", "normals")
+        raise file_error(owner, "mesh.normals", "None: course scenes compute them", "normals")
     return mesh

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array, Floats
-from ...base.validation import floats, indices, integer, number, refuse, rows, vector
+from ...base.validation import floats, indices, integer, number, rows, value_error, vector
 from ...errors import InputError
 from ..camera import MAX_RESOLUTION, Camera
 from ..model import MAX_FACES
@@ -31,17 +31,17 @@ def mesh_fields(
     verts = rows(owner, names["verts"], found["verts"], 3)
     faces = indices(owner, names["faces"], found["faces"], len(verts))
     if len(faces) > MAX_FACES:
-        raise refuse(owner, names["faces"], f"at most {MAX_FACES} triangles", len(faces))
+        raise value_error(owner, names["faces"], f"at most {MAX_FACES} triangles", len(faces))
     fields = {"verts": verts, "faces": faces}
     if "colors" in found:
         fields["colors"] = colors = rows(owner, names["colors"], found["colors"], 3)
         if len(colors) != len(verts):
-            raise refuse(owner, names["colors"], f"one color per vertex ({len(verts)})", len(colors))
+            raise value_error(owner, names["colors"], f"one color per vertex ({len(verts)})", len(colors))
     if "uvs" in found:
         fields["uvs"] = uvs = rows(owner, names["uvs"], found["uvs"], 2, finite=finite_uvs)
         fields["uv_faces"] = uv_faces = indices(owner, names["uv_faces"], found["uv_faces"], len(uvs))
         if len(uv_faces) != len(faces):
-            raise refuse(owner, names["uv_faces"], f"one triple per face ({len(faces)})", len(uv_faces))
+            raise value_error(owner, names["uv_faces"], f"one triple per face ({len(faces)})", len(uv_faces))
     return fields
 
 
@@ -51,12 +51,12 @@ def _upright(owner: str, names: Mapping[str, str], given: Mapping[str, Any]) -> 
     for field, array in given.items():
         width = _WIDTHS[field]
         if not isinstance(array, np.ndarray) or array.ndim != 2 or width not in array.shape:
-            raise refuse(owner, names[field], f"an array of shape ({width}, N) or (N, {width})", array)
+            raise value_error(owner, names[field], f"an array of shape ({width}, N) or (N, {width})", array)
         if array.shape != (width, width):
             shown_by.setdefault(array.shape[0] == width, field)
     if len(shown_by) == 2:
         turned, layout = shown_by[False], names[shown_by[True]]
-        raise refuse(owner, names[turned], f"shape ({_WIDTHS[turned]}, N), the layout of {layout}", given[turned])
+        raise value_error(owner, names[turned], f"shape ({_WIDTHS[turned]}, N), the layout of {layout}", given[turned])
     return [array if False in shown_by else array.T for array in given.values()]
 
 
@@ -64,7 +64,7 @@ def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any)
     """Positions and intensities, (L, 3) float64 each. names: what the two are called in messages."""
     places, powers = _per_light(owner, names[0], positions), _per_light(owner, names[1], intensities)
     if len(places) != len(powers):
-        raise refuse(owner, names[1], f"one row per light of {names[0]} ({len(places)})", f"{len(powers)} rows")
+        raise value_error(owner, names[1], f"one row per light of {names[0]} ({len(places)})", f"{len(powers)} rows")
     return places, powers
 
 
@@ -92,7 +92,7 @@ def _per_light(owner: str, name: str, value: Any) -> Floats:
     if found.ndim == 3 and found.shape[1:] in ((1, 3), (3, 1)):
         found = found.reshape(-1, 3)
     if found.ndim != 2 or found.shape[1] != 3:
-        raise refuse(owner, name, expected, found)
+        raise value_error(owner, name, expected, found)
     return rows(owner, name, found, 3).astype(np.float64)
 
 
@@ -118,5 +118,5 @@ def exponent(owner: str, value: Any) -> float:
     """n, 0 to 1e9."""
     found = number(owner, "n", value, least=0.0, expected="a number from 0 to 1e9")
     if found > 1e9:
-        raise refuse(owner, "n", "a number from 0 to 1e9", value)
+        raise value_error(owner, "n", "a number from 0 to 1e9", value)
     return found

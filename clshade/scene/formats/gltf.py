@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import complaint, quoted
+from ...base.input_files import file_error, quoted
 from .. import framing
 from ..model import MAX_FACES, Mesh, Scene
 from ..normals import crease_normals
@@ -23,7 +23,7 @@ from .gltf_accessors import Buffers, open_gltf
 from .gltf_json import Item
 from .gltf_materials import Materials, Surface
 from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
-from .options import Options, told
+from .options import Options, warn_ignored
 
 # Extensions that are rendered, and those that only hold what a renderer may leave out.
 RENDERED = (
@@ -54,9 +54,9 @@ def read_gltf(path: Path, options: Options) -> Scene:
     materials = Materials(document, buffers, options.texture, ignored)
     meshes = _Builder(document, buffers, materials, options, ignored).meshes(nodes)
     if not meshes:
-        raise complaint(owner, "meshes", "at least one triangle in the scene", "none")
+        raise file_error(owner, "meshes", "at least one triangle in the scene", "none")
     if options.texture is not None and all(mesh.uvs is None for mesh in meshes):
-        raise complaint(owner, "TEXCOORD_0", "texture coordinates for the texture", "none")
+        raise file_error(owner, "TEXCOORD_0", "texture coordinates for the texture", "none")
     sphere = framing.bounding_sphere(meshes)
     camera = camera_of(document, nodes, sphere, options.resolution)
     if len(nodes.cameras) > 1:
@@ -70,7 +70,7 @@ def read_gltf(path: Path, options: Options) -> Scene:
         lights=lights_of(nodes, sphere, ignored),
         sphere=sphere,
     )
-    return told(scene, owner, ignored)
+    return warn_ignored(scene, owner, ignored)
 
 
 def _check_asset(document: Item) -> list[str]:
@@ -79,10 +79,10 @@ def _check_asset(document: Item) -> list[str]:
     asset = document.item("asset")
     version = "" if asset is None else asset.text("version")
     if version.split(".")[0] != "2":
-        raise document.refuse("asset.version", "2.0", quoted(version) if version else "none")
+        raise document.error("asset.version", "2.0", quoted(version) if version else "none")
     for name in _names(document, "extensionsRequired"):
         if name not in RENDERED and name not in _SILENT:
-            raise document.refuse("extensionsRequired", "known ones (" + ", ".join(RENDERED) + ")", quoted(name))
+            raise document.error("extensionsRequired", "known ones (" + ", ".join(RENDERED) + ")", quoted(name))
     used = _names(document, "extensionsUsed")
     ignored = [name for name in used if name not in RENDERED and name not in _SILENT]
     return ignored + (["animations"] if document.count("animations") else [])
@@ -91,7 +91,7 @@ def _check_asset(document: Item) -> list[str]:
 def _names(document: Item, key: str) -> list[str]:
     names = document.value.get(key, [])
     if not isinstance(names, list) or not all(isinstance(name, str) and name.isprintable() for name in names):
-        raise document.refuse(key, "a list of names", quoted(repr(names)))
+        raise document.error(key, "a list of names", quoted(repr(names)))
     return [name if len(name) <= 64 else name[:64] + "..." for name in names[:64]]
 
 
@@ -135,13 +135,13 @@ class _Builder:
         self.placements += placements
         if self.faces > MAX_FACES or self.placements > MAX_NODES:
             expected = f"a scene of at most {MAX_FACES} triangles and {MAX_NODES} placements"
-            raise complaint(item.owner, item.where, expected, "more")
+            raise file_error(item.owner, item.where, expected, "more")
 
     def _mesh(self, item: Item) -> Mesh | None:
         """A primitive without its placements, None when it has no triangles that can be seen."""
         attributes = item.item("attributes")
         if attributes is None:
-            raise item.refuse("attributes", "an object", "none")
+            raise item.error("attributes", "an object", "none")
         if "targets" in item.value:
             self.ignored.append("morph targets")
         if item.integer("mode", 4) in (0, 1, 2, 3):
@@ -189,14 +189,14 @@ class _Builder:
         values = self.buffers.array(index)
         if values.shape[1] not in widths or (count is not None and len(values) != count):
             expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
-            raise attributes.refuse(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
+            raise attributes.error(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
         any_value = name.startswith("TEXCOORD")
         if (index, any_value) not in self._checked:
             values = values.astype(np.float32, copy=False)
             if not any_value and not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
                 found = f"{values[row].tolist()} in row {row} of accessors[{index}]"
-                raise attributes.refuse(name, "finite numbers", found)
+                raise attributes.error(name, "finite numbers", found)
             self._checked[index, any_value] = values
         return self._checked[index, any_value]
 
@@ -204,25 +204,25 @@ class _Builder:
         """(F, 3) int32 indices below `count`. Raises InputError for others, and for a number that fits no triangles."""
         index, mode = item.reference("indices", "accessors"), item.integer("mode", 4)
         if mode not in (4, 5, 6):
-            raise item.refuse("mode", "a number from 0 to 6", str(mode))
+            raise item.error("mode", "a number from 0 to 6", str(mode))
         if index is None:
             flat = np.arange(count, dtype=np.int32)
         else:
             values = self.buffers.array(index, normalized=False)
             if values.shape[1] != 1 or values.dtype.kind != "u":
-                raise item.refuse("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
+                raise item.error("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
             flat, most = values.reshape(-1), np.iinfo(values.dtype).max
             if int(flat.max()) == most:  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
                 place = int(np.argmax(flat == most))
                 expected = f"indices below {most}, the largest of their type"
-                raise item.refuse("indices", expected, f"{most} at place {place} of accessors[{index}]")
+                raise item.error("indices", expected, f"{most} at place {place} of accessors[{index}]")
             if int(flat.max()) >= count:
                 place = int(np.argmax(flat >= count))
                 found = f"{flat[place]} at place {place} of accessors[{index}]"
-                raise item.refuse("indices", f"indices below {count}", found)
+                raise item.error("indices", f"indices below {count}", found)
             flat = flat.astype(np.int32)
         if mode == 4 and len(flat) % 3:
-            raise item.refuse("indices", "a multiple of 3", str(len(flat)))
+            raise item.error("indices", "a multiple of 3", str(len(flat)))
         if mode == 4:
             return flat.reshape(-1, 3)
         return strips(flat) if mode == 5 else single_fan(flat)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import beside, complaint, quoted, read_file
+from ...base.input_files import beside, file_error, quoted, read_file
 from .gltf_json import Item, parse
 
 MAX_BYTES = 1 << 31  # of a file
@@ -33,7 +33,7 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
     if data[:4] == b"glTF":
         text, binary = _chunks(data, owner)
     elif os.path.splitext(os.fspath(path))[1].lower() == ".glb":
-        raise complaint(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
+        raise file_error(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
     else:
         text = memoryview(data)
     document = parse(bytes(text), owner)
@@ -43,23 +43,23 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
 def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
     """The JSON chunk of a GLB file and its binary chunk, if it has one."""
     if len(data) < 20:
-        raise complaint(owner, "GLB header", "at least 20 bytes", f"{len(data)} bytes")
+        raise file_error(owner, "GLB header", "at least 20 bytes", f"{len(data)} bytes")
     _, version, length = struct.unpack_from("<4sII", data)
     if version != 2:
-        raise complaint(owner, "GLB version", "2", str(version))
+        raise file_error(owner, "GLB version", "2", str(version))
     if not 20 <= length <= len(data):
-        raise complaint(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
+        raise file_error(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
     view, offset = memoryview(data), 12
     found: list[tuple[int, memoryview]] = []
     while offset + 8 <= length and len(found) < 2:
         size, kind = struct.unpack_from("<II", data, offset)
         if size > length - offset - 8:
             expected = f"at most the {length - offset - 8} bytes left"
-            raise complaint(owner, f"GLB chunk {len(found)} length", expected, str(size))
+            raise file_error(owner, f"GLB chunk {len(found)} length", expected, str(size))
         found.append((kind, view[offset + 8 : offset + 8 + size]))
         offset += 8 + size
     if not found or found[0][0] != _JSON:
-        raise complaint(owner, "GLB chunk 0 type", "JSON", "another" if found else "no chunk")
+        raise file_error(owner, "GLB chunk 0 type", "JSON", "another" if found else "no chunk")
     return found[0][1], found[1][1] if len(found) > 1 and found[1][0] == _BIN else None
 
 
@@ -87,9 +87,9 @@ class Buffers:
                     raise ValueError
                 return memoryview(base64.b64decode(body, validate=True))
             except (binascii.Error, ValueError):
-                raise item.refuse("uri", "a data URI of base64", quoted(text)) from None
+                raise item.error("uri", "a data URI of base64", quoted(text)) from None
         if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", text):
-            raise item.refuse("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
+            raise item.error("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
         where = f"{item.where}.uri"
         return beside(self.root, self.root, unquote(text), item.owner, where)
 
@@ -103,9 +103,9 @@ class Buffers:
         elif index == 0 and self.binary is not None:
             data = self.binary
         else:
-            raise item.refuse("uri", "a file, or the binary chunk of a GLB file", "none")
+            raise item.error("uri", "a file, or the binary chunk of a GLB file", "none")
         if length > len(data):
-            raise item.refuse("byteLength", f"at most the {len(data)} bytes that are there", str(length))
+            raise item.error("byteLength", f"at most the {len(data)} bytes that are there", str(length))
         self._buffers[index] = data[:length]
         return self._buffers[index]
 
@@ -113,7 +113,7 @@ class Buffers:
         text = item.text("uri")
         found = self.resource(item, text)
         if found is None:
-            raise item.refuse("uri", "a file in the scene's folder", f"no file {quoted(text)}")
+            raise item.error("uri", "a file in the scene's folder", f"no file {quoted(text)}")
         if isinstance(found, str):
             if found not in self._files:
                 self._files[found] = memoryview(read_file(found, MAX_BYTES))
@@ -125,12 +125,12 @@ class Buffers:
         item = self.document.entry("bufferViews", index)
         buffer = item.reference("buffer", "buffers")
         if buffer is None:
-            raise item.refuse("buffer", "an index", "none")
+            raise item.error("buffer", "an index", "none")
         data = self.buffer(buffer)
         offset, length = item.integer("byteOffset", 0), item.integer("byteLength", least=1)
         if offset + length > len(data):
             expected = f"byteOffset + byteLength of at most the {len(data)} bytes of buffers[{buffer}]"
-            raise item.refuse("byteLength", expected, str(offset + length))
+            raise item.error("byteLength", expected, str(offset + length))
         return data[offset : offset + length], item.integer("byteStride", 0)
 
     def array(self, index: int, *, normalized: bool = True) -> Array:
@@ -152,11 +152,11 @@ class Buffers:
         count = item.integer("count", least=1)
         dtype, width = self._component(item), _WIDTHS.get(item.text("type"), 0)
         if not width:
-            raise item.refuse("type", "one of " + ", ".join(_WIDTHS), quoted(item.text("type")))
+            raise item.error("type", "one of " + ", ".join(_WIDTHS), quoted(item.text("type")))
         view = item.reference("bufferView", "bufferViews")
         if view is None:
             if count > MAX_EMPTY:
-                raise item.refuse("count", f"at most {MAX_EMPTY} without a bufferView", str(count))
+                raise item.error("count", f"at most {MAX_EMPTY} without a bufferView", str(count))
             values = np.zeros((count, width), dtype.newbyteorder("="))
         else:
             values = self._strided(item, view, count, width, dtype)
@@ -169,7 +169,7 @@ class Buffers:
         name = _COMPONENTS.get(item.integer("componentType"))
         if name is None:
             expected = "one of " + ", ".join(map(str, _COMPONENTS))
-            raise item.refuse("componentType", expected, str(item.integer("componentType")))
+            raise item.error("componentType", expected, str(item.integer("componentType")))
         return np.dtype(name)
 
     def _strided(self, item: Item, view: int, count: int, width: int, dtype: np.dtype) -> Array:
@@ -178,10 +178,10 @@ class Buffers:
         size, offset = width * dtype.itemsize, item.integer("byteOffset", 0)
         stride = stride or size
         if stride < size:
-            raise item.refuse("bufferView", f"a byteStride of at least {size}", str(stride))
+            raise item.error("bufferView", f"a byteStride of at least {size}", str(stride))
         if count > MAX_ROWS or offset + stride * (count - 1) + size > len(data):
             expected = f"rows of {size} bytes that fit into the {len(data)} bytes of bufferViews[{view}]"
-            raise item.refuse("count", expected, f"{count} from byte {offset} on")
+            raise item.error("count", expected, f"{count} from byte {offset} on")
         rows: Array = np.ndarray((count, width), dtype, data, offset, (stride, dtype.itemsize))
         return rows.astype(dtype.newbyteorder("="), order="C")
 
@@ -189,15 +189,15 @@ class Buffers:
         """Replace the rows that a sparse accessor names."""
         count, parts = sparse.integer("count", least=1), []
         if count > len(values):
-            raise sparse.refuse("count", f"at most {len(values)}", str(count))
+            raise sparse.error("count", f"at most {len(values)}", str(count))
         for key, width in (("indices", 1), ("values", values.shape[1])):
             part = sparse.item(key)
             view = None if part is None else part.reference("bufferView", "bufferViews")
             if part is None or view is None:
-                raise sparse.refuse(f"{key}.bufferView", "an index", "none")
+                raise sparse.error(f"{key}.bufferView", "an index", "none")
             kind = self._component(part) if key == "indices" else dtype
             parts.append(self._strided(part, view, count, width, kind))
         where = parts[0][:, 0]
         if where.dtype.kind != "u" or where.max() >= len(values):
-            raise sparse.refuse("indices", f"indices below {len(values)}", str(where.max()))
+            raise sparse.error("indices", f"indices below {len(values)}", str(where.max()))
         values[where] = parts[1]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import complaint
+from ...base.input_files import file_error
 from ...base.strict_json import found_text, parse_text
 from ...errors import InputError
 
@@ -24,10 +24,10 @@ class Item:
     root: dict[str, Any]
     owner: str
 
-    def refuse(self, key: str, expected: str, found: str) -> InputError:
-        """The complaint about a field of this object."""
+    def error(self, key: str, expected: str, found: str) -> InputError:
+        """The file_error about a field of this object."""
         where = f"{self.where}.{key}" if self.where and key else self.where or key
-        return complaint(self.owner, where, expected, found)
+        return file_error(self.owner, where, expected, found)
 
     def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
         """A whole number. Raises InputError for anything else, and for none where there is no default."""
@@ -35,7 +35,7 @@ class Item:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 1 << 53:
-            raise self.refuse(key, f"a whole number of at least {least}", found_text(value))
+            raise self.error(key, f"a whole number of at least {least}", found_text(value))
         return value
 
     def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
@@ -43,7 +43,7 @@ class Item:
         value = self.value.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
             expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
-            raise self.refuse(key, expected, found_text(value))
+            raise self.error(key, expected, found_text(value))
         return float(value)
 
     def numbers(self, key: str, length: int, default: Any = None) -> Array:
@@ -51,16 +51,16 @@ class Item:
         value = self.value.get(key, default)
         expected = f"{length} finite numbers"
         if not isinstance(value, (list, tuple)) or len(value) != length:
-            raise self.refuse(key, expected, found_text(value))
+            raise self.error(key, expected, found_text(value))
         for number in value:
             if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e300:
-                raise self.refuse(key, expected, found_text(number))
+                raise self.error(key, expected, found_text(number))
         return np.array(value, np.float64)
 
     def text(self, key: str, default: str = "") -> str:
         value = self.value.get(key, default)
         if not isinstance(value, str):
-            raise self.refuse(key, "text", found_text(value))
+            raise self.error(key, "text", found_text(value))
         return value.encode("utf-8", "replace").decode("utf-8")
 
     def item(self, key: str) -> Item | None:
@@ -86,7 +86,7 @@ class Item:
             return None
         index, count = self.integer(key), len(self._list(self.root, kind, ""))
         if index >= count:
-            raise self.refuse(key, f"an index of the {count} {kind}", str(index))
+            raise self.error(key, f"an index of the {count} {kind}", str(index))
         return index
 
     def references(self, key: str, kind: str) -> list[int]:
@@ -95,7 +95,7 @@ class Item:
         found = self._list(self.value, key, self.where)
         for index in found:
             if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < count:
-                raise self.refuse(key, f"indices of the {count} {kind}", found_text(index))
+                raise self.error(key, f"indices of the {count} {kind}", found_text(index))
         return found
 
     def entry(self, kind: str, index: int) -> Item:
@@ -108,13 +108,13 @@ class Item:
 
     def _at(self, value: Any, where: str) -> Item:
         if not isinstance(value, dict):
-            raise complaint(self.owner, where, "an object", found_text(value))
+            raise file_error(self.owner, where, "an object", found_text(value))
         return Item(value, where, self.root, self.owner)
 
     def _list(self, value: dict[str, Any], key: str, where: str) -> list[Any]:
         found = value.get(key, [])
         if not isinstance(found, list):
-            raise complaint(self.owner, f"{where}.{key}" if where else key, "a list", found_text(found))
+            raise file_error(self.owner, f"{where}.{key}" if where else key, "a list", found_text(found))
         return found
 
 
@@ -126,5 +126,5 @@ def parse(text: bytes, owner: str) -> Item:
     """
     value = parse_text(text, owner, "a glTF document", unique=True)
     if not isinstance(value, dict):
-        raise complaint(owner, "JSON", "an object", found_text(value))
+        raise file_error(owner, "JSON", "an object", found_text(value))
     return Item(value, "", value, owner)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import shown
-from ...base.input_files import complaint, quoted, read_file
+from ...base.input_files import file_error, quoted, read_file
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
@@ -136,7 +136,7 @@ class Materials:
             self.ignored.append("blending (opaque where alpha is not 0)")
             return _SMALLEST_ALPHA
         if mode != "MASK":
-            raise item.refuse("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
+            raise item.error("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
         return item.number("alphaCutoff", 0.5)
 
     def _texture(self, item: Item | None, alpha: bool) -> tuple[Texture | None, int, Array | None]:
@@ -147,7 +147,7 @@ class Materials:
             return None, 0, None
         index = item.reference("index", "textures")
         if index is None:
-            raise item.refuse("index", "an index", "none")
+            raise item.error("index", "an index", "none")
         coordinates, transform = item.integer("texCoord", 0), None
         moved = item.extension("KHR_texture_transform")
         if moved is not None:
@@ -176,7 +176,7 @@ class Materials:
         for key in ("wrapS", "wrapT"):
             mode = sampler.integer(key, 10497)
             if mode not in _WRAPS:
-                raise sampler.refuse(key, "one of " + ", ".join(map(str, _WRAPS)), str(mode))
+                raise sampler.error(key, "one of " + ", ".join(map(str, _WRAPS)), str(mode))
             found.append(_WRAPS[mode])
         if 9728 in (sampler.value.get("magFilter"), sampler.value.get("minFilter")):
             self.ignored.append("nearest filters (bilinear)")
@@ -189,7 +189,7 @@ class Materials:
             self._pixels += 0 if image is None else image.shape[0] * image.shape[1]
             if self._pixels > MAX_PIXELS:
                 expected = f"images of at most {MAX_PIXELS} pixels in all"
-                raise complaint(self.document.owner, "images", expected, "more")
+                raise file_error(self.document.owner, "images", expected, "more")
             self._images[index] = image
         return self._images[index]
 
@@ -200,7 +200,7 @@ class Materials:
             return decode_image(self.buffers.view(view)[0], owner, srgb=True)
         text = item.text("uri")
         if not text:
-            raise item.refuse("uri", "a file, data or a bufferView", "none")
+            raise item.error("uri", "a file, data or a bufferView", "none")
         found = self.buffers.resource(item, text)
         if found is None:
             warnings.warn(f"{owner}.uri: there is no file {quoted(text)}", stacklevel=2)

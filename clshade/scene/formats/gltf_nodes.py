@@ -34,7 +34,7 @@ def placed(document: Item, ignored: list[str]) -> Placed:
     Raises InputError for more than MAX_NODES nodes, one that is reached twice, and broken fields.
     """
     if document.count("nodes") > MAX_NODES:
-        raise document.refuse("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
+        raise document.error("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
     found, seen = Placed(), set()
     if not document.count("nodes") and document.count("meshes") <= MAX_NODES:
         found.meshes = {index: [np.eye(4)] for index in range(document.count("meshes"))}
@@ -42,7 +42,7 @@ def placed(document: Item, ignored: list[str]) -> Placed:
     while stack:
         index, parent = stack.pop()
         if index in seen:
-            raise document.refuse(f"nodes[{index}]", "a tree of nodes", "a node that is reached twice")
+            raise document.error(f"nodes[{index}]", "a tree of nodes", "a node that is reached twice")
         seen.add(index)
         node = document.entry("nodes", index)
         matrix = parent
@@ -57,7 +57,7 @@ def _product(node: Item, parent: Array, own: Array) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = parent @ own
     if not np.isfinite(matrix).all():
-        raise node.refuse("matrix", "a finite placement in the world", "an overflow")
+        raise node.error("matrix", "a finite placement in the world", "an overflow")
     return matrix
 
 
@@ -82,7 +82,7 @@ def _collect(node: Item, matrix: Array, found: Placed, ignored: list[str]) -> No
         lights = [] if known is None else list(known.items("lights"))
         index = light.integer("light")
         if index >= len(lights):
-            raise light.refuse("light", f"an index of the {len(lights)} lights", str(index))
+            raise light.error("light", f"an index of the {len(lights)} lights", str(index))
         found.lights.append((lights[index], matrix))
     if "skin" in node.value:
         ignored.append("skins")
@@ -93,14 +93,14 @@ def _matrix(node: Item) -> Array:
     if "matrix" in node.value:
         matrix: Floats = node.numbers("matrix", 16).reshape(4, 4).T.copy()
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
-            raise node.refuse("matrix", "a last row of 0 0 0 1", str(matrix[3].tolist()))
+            raise node.error("matrix", "a last row of 0 0 0 1", str(matrix[3].tolist()))
         matrix[3] = 0.0, 0.0, 0.0, 1.0
         return matrix
     matrix = np.eye(4)
     x, y, z, w = node.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)).tolist()
     length = math.hypot(x, y, z, w)
     if not 0.0 < length < math.inf:
-        raise node.refuse("rotation", "a quaternion other than 0", str([x, y, z, w]))
+        raise node.error("rotation", "a quaternion other than 0", str([x, y, z, w]))
     x, y, z, w = x / length, y / length, z / length, w / length
     matrix[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -137,17 +137,17 @@ def camera_of(
     flat = item.text("type") == "orthographic"
     lens = item.item("orthographic" if flat else "perspective")
     if lens is None:
-        raise item.refuse("type", "perspective or orthographic, and its parameters", repr(item.text("type")[:32]))
+        raise item.error("type", "perspective or orthographic, and its parameters", repr(item.text("type")[:32]))
     if flat:
         height = 2.0 * abs(lens.number("ymag"))
         aspect = abs(lens.number("xmag")) / (height / 2.0) if height else 0.0
     else:
         fov = lens.number("yfov")
         if not 0.0 < fov < math.pi:
-            raise lens.refuse("yfov", "radians between 0 and pi", str(fov))
+            raise lens.error("yfov", "radians between 0 and pi", str(fov))
         height, aspect = 2.0 * math.tan(fov / 2.0), lens.number("aspectRatio", 0.0, least=0.0)
     if height == 0.0:
-        raise lens.refuse("ymag", "a number other than 0", "0")
+        raise lens.error("ymag", "a number other than 0", "0")
     if resolution is None:
         columns = round(min(RESOLUTION[1] * aspect, MAX_RESOLUTION))
         resolution = (max(columns, 1), RESOLUTION[1]) if aspect else RESOLUTION

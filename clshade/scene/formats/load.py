@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from ...base import console
 from ...base.atomic_files import Path, shown
-from ...base.input_files import complaint, quoted, size_of
-from ...base.validation import flag, integer, refuse
+from ...base.input_files import file_error, quoted, size_of
+from ...base.validation import flag, integer, value_error
 from ...base.validation import path as checked_path
 from ...errors import InputError
 from ..camera import MAX_RESOLUTION
@@ -82,16 +82,16 @@ def load(
     flat = flag("load", "flat", flat)
     two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
     if flat and crease is not None:
-        raise refuse("load", "crease", "none beside flat, which is a crease of 0", crease)
+        raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
     try:
         with _told_when_slow(owner):
             if extension == ".npy":
                 if (crease, up, flat) != (None, None, False):
-                    raise refuse("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
+                    raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
                 scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
                 scene = scene if two_sided is None else _lit(scene, two_sided)
             elif focal is not None:
-                raise refuse("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
+                raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
             else:
                 own = None if texture is None else as_texture(texture, srgb=True)
                 options = Options(own, resolution, 0.0 if flat else crease, up, two_sided)
@@ -99,7 +99,7 @@ def load(
     except InputError as error:
         raise _named(error, owner) from None
     except MemoryError:
-        raise complaint(owner, "file", "a scene that fits into memory", "too large a one") from None
+        raise file_error(owner, "file", "a scene that fits into memory", "too large a one") from None
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
 
 
@@ -109,12 +109,12 @@ def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     try:
         os.stat(path)
     except FileNotFoundError:
-        return complaint(owner, "file", f"an existing file, one of {known}", f"no such file, and {found}")
+        return file_error(owner, "file", f"an existing file, one of {known}", f"no such file, and {found}")
     except (OSError, ValueError):
         pass  # told by the next line, as folders and devices are
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
-    return complaint(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
+    return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
 
 
 def _read_mesh(path: Path, extension: str, options: Options) -> Scene:
@@ -149,7 +149,7 @@ def _resolution(resolution: Any) -> tuple[int, int]:
     try:
         columns, rows = resolution
     except (TypeError, ValueError):
-        raise refuse("load", "resolution", "two whole numbers (N, M)", resolution) from None
+        raise value_error("load", "resolution", "two whole numbers (N, M)", resolution) from None
     return (
         integer("load", "resolution N", columns, 1, MAX_RESOLUTION),
         integer("load", "resolution M", rows, 1, MAX_RESOLUTION),
@@ -166,7 +166,7 @@ def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
     except TypeError:
         good = False
     if not good or len(set(kept)) != len(kept):
-        raise refuse("load", "lights", expected, wanted)
+        raise value_error("load", "lights", expected, wanted)
     return tuple(scene.lights[index] for index in kept)
 
 

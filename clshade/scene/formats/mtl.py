@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import shown
-from ...base.input_files import beside, complaint, quoted, read_file, within
+from ...base.input_files import beside, file_error, quoted, read_file, within
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
@@ -196,7 +196,7 @@ class Library:
             self.images[key] = decode_image(read_file(path, MAX_IMAGE_BYTES), shown(path), srgb=srgb)
             pixels = sum(known.shape[0] * known.shape[1] for known in self.images.values())
             if pixels > MAX_PIXELS:
-                raise complaint(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
+                raise file_error(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
         return self.images[key]
 
 
@@ -227,7 +227,7 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
             values.append(found.group(1))
             place = found.end()
             if _NUMBER.fullmatch(values[-1]) and math.isinf(float(values[-1])):
-                raise complaint(owner, f"{where}: {name}", "finite numbers", quoted(values[-1]))
+                raise file_error(owner, f"{where}: {name}", "finite numbers", quoted(values[-1]))
         if name in ("-s", "-o") and values:
             first, second = float(values[0]), float((values[1:] or ["1" if name == "-s" else "0"])[0])
             options["scale" if name == "-s" else "offset"] = (first, second)
@@ -243,7 +243,7 @@ def _floats(text: str, owner: str, where: str, allowed: tuple[int, ...], expecte
     text = text.split("#", 1)[0]
     values = numbers(text.encode(), float, len(text.split()))
     if values is None or len(values) not in allowed or not np.isfinite(values).all():
-        raise complaint(owner, where, expected, quoted(text))
+        raise file_error(owner, where, expected, quoted(text))
     return [float(value) for value in values]
 
 
@@ -256,5 +256,5 @@ def _color(text: str, owner: str, where: str) -> list[float]:
 def _exponent(text: str, owner: str, where: str) -> float:
     (value,) = _floats(text, owner, where, (1,), "a number from 0 to 1e9")
     if not 0.0 <= value <= 1e9:
-        raise complaint(owner, where, "a number from 0 to 1e9", f"{value:g}")
+        raise file_error(owner, where, "a number from 0 to 1e9", f"{value:g}")
     return value

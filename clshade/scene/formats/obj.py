@@ -11,13 +11,13 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import complaint, quoted, read_file
+from ...base.input_files import file_error, quoted, read_file
 from .. import framing, geometry
 from ..model import Material, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals
 from .mtl import Library
-from .obj_parser import ObjText, Run, parse_obj
-from .options import Options, told
+from .obj_parser import FaceRun, ObjText, parse_obj
+from .options import Options, warn_ignored
 
 MAX_BYTES = 1 << 31  # of a mesh file
 
@@ -40,7 +40,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
     text = parse_obj(read_file(path, MAX_BYTES), owner)
     if options.texture is not None and text.indices[:, 0, 1].max() < 0:
-        raise complaint(owner, "vt", "texture coordinates for the texture", "none")
+        raise file_error(owner, "vt", "texture coordinates for the texture", "none")
     if options.crease is None and text.smoothing and text.indices[:, 0, 2].min() < 0:
         if text.smoothing == {"off"}:
             options = replace(options, crease=0.0)
@@ -50,7 +50,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     library = Library(os.fspath(path), text.libraries)
     text.colors = _finite_colors(text.colors, owner)
     meshes = _meshes(text, library, options, name, owner)
-    return told(
+    return warn_ignored(
         framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, text.ignored + library.ignored
     )
 
@@ -112,7 +112,7 @@ def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array
     return None if whole else (geometry.vertex_normals(text.verts, faces), None)
 
 
-def _parts(text: ObjText) -> list[tuple[Run, int]]:
+def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
     """Where a mesh begins, as a run, and the face after its last one."""
     has = text.indices[:, 0, 1:] >= 0
     cuts = set((np.flatnonzero((has[1:] != has[:-1]).any(axis=1)) + 1).tolist())

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import complaint, quoted
+from ...base.input_files import file_error, quoted
 from ...errors import InputError
 from ..model import MAX_FACES
 from ..triangulate import CUT_AS_FANS, triangulated
@@ -34,7 +34,7 @@ _IGNORED = {
 }
 
 
-class Run(NamedTuple):
+class FaceRun(NamedTuple):
     """What holds from face `first` on: the names of the last `o`, `g` and `usemtl`; None where there was none."""
 
     first: int
@@ -60,7 +60,7 @@ class ObjText:
     uvs: Array
     normals: Array
     indices: Array
-    runs: list[Run]
+    runs: list[FaceRun]
     libraries: list[tuple[int, str]]
     smoothing: set[str]
     ignored: list[str]
@@ -81,7 +81,7 @@ class _Reader:
     corners: list[Array] = field(default_factory=list)
     corner_counts: list[Array] = field(default_factory=list)
     places: list[Array] = field(default_factory=list)
-    runs: list[Run] = field(default_factory=lambda: [Run(0, None, None, None)])
+    runs: list[FaceRun] = field(default_factory=lambda: [FaceRun(0, None, None, None)])
     libraries: list[tuple[int, str]] = field(default_factory=list)
     smoothing: set[str] = field(default_factory=set)
     ignored: list[str] = field(default_factory=list)
@@ -90,10 +90,10 @@ class _Reader:
         """The number of the line that holds byte `place` of the file."""
         return self.data.count(b"\n", 0, place) + 1
 
-    def complaint(self, lines: Lines, token: int, keyword: str, expected: str, found: str) -> InputError:
+    def line_error(self, lines: Lines, token: int, keyword: str, expected: str, found: str) -> InputError:
         """About a token of the current chunk."""
         number = self.line(self.offset + int(lines.starts[token]) - 1)
-        return complaint(self.owner, f"line {number}: {keyword}", expected, found)
+        return file_error(self.owner, f"line {number}: {keyword}", expected, found)
 
 
 def parse_obj(data: bytes, owner: str) -> ObjText:
@@ -117,7 +117,7 @@ def parse_obj(data: bytes, owner: str) -> ObjText:
         _read_names(reader, lines, _read_faces(reader, lines))
         _read_numbers(reader, lines)
     if not reader.face_count:
-        raise complaint(owner, "f", "at least one face", "none")
+        raise file_error(owner, "f", "at least one face", "none")
     return _joined(reader)
 
 
@@ -129,7 +129,7 @@ def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
         token = int(lines.first[index])
         keyword = lines.token(token)
         if not (len(keyword) <= 32 and keyword.replace(b"_", b"").isalnum()):
-            raise reader.complaint(lines, token, "keyword", "an OBJ statement (v, vt, vn, f ...)", quoted(keyword))
+            raise reader.line_error(lines, token, "keyword", "an OBJ statement (v, vt, vn, f ...)", quoted(keyword))
         if keyword in _IGNORED and _IGNORED[keyword] not in reader.ignored:
             reader.ignored.append(_IGNORED[keyword])
         if keyword not in (b"o", b"g", b"s", b"usemtl", b"mtllib"):
@@ -158,7 +158,7 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
         wrong = np.flatnonzero((lines.kind == kind) & ~np.isin(lines.count, allowed))
         if len(wrong):
             found = str(lines.count[wrong[0]])
-            raise reader.complaint(lines, int(lines.first[wrong[0]]), KEYWORDS[kind], expected, found)
+            raise reader.line_error(lines, int(lines.first[wrong[0]]), KEYWORDS[kind], expected, found)
     chosen = np.flatnonzero(np.isin(lines.kind, (V, VT, VN)))
     count, kinds = lines.count[chosen], lines.kind[chosen]
     values = numbers(arguments(lines, chosen), float, int(count.sum()))
@@ -173,7 +173,7 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
         elif not np.isfinite(rows).all():
             bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             token = int(lines.first[chosen[mine[bad]]])
-            raise reader.complaint(lines, token, KEYWORDS[kind], "finite numbers", str(rows[bad].tolist()))
+            raise reader.line_error(lines, token, KEYWORDS[kind], "finite numbers", str(rows[bad].tolist()))
         if kind == V:
             colored = mine[count[mine] == 6]
             which = reader.counts[V] + np.flatnonzero(count[mine] == 6)
@@ -183,7 +183,7 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
 
 
 def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expected: str) -> InputError:
-    """The complaint about the first token in the chosen lines that is not a number, or not a corner of a face."""
+    """The file_error about the first token in the chosen lines that is not a number, or not a corner of a face."""
     for index in chosen:
         first, count = int(lines.first[index]), int(lines.count[index])
         for token in range(first + 1, first + 1 + count):
@@ -191,8 +191,8 @@ def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expect
             fields = [part for part in text.split(b"/") if part] if dtype is int else [text]
             good = all(numbers(part, dtype, 1) is not None for part in fields)
             if not good or text.count(b"/") > 2:
-                return reader.complaint(lines, token, KEYWORDS[int(lines.kind[index])], expected, quoted(text))
-    raise complaint(reader.owner, "text", expected, "something else")
+                return reader.line_error(lines, token, KEYWORDS[int(lines.kind[index])], expected, quoted(text))
+    raise file_error(reader.owner, "text", expected, "something else")
 
 
 def _read_faces(reader: _Reader, lines: Lines) -> Array:
@@ -201,10 +201,10 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
     count = lines.count[chosen]
     if len(chosen) and count.min() < 3:
         bad = int(np.argmax(count < 3))
-        raise reader.complaint(lines, int(lines.first[chosen[bad]]), "f", "at least 3 corners", str(count[bad]))
+        raise reader.line_error(lines, int(lines.first[chosen[bad]]), "f", "at least 3 corners", str(count[bad]))
     first_triangle = reader.face_count + np.concatenate([[0], np.cumsum(count - 2)])
     if first_triangle[-1] > MAX_FACES:
-        raise complaint(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
+        raise file_error(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
     if len(chosen):
         reader.corners.append(_resolved(reader, lines, chosen, _corners(reader, lines, chosen)))
         reader.corner_counts.append(count)
@@ -234,7 +234,7 @@ def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
     bad = owner[values == 0] if (values == 0).any() else np.flatnonzero(table[:, 0] == 0)
     if len(bad):
         token = _corner_token(lines, chosen, int(bad[0]))
-        raise reader.complaint(lines, token, "f", "indices from 1, or below 0", quoted(lines.token(token)))
+        raise reader.line_error(lines, token, "f", "indices from 1, or below 0", quoted(lines.token(token)))
     return table
 
 
@@ -259,13 +259,13 @@ def _resolved(reader: _Reader, lines: Lines, chosen: Array, table: Array) -> Arr
         if len(bad):
             token = _corner_token(lines, chosen, int(bad[0]))
             expected = f"{KEYWORDS[kind]} indices up to the {so_far[bad[0]]} so far"
-            raise reader.complaint(lines, token, "f", expected, quoted(lines.token(token)))
+            raise reader.line_error(lines, token, "f", expected, quoted(lines.token(token)))
         have = np.add.reduceat(given != 0, start, dtype=np.int64)
         partly = np.flatnonzero((have != 0) & (have != count))
         if len(partly):
             token = int(lines.first[chosen[partly[0]]])
             expected = f"{KEYWORDS[kind]} at all corners or none"
-            raise reader.complaint(lines, token, "f", expected, f"{have[partly[0]]} of {count[partly[0]]}")
+            raise reader.line_error(lines, token, "f", expected, f"{have[partly[0]]} of {count[partly[0]]}")
         result[:, column] = np.where(given == 0, -1, index)
     return result
 
@@ -279,7 +279,7 @@ def _joined(reader: _Reader) -> ObjText:
             polygon = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
             line = reader.line(int(np.concatenate(reader.places)[polygon]))
             expected = f"{KEYWORDS[kind]} indices up to {len(values)}"
-            raise complaint(reader.owner, f"line {line}: f", expected, str(corners[corner, column] + 1))
+            raise file_error(reader.owner, f"line {line}: f", expected, str(corners[corner, column] + 1))
     cuts = triangulated(verts, corners[:, 0], counts)
     if cuts.left:
         reader.ignored.append(CUT_AS_FANS)

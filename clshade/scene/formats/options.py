@@ -45,7 +45,7 @@ class Options:
         return replace(material, two_sided=two_sided, sides="both" if two_sided else material.sides)
 
 
-def told(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
+def warn_ignored(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
     """The scene with what is not rendered in `Scene.ignored`, each once, and in one UserWarning."""
     names: Any = tuple(dict.fromkeys((*scene.ignored, *ignored)))
     if not names:

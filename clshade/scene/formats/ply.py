@@ -16,13 +16,13 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import beside, complaint, quoted, read_file
+from ...base.input_files import beside, file_error, quoted, read_file
 from ...images.decode import srgb_to_linear
 from .. import framing, geometry
 from ..model import MAX_FACES, Material, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
-from .options import Options, told
+from .options import Options, warn_ignored
 from .ply_parser import Element, read_ply_rows
 from .texture import as_texture
 
@@ -50,10 +50,10 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     elements, comments = read_ply_rows(read_file(path, MAX_BYTES), owner)
     vertex = elements.get("vertex")
     if vertex is None or not vertex.rows:
-        raise complaint(owner, "element vertex", "at least one vertex", "none")
+        raise file_error(owner, "element vertex", "at least one vertex", "none")
     verts = _columns(vertex, ("x", "y", "z"), owner)
     if verts is None:
-        raise complaint(owner, "element vertex", "properties x, y and z", "others")
+        raise file_error(owner, "element vertex", "properties x, y and z", "others")
     ignored: list[str] = []
     faces, polygon, cuts = _faces(elements, verts, ignored, owner)
     arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
@@ -70,7 +70,7 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     mesh = Mesh(**arrays, material=material, name=name)
     ignored += [f"element {key[:32]}" for key in elements if key not in ("vertex", "face", "tristrips")]
     scene = framing.framed((mesh,), name, options.resolution, up=options.up or "y")
-    return told(scene, owner, ignored)
+    return warn_ignored(scene, owner, ignored)
 
 
 def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bool = True) -> Array | None:
@@ -85,7 +85,7 @@ def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bo
     if finite and not np.isfinite(values).all():
         row, number = np.argwhere(~np.isfinite(values))[0]
         where = f"element {element.name}: row {row}: {names[number]}"
-        raise complaint(owner, where, "a finite number", str(values[row, number]))
+        raise file_error(owner, where, "a finite number", str(values[row, number]))
     return values
 
 
@@ -106,7 +106,7 @@ def _faces(
             where = np.flatnonzero(~((values >= least) & (values < count) & (values == np.floor(values))))
             row = int(np.searchsorted(np.cumsum(lengths), where[0], side="right"))
             expected = f"indices from 0 to {count - 1}"
-            raise complaint(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
+            raise file_error(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
         if element is face:
             _check_corners(element, lengths, owner)
             corners = values.astype(np.int32, copy=False)
@@ -121,7 +121,7 @@ def _faces(
         faces.append(triangles)
         polygons.append(polygon)
     if not sum(map(len, faces)):
-        raise complaint(owner, "element face", "at least one triangle, in faces or tristrips", "none")
+        raise file_error(owner, "element face", "at least one triangle, in faces or tristrips", "none")
     if len(faces) == 1:
         return faces[0], polygons[0], cuts
     return np.concatenate(faces), np.concatenate(polygons), None if len(faces[1]) else cuts
@@ -130,9 +130,9 @@ def _faces(
 def _check_corners(element: Element, lengths: Array, owner: str) -> None:
     if lengths.min() < 3:
         row = int(np.argmax(lengths < 3))
-        raise complaint(owner, f"element {element.name}: row {row}", "at least 3 corners", str(lengths[row]))
+        raise file_error(owner, f"element {element.name}: row {row}", "at least 3 corners", str(lengths[row]))
     if int(lengths.sum()) - 2 * len(lengths) > MAX_FACES:
-        raise complaint(owner, "element face", f"at most {MAX_FACES} triangles", "more")
+        raise file_error(owner, "element face", f"at most {MAX_FACES} triangles", "more")
 
 
 def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array, Array]:
@@ -141,7 +141,7 @@ def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array,
         if isinstance(found, tuple):
             return found
     expected = f"a list property {' or '.join(names)}"
-    raise complaint(owner, f"element {element.name}", expected, "none")
+    raise file_error(owner, f"element {element.name}", expected, "none")
 
 
 def _shade(arrays: dict[str, Any], options: Options) -> None:
@@ -213,7 +213,7 @@ def _texture(
     uvs, uv_faces = _uvs(elements, cuts, owner)
     if uvs is None:
         if options.texture is not None:
-            raise complaint(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
+            raise file_error(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
         return None
     if uv_faces is None and arrays["faces"] is not faces:
         uv_faces = faces
@@ -243,7 +243,7 @@ def _uvs(elements: dict[str, Element], cuts: Cuts | None, owner: str) -> tuple[A
             index = cuts.triangles(np.arange(int(corners.sum()), dtype=np.int32))
             return values.reshape(-1, 2).astype(np.float64), index
         row = int(np.argmax(lengths != 2 * corners))
-        raise complaint(owner, f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
+        raise file_error(owner, f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
     for names in _UVS:
         values = _columns(elements["vertex"], names, owner, finite=False)
         if values is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import complaint, quoted, runs
+from ...base.input_files import file_error, quoted, runs
 from .text_tokens import is_blank, numbers
 
 MAX_HEADER = 1 << 16  # bytes
@@ -68,30 +68,30 @@ def read_ply_rows(data: bytes, owner: str) -> tuple[dict[str, Element], list[str
 
 def _header(data: bytes, owner: str) -> Header:
     if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r"):
-        raise complaint(owner, "magic", "a first line of ply", quoted(data[:8]))
+        raise file_error(owner, "magic", "a first line of ply", quoted(data[:8]))
     end = data.find(b"end_header", 0, MAX_HEADER)
     if end < 0:
-        raise complaint(owner, "header", f"end_header in the first {MAX_HEADER} bytes", "none")
+        raise file_error(owner, "header", f"end_header in the first {MAX_HEADER} bytes", "none")
     stop = end + 10
     if data[stop : stop + 2] == b"\r\n":
         stop += 2
     elif data[stop : stop + 1] in (b"\n", b"\r"):
         stop += 1
     elif len(data) > stop:
-        raise complaint(owner, "header", "a line of end_header", quoted(data[end : end + 20]))
+        raise file_error(owner, "header", "a line of end_header", quoted(data[end : end + 20]))
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     header = Header("?", [], [], stop, len(lines))
     for number, line in enumerate(lines[1:-1], 2):
         _header_line(header, line, owner, f"line {number}")
     if header.order == "?":
-        raise complaint(owner, "header", "a line of format", "none")
+        raise file_error(owner, "header", "a line of format", "none")
     for element in header.elements:
         lists = sum(bool(item.count) for item in element.properties)
         if lists > MAX_LISTS:
-            raise complaint(owner, f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
+            raise file_error(owner, f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
     names = [element.name for element in header.elements]
     if len(set(names)) != len(names):
-        raise complaint(owner, "header", "elements of different names", ", ".join(names)[:80])
+        raise file_error(owner, "header", "elements of different names", ", ".join(names)[:80])
     return header
 
 
@@ -106,12 +106,12 @@ def _header_line(header: Header, line: str, owner: str, where: str) -> None:
     elif words[0] == "element" and len(words) == 3:
         count = words[2] if words[2].isascii() and words[2].isdigit() and len(words[2]) < 19 else "-1"
         if int(count) < 0:
-            raise complaint(owner, f"{where}: element {words[1][:32]}", "a number of rows from 0", quoted(words[2]))
+            raise file_error(owner, f"{where}: element {words[1][:32]}", "a number of rows from 0", quoted(words[2]))
         header.elements.append(Element(words[1], int(count)))
     elif words[0] == "property" and header.elements and _property(header.elements[-1], words[1:]):
         return
     else:
-        raise complaint(owner, where, "a line of a PLY header (format, element, property ...)", quoted(line))
+        raise file_error(owner, where, "a line of a PLY header (format, element, property ...)", quoted(line))
 
 
 def _property(element: Element, words: list[str]) -> bool:
@@ -129,7 +129,7 @@ def _property(element: Element, words: list[str]) -> bool:
 def _rows_left(element: Element, units: int, least: int, owner: str, unit: str) -> None:
     if element.rows * least > units:
         expected = f"{element.rows} rows, of at least {least} {unit} each"
-        raise complaint(owner, f"element {element.name}", expected, f"{units} {unit} left in the file")
+        raise file_error(owner, f"element {element.name}", expected, f"{units} {unit} left in the file")
 
 
 def _binary(data: bytes, header: Header, owner: str) -> None:
@@ -204,7 +204,7 @@ def _ragged_rows(data: bytes, place: int, element: Element, order: str, owner: s
             place += width
             if count < 0 or count * size > total - place:
                 where = f"element {element.name}: row {row}: {element.properties[number].name}"
-                raise complaint(owner, where, f"values within the {total} bytes of the file", f"a length of {count}")
+                raise file_error(owner, where, f"values within the {total} bytes of the file", f"a length of {count}")
             places[number].append(place)
             counts[number].append(count)
             place += count * size
@@ -236,7 +236,7 @@ def _ascii(data: bytes, header: Header, owner: str) -> None:
         if element.rows and element.properties:
             place = _ascii_rows(values, place, element, owner)
     if place != len(values):
-        raise complaint(owner, "rows", f"{place} values, as the header says", str(len(values)))
+        raise file_error(owner, "rows", f"{place} values, as the header says", str(len(values)))
 
 
 def _ascii_values(data: bytes, header: Header, owner: str) -> Array:
@@ -250,7 +250,7 @@ def _ascii_values(data: bytes, header: Header, owner: str) -> Array:
         if values is None:
             bad = next((word for word in text.split() if numbers(word, float, 1) is None), b"")
             line = header.lines + data.count(b"\n", header.size, data.find(bad, start)) + 1
-            raise complaint(owner, f"line {line}", "numbers", quoted(bad))
+            raise file_error(owner, f"line {line}", "numbers", quoted(bad))
         parts.append(values)
         start = end
     return np.concatenate(parts) if parts else np.zeros(0)
@@ -274,7 +274,7 @@ def _ascii_rows(values: Array, place: int, element: Element, owner: str) -> int:
                 place += 1
             if not (length >= 0.0 and length.is_integer() and place + length <= len(words)):
                 where = f"element {element.name}: row {row}: {element.properties[number].name}"
-                raise complaint(owner, where, "a length and as many values", f"{length:g}, or the end of the file")
+                raise file_error(owner, where, "a length and as many values", f"{length:g}, or the end of the file")
             starts[number].append(place)
             counts[number].append(int(length))
             place += int(length)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import complaint, quoted
+from ...base.input_files import file_error, quoted
 from .inert_pickle import PickledArray, PickledDtype, Refused, unpickle
 
 MAX_HEADER = 4096  # bytes; a course file's header has 118
@@ -41,7 +41,7 @@ class Content:
         try:
             return self._value(self._fields[name])
         except Refused as refused:
-            raise complaint(self._owner, name, "a number or an array of numbers", str(refused)) from None
+            raise file_error(self._owner, name, "a number or an array of numbers", str(refused)) from None
 
     def _value(self, packed: Any) -> Any:
         if not isinstance(packed, (list, tuple)):
@@ -91,14 +91,14 @@ def unpack(data: bytes, owner: str) -> Content:
     try:
         top = unpickle(data, start)
     except Refused as refused:
-        raise complaint(owner, "pickle", expected, str(refused)) from None
+        raise file_error(owner, "pickle", expected, str(refused)) from None
     except Exception as error:  # a broken pickle raises anything at all
-        raise complaint(owner, "pickle", expected, quoted(str(error) or type(error).__name__)) from None
+        raise file_error(owner, "pickle", expected, quoted(str(error) or type(error).__name__)) from None
     content = None
     if isinstance(top, PickledArray) and top.state is not None and top.state[0] == ():
         content = top.state[3]
     if not isinstance(content, list) or len(content) != 1 or not isinstance(content[0], dict):
-        raise complaint(owner, "pickle", expected, "something else")
+        raise file_error(owner, "pickle", expected, "something else")
     return Content(content[0], owner, len(data))
 
 
@@ -106,11 +106,11 @@ def _header_end(data: bytes, owner: str) -> int:
     """Where the .npy header, which has to announce a 0-d object array, ends."""
     expected = "a .npy file (a dict in a 0-d object array)"
     if data[:6] != b"\x93NUMPY" or len(data) < 12:
-        raise complaint(owner, "header", expected, quoted(data[:8]))
+        raise file_error(owner, "header", expected, quoted(data[:8]))
     start = 10 if data[6] == 1 else 12
     end = start + int.from_bytes(data[8:start], "little")
     if data[6] not in (1, 2, 3) or end - start > MAX_HEADER or end > len(data):
-        raise complaint(owner, "header", f"format 1, 2 or 3 and at most {MAX_HEADER} bytes", "something else")
+        raise file_error(owner, "header", f"format 1, 2 or 3 and at most {MAX_HEADER} bytes", "something else")
     try:
         header = ast.literal_eval(data[start:end].decode("latin-1").strip())
         found = f"an array of shape {header['shape']!r} and type {header['descr']!r}"
@@ -118,7 +118,7 @@ def _header_end(data: bytes, owner: str) -> int:
     except Exception:  # literal_eval raises many things
         good, found = False, quoted(data[start:end])
     if not good:
-        raise complaint(owner, "header", expected, found if len(found) < 120 else quoted(found))
+        raise file_error(owner, "header", expected, found if len(found) < 120 else quoted(found))
     return end
 
 

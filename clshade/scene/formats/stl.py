@@ -9,11 +9,11 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import complaint, quoted, read_file, runs
+from ...base.input_files import file_error, quoted, read_file, runs
 from .. import framing
 from ..model import MAX_FACES, Material, Mesh, Scene
 from ..normals import crease_normals, welded
-from .options import Options, told
+from .options import Options, warn_ignored
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 31
@@ -36,7 +36,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     """
     owner = shown(path)
     if options.texture is not None:
-        raise complaint(owner, "texture", "none: an STL file has no texture coordinates", "one")
+        raise file_error(owner, "texture", "none: an STL file has no texture coordinates", "one")
     data = read_file(path, MAX_BYTES)
     ignored = []
     count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
@@ -50,21 +50,21 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
         expected = (
             f"{_HEAD + _RECORD * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
         )
-        raise complaint(owner, "facet count", expected, f"{len(data)} bytes")
+        raise file_error(owner, "facet count", expected, f"{len(data)} bytes")
     mesh = _mesh(verts, owner, options, material)
     scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up or "z")
-    return told(scene, owner, ignored)
+    return warn_ignored(scene, owner, ignored)
 
 
 def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mesh:
     """verts: (3F, 3), corners of the facets."""
     count = len(verts) // 3
     if not 0 < count <= MAX_FACES:
-        raise complaint(owner, "facet count", f"from 1 to {MAX_FACES}", str(count))
+        raise file_error(owner, "facet count", f"from 1 to {MAX_FACES}", str(count))
     if not np.isfinite(verts).all():
         row = int(np.flatnonzero(~np.isfinite(verts).all(axis=1))[0])
         found = f"{verts[row].tolist()}"
-        raise complaint(owner, f"facet {row // 3}: vertex {row % 3}", "finite numbers", found)
+        raise file_error(owner, f"facet {row // 3}: vertex {row % 3}", "finite numbers", found)
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
     normals = normal_faces = None
     if options.crease:
@@ -88,7 +88,7 @@ def _ascii(data: bytes, owner: str) -> Array:
         parts.append(part)
         facets += len(part) // 3
         if facets > MAX_FACES:
-            raise complaint(owner, "facet count", f"at most {MAX_FACES}", "more")
+            raise file_error(owner, "facet count", f"at most {MAX_FACES}", "more")
         start = end
     return np.concatenate(parts)
 
@@ -120,11 +120,11 @@ def _facets(text: bytes, owner: str, before: int) -> Array:
 
 
 def _first_fault(words: list[bytes], owner: str, before: int) -> Exception:
-    """The complaint about the first word that does not belong where it is."""
+    """The file_error about the first word that does not belong where it is."""
     for place, word in enumerate(words):
         facet, expected = before + place // len(_FACET), _FACET[place % len(_FACET)]
         if expected is None and place % len(_FACET) > 5 and numbers(word, float, 1) is None:
-            return complaint(owner, f"facet {facet}: vertex", "numbers", quoted(word))
+            return file_error(owner, f"facet {facet}: vertex", "numbers", quoted(word))
         if expected is not None and word != expected:
-            return complaint(owner, f"facet {facet}", expected.decode(), quoted(word))
-    return complaint(owner, f"facet {before + len(words) // len(_FACET)}", "endfacet", "the end of the file")
+            return file_error(owner, f"facet {facet}", expected.decode(), quoted(word))
+    return file_error(owner, f"facet {before + len(words) // len(_FACET)}", "endfacet", "the end of the file")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import complaint
+from ...base.input_files import file_error
 
 CHUNK = 1 << 20  # bytes of text taken at once
 MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and needs 32 times as much memory for its tokens
@@ -59,7 +59,7 @@ def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
     while start < len(data):
         end = _line_end(data, min(start + CHUNK, len(data)))
         if end - start > MAX_LINE + CHUNK:
-            raise complaint(owner, "line", f"lines of at most {MAX_LINE} bytes", "a longer one")
+            raise file_error(owner, "line", f"lines of at most {MAX_LINE} bytes", "a longer one")
         yield start, data[start:end]
         start = end
 

@@ -55,7 +55,7 @@ def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) 
     return Mesh(verts, faces, colors=colors, **{"material": MATERIAL, **fields})
 
 
-def moved(scene: Scene, scale: float, shift: float | Array) -> Scene:
+def shifted(scene: Scene, scale: float, shift: float | Array) -> Scene:
     """Everything times `scale` plus `shift`: vertices, camera and lights."""
     camera = scene.camera
     eye, lookat = camera.eye * scale + shift, camera.lookat * scale + shift

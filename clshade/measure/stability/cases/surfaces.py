@@ -133,9 +133,9 @@ def offsets(bench: Bench) -> Outcome:
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
         for shift in OFFSETS:
-            frame = bench.draw(lit.moved(centered(), 1.0, shift), preset=preset)
+            frame = bench.draw(lit.shifted(centered(), 1.0, shift), preset=preset)
             outcomes += [against_oracle(frame), _as_centered(frame, first)]
-        frame = bench.draw(lit.moved(centered(), 1.0, np.array([1e9, -1e6, 3e8])), preset=preset)
+        frame = bench.draw(lit.shifted(centered(), 1.0, np.array([1e9, -1e6, 3e8])), preset=preset)
         outcomes += [against_oracle(frame), _as_centered(frame, first)]
     return worst(outcomes, "+1e6, +1e9, both presets")
 
@@ -146,10 +146,10 @@ def scales(bench: Bench) -> Outcome:
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
         for scale in SCALES:
-            frame = bench.draw(lit.moved(centered(), scale, 0.0), preset=preset)
+            frame = bench.draw(lit.shifted(centered(), scale, 0.0), preset=preset)
             outcomes += [against_oracle(frame), _as_centered(frame, first)]
         for power in POWERS:
-            frame = bench.draw(lit.moved(centered(), 2.0**power, 0.0), preset=preset)
+            frame = bench.draw(lit.shifted(centered(), 2.0**power, 0.0), preset=preset)
             depths = np.ldexp(first["Z"], power)
             layers = {"Z": depths.astype(np.float32), "id": first["id"]}
             outcomes.append(different_bits(frame, Frame(first.rgba, layers, first.scene, first.settings, dict)))
