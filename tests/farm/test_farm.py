@@ -116,7 +116,7 @@ def test_some_frames_of_a_turn_are_where_all_of_them_are():
 
 def test_cameras_of_a_turn_are_made_when_they_are_asked_for(monkeypatch):
     made: list[float] = []
-    monkeypatch.setattr("clshade.farm.cameras.moved", lambda camera, azimuth: made.append(azimuth))
+    monkeypatch.setattr("clshade.farm.cameras.adjusted", lambda camera, azimuth: made.append(azimuth))
     turn = parse_frames("1..1000000")
     found = orbit(BASE, turn.numbers, turn)
     assert (len(found), next(iter(found)), 0 in found) == (1_000_000, 1, False)
