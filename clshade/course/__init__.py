@@ -1,27 +1,33 @@
 """The functions of the course's assignments, with its names, argument order and array shapes, run by OpenCL kernels.
 
-Images are (M, N, 3) float64 with row 0 at the BOTTOM, linear and never clamped: values above 1 are kept. To show or
-save one as 8 bits as the course does, turn it and clamp it: `np.clip(image[::-1], 0.0, 1.0)`.
+Notes
+-----
+Images are (M, N, 3) float64 with row 0 at the BOTTOM, linear and never clamped: values above 1 are
+kept. To show or save one in 8 bits as the course does, flip it and clamp it:
+``np.clip(image[::-1], 0.0, 1.0)``.
 
-Shapes. `verts`, `verts_colors`, `faces`, `uvs`, `uvs_faces` are 3xN (2xN), a column per item; they may all come
-transposed, which any of them that is not square shows. `l_pos` and `l_int` are Lx3, rows are lights, or lists of L
-3-vectors, or one 3-vector each for one light; L may be 0. `verts_p` is 3x2, rows are corners; `verts_n` and `verts_c`
-are 3x3, columns are corners. 3-vectors come as (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are
-numbers or 3-vectors; one of the first three that is 0 is left out of the kernel. The exponent n is from 0 to 1e9.
+Shapes. `verts`, `verts_colors`, `faces`, `uvs` and `uvs_faces` are 3xN (2xN), one item per column;
+all of them may come transposed together, which is recognized by any that is not square. `l_pos` and
+`l_int` are Lx3, one light per row, or lists of L 3-vectors, or one 3-vector each for one light; L
+may be 0. `verts_p` is 3x2, one corner per row; `verts_n` and `verts_c` are 3x3, one corner per
+column. 3-vectors are (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_color are numbers or
+3-vectors; those of the first three that are 0 are left out of the kernel. The exponent n is from 0
+to 1e9.
 
-Light, for a point P with unit normal N, V towards the eye, L towards a light, R = 2N(N.L) - L, per channel:
-`I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)`, the highlight only where N.L > 0 and
-R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM 18(6), 1975). A normal of 0, a light at P or
-an eye at P contributes 0.
+Light, for a point P with unit normal N, V toward the eye, L toward a light, R = 2N(N.L) - L, per
+channel: ``I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)``, the highlight
+only where N.L > 0 and R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM
+18(6), 1975). A normal of 0, a light at P and an eye at P contribute 0.
 
-Objects that hold several arguments, such as a material or lights, are passed by their numbers. Arguments that do not
-fit are answered with those that are expected, in their order, and with what was found in the place of each; that error
-is a TypeError as well.
+Objects that hold several arguments, such as a material or lights, are passed by their numbers. If
+the arguments of a call do not fit, the error lists the expected ones in their order, with what was
+found in place of each; it is a TypeError as well.
 
-Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument, what was expected
-and what was found, for wrong shapes, indices out of range, NaN or infinite values and unknown shaders, before anything
-is allocated; and `clshade.errors.DeviceError` where no OpenCL device works. The device is the default one, or the one
-that the environment variable CLSHADE_DEVICE names, and stays open; the last scenes stay on it (see `release`).
+Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument,
+what was expected and what was found, for wrong shapes, indices out of range, NaN or infinite values
+and unknown shaders, before anything is allocated; and `clshade.errors.DeviceError` if no OpenCL
+device works. The device is the default one, or the one that the environment variable CLSHADE_DEVICE
+names. It stays open, and the latest scenes stay on it (see `release`).
 """
 
 from __future__ import annotations
@@ -61,12 +67,12 @@ __all__ = [
     "shade_phong",
 ]
 
-_LARGE = 1 << 24  # pixels: the memory of such an image is not kept for the next
+_LARGE = 1 << 24  # pixels; after larger images the memory is released
 _Vectors = tuple[ArrayLike, ArrayLike, ArrayLike]  # eye, lookat, up
 _View = tuple[_Vectors, float, tuple[int, int], tuple[float, float]]  # and focal, (M, N), (H, W)
 _Surface = tuple[ArrayLike, ArrayLike, ArrayLike, float]  # k_a, k_d, k_s, n
 _Lights = tuple[ArrayLike, ArrayLike]  # l_pos, l_int
-_lock = threading.RLock()  # kernels take their arguments one after the other: one call at a time
+_lock = threading.RLock()  # setting a kernel's arguments is not atomic: one call at a time
 
 
 # Single points
@@ -77,13 +83,38 @@ def light(
     point: ArrayLike, normal: ArrayLike, color: ArrayLike, cam_pos: ArrayLike,
     k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """The light that a point of a surface sends to the eye.
+    """Return the light that a surface point sends toward the eye, by Phong's model.
 
-    point, cam_pos: 3-vectors, world space. normal: 3-vector of any length. color: 3-vector, linear RGB, of the surface.
-    k_a: ambient coefficient times ambient intensity. k_d, k_s, n: diffuse and specular coefficient, exponent.
-    l_pos, l_int: (L, 3), positions in world space and linear RGB intensities of the lights.
+    Parameters
+    ----------
+    point : array_like, 3-vector
+        Position of the point, world space.
+    normal : array_like, 3-vector
+        Normal of the surface, of any length.
+    color : array_like, 3-vector
+        Color of the surface, linear RGB.
+    cam_pos : array_like, 3-vector
+        Position of the eye, world space.
+    k_a : float or array_like
+        Ambient coefficient times ambient intensity.
+    k_d, k_s : float or array_like
+        Diffuse and specular coefficients.
+    n : float
+        Specular exponent.
+    l_pos, l_int : array_like, (L, 3)
+        Positions in world space and linear RGB intensities of the lights.
 
-    Returns (3,) float64, linear RGB, not clamped. See the module for the formula and for what is raised.
+    Returns
+    -------
+    ndarray of float64, (3,)
+        Linear RGB, not clamped. See the module for the formula.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
     """
     owner = "light"
     direction, tint = vector(owner, "normal", normal), vector(owner, "color", color)
@@ -109,13 +140,33 @@ def _surroundings(
 
 @checked.fitting
 def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
-    """The color of a texture at one place, by bilinear interpolation of the four texels around it.
+    """Return the color of a texture at one point, interpolated bilinearly from the four texels around it.
 
-    uv: 2 numbers, (2,), (1, 2) or (2, 1): u to the right and v down the rows, held to [0, 1].
-    texture_map: (h, w, 3), row 0 is v = 0; floats as they are, integers divided by their type's maximum.
+    Parameters
+    ----------
+    uv : array_like, (2,), (1, 2) or (2, 1)
+        Texture coordinates: u to the right and v down the rows, clamped to [0, 1].
+    texture_map : array_like, (h, w, 3)
+        Texture; row 0 is v = 0. Floats are used as they are, integers divided by the maximum of
+        their type.
 
-    With x = u*(w-1) and x0 = floor(x), x1 = min(x0+1, w-1), the same for y: a mean of the texels at x0, x1 and y0, y1.
-    Returns (3,) float64. The texture stays on the device for the next call with an equal one.
+    Returns
+    -------
+    ndarray of float64, (3,)
+        The color.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    With x = u*(w-1), x0 = floor(x) and x1 = min(x0+1, w-1), and the same for y, the color is a weighted
+    mean of the texels at x0, x1 and y0, y1. The texture stays on the device for the next call with an
+    equal one.
     """
     owner = "bilerp"
     place = checked.array(owner, "uv", uv)
@@ -129,10 +180,24 @@ def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
 
 @checked.fitting
 def calculate_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
-    """Unit normals at the vertices of a mesh: the sum of the cross products of the faces around each, normalized.
+    """Return unit vertex normals: the sum of the cross products of the faces around each vertex, normalized.
 
-    verts: (3, V) positions. faces: (3, F) indices into verts, counter-clockwise seen from outside.
-    Returns (3, V) float64; 0 at a vertex without faces or whose faces cancel. Computed on the host in float64.
+    Parameters
+    ----------
+    verts : array_like, (3, V)
+        Positions.
+    faces : array_like, (3, F)
+        Indices into `verts`, counterclockwise as seen from outside.
+
+    Returns
+    -------
+    ndarray of float64, (3, V)
+        Normals; 0 at a vertex without faces or whose faces cancel. Computed on the host in float64.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
     """
     given = checked.mesh("calculate_normals", verts=verts, faces=faces)
     return np.ascontiguousarray(vertex_normals(given["verts"], given["faces"]).T)
@@ -143,14 +208,36 @@ def calculate_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
 
 @checked.fitting
 def gouraud_shading(verts_p: ArrayLike, verts_c: ArrayLike, X: ArrayLike) -> Floats:
-    """One triangle over an image, its corners' colors interpolated, without light.
+    """Draw one triangle over an image, with interpolated corner colors and no light.
 
-    verts_p: (3, 2), rows are corners, continuous image coordinates u to the right and v up in pixels: the center of
-        column c, row r is (c+0.5, r+0.5). They may lie outside of the image, as far as they like.
-    verts_c: (3, 3), columns are corners, linear RGB. X: (M, N, 3), row 0 at the bottom; it is not changed.
+    Parameters
+    ----------
+    verts_p : array_like, (3, 2)
+        Corners, one per row, in continuous image coordinates: u to the right and v up, in pixels;
+        the center of column c, row r is (c+0.5, r+0.5). They may lie outside of the image, at any
+        distance.
+    verts_c : array_like, (3, 3)
+        Colors of the corners, one per column, linear RGB.
+    X : array_like, (M, N, 3)
+        Image, row 0 at the bottom; not modified.
 
-    Returns a new (M, N, 3) float64 image. A pixel is drawn if its center is inside, corners rounded to 1/256 pixel, on
-    an edge by the top-left rule: triangles that share an edge draw no pixel twice and leave none out.
+    Returns
+    -------
+    ndarray of float64, (M, N, 3)
+        A new image.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/256 pixel; for
+    centers on an edge the top-left rule decides, so triangles that share an edge draw no pixel twice and
+    leave none out.
     """
     owner = "gouraud_shading"
     corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
@@ -167,14 +254,32 @@ def shade_gouraud(
     k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
     l_amb: ArrayLike, X: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """One triangle over an image, lit at its corners, the light interpolated.
+    """Draw one triangle over an image, lit at its corners, the light interpolated.
 
-    verts_p, verts_c, X: as for `gouraud_shading`. verts_n: (3, 3), columns are the corners' normals, of any length.
-    bcoords: 3-vector, the triangle's center of mass in world space, from which the directions to eye and lights are
-        taken. cam_pos, k_a, k_d, k_s, n, l_pos, l_int: as for `light`. l_amb: intensity of the ambient light, by which
-        k_a is multiplied here.
+    Parameters
+    ----------
+    verts_p, verts_c, X : array_like
+        See `gouraud_shading`.
+    verts_n : array_like, (3, 3)
+        Normals of the corners, one per column, of any length.
+    bcoords : array_like, 3-vector
+        The triangle's centroid in world space, from which the directions to eye and lights are taken.
+    cam_pos, k_a, k_d, k_s, n, l_pos, l_int
+        See `light`.
+    l_amb : float or array_like
+        Intensity of the ambient light; here it is multiplied by `k_a`.
 
-    Returns a new (M, N, 3) float64 image, not clamped.
+    Returns
+    -------
+    ndarray of float64, (M, N, 3)
+        A new image, not clamped.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
     """
     surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
     return _shade("gouraud", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
@@ -186,10 +291,24 @@ def shade_phong(
     k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
     l_amb: ArrayLike, X: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """One triangle over an image, normals and colors interpolated, lit at each pixel.
+    """Draw one triangle over an image, lit at each pixel, normals and colors interpolated.
 
-    The arguments are those of `shade_gouraud`. Normals are interpolated as they are given, then normalized.
-    Returns a new (M, N, 3) float64 image, not clamped.
+    Parameters
+    ----------
+    verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X
+        See `shade_gouraud`. Normals are interpolated as given, then normalized.
+
+    Returns
+    -------
+    ndarray of float64, (M, N, 3)
+        A new image, not clamped.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
     """
     surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
     return _shade("phong", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
@@ -230,19 +349,63 @@ def render_object(
     k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
     light_amb: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """The image of an object with vertex colors, painted back to front.
+    """Draw an object with vertex colors, back to front.
 
-    shader: gouraud, phong, or nolight (the colors themselves).
-    focal: distance of the image plane from the eye, scene units. eye, lookat, up: 3-vectors, world space.
-    bg_color: linear RGB. M, N: rows and columns of the image, 1 to 16384. H, W: height and width of the image plane,
-        scene units.
-    verts: (3, V) positions. verts_colors: (3, V) linear RGB. faces: (3, F) indices into verts, up to 2**24 faces.
-    k_a, k_d, k_s, n: coefficients and exponent. l_pos, l_int: (L, 3). light_amb: intensity of the ambient light.
+    Parameters
+    ----------
+    shader : {"gouraud", "phong", "nolight"}
+        Shader; ``"nolight"`` draws the colors themselves.
+    focal : float
+        Distance of the image plane from the eye, scene units.
+    eye, lookat, up : array_like, 3-vectors
+        Camera, world space.
+    bg_color : float or array_like
+        Background, linear RGB.
+    M, N : int
+        Rows and columns of the image, 1 to 16384.
+    H, W : float
+        Height and width of the image plane, scene units.
+    verts : array_like, (3, V)
+        Positions, world space.
+    verts_colors : array_like, (3, V)
+        Vertex colors, linear RGB.
+    faces : array_like, (3, F)
+        Indices into `verts`; at most 2**24 faces.
+    k_a, k_d, k_s : float or array_like
+        Ambient, diffuse and specular coefficients.
+    n : float
+        Specular exponent.
+    l_pos, l_int : array_like, (L, 3)
+        Positions in world space and linear RGB intensities of the lights.
+    light_amb : float or array_like
+        Intensity of the ambient light.
 
-    A triangle's depth is the mean depth of its corners; of equal ones the later face is seen. Directions to eye and
-    lights are taken at the triangle's center of mass; normals, those of `calculate_normals`, and colors are
-    interpolated in the image.
-    Returns (M, N, 3) float64, row 0 at the bottom, not clamped: `np.clip(image, 0, 1)` clamps as the course does.
+    Returns
+    -------
+    ndarray of float64, (M, N, 3)
+        The image, row 0 at the bottom, not clamped: ``np.clip(image, 0, 1)`` clamps as the course
+        does.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    A triangle's depth is the mean depth of its corners; of equal depths the later face wins. Directions
+    to eye and lights are taken at the triangle's centroid; normals, those of `calculate_normals`, and
+    colors are interpolated in the image.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> from clshade import course
+    >>> image = course.render_object("phong", **course.arguments(clshade.builtin("course")))
+    >>> image.shape
+    (512, 512, 3)
     """
     view = ((eye, lookat, up), focal, (M, N), (H, W))
     mesh = {"verts": verts, "colors": verts_colors, "faces": faces}
@@ -258,11 +421,32 @@ def render_object_map(
     k_a: ArrayLike, k_d: ArrayLike, k_s: ArrayLike, n: float, l_pos: ArrayLike, l_int: ArrayLike,
     light_amb: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """The image of an object with a texture, whose colors at the corners of the faces are interpolated.
+    """Draw an object with a texture, whose colors at the corners of the faces are interpolated.
 
-    uvs: (2, T) texture coordinates. uvs_faces: (3, F) indices into uvs, for each corner of each face.
-    texture_map: (h, w, 3), row 0 is v = 0, looked up as by `bilerp`. The other arguments and what is returned are those
-    of `render_object`.
+    Parameters
+    ----------
+    shader, focal, eye, lookat, up, bg_color, M, N, H, W, verts, faces
+        See `render_object`.
+    uvs : array_like, (2, T)
+        Texture coordinates.
+    uvs_faces : array_like, (3, F)
+        Indices into `uvs`, one per corner of each face.
+    texture_map : array_like, (h, w, 3)
+        Texture; row 0 is v = 0. Looked up as by `bilerp`.
+    k_a, k_d, k_s, n, l_pos, l_int, light_amb
+        See `render_object`.
+
+    Returns
+    -------
+    ndarray of float64, (M, N, 3)
+        The image, see `render_object`.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, see the module.
+    DeviceError
+        If no OpenCL device works.
     """
     owner = "render_object_map"
     view = ((eye, lookat, up), focal, (M, N), (H, W))
@@ -300,7 +484,7 @@ def _render(
 
 
 def _turned(rgba: Reals) -> Floats:
-    """RGB of a frame, (M, N, 3) float64, row 0 at the bottom. In strips, which stay in the cache."""
+    """Return a frame's RGB, (M, N, 3) float64, row 0 at the bottom. Copied in strips, which stay in the cache."""
     source = rgba[::-1]
     image = np.empty((*rgba.shape[:2], 3))
     for row in range(0, len(image), 16):
@@ -310,10 +494,25 @@ def _turned(rgba: Reals) -> Floats:
 
 
 def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
-    """What draws a scene: `render_object("phong", **arguments(scene))`, or render_object_map's if textured.
+    """Return the arguments of `render_object`, or of `render_object_map`, that draw a scene.
 
-    scene: a course scene of one mesh, as `clshade.load` and `clshade.builtin("course")` give. Without vertex colors it
-    is white. Arrays are 3xN, l_pos and l_int Lx3. Raises InputError for other scenes, and for a missing texture.
+    Parameters
+    ----------
+    scene : Scene
+        A course scene of one mesh, as returned by ``clshade.load`` and ``clshade.builtin("course")``.
+    textured : bool, default False
+        Return the arguments of `render_object_map`.
+
+    Returns
+    -------
+    dict
+        All arguments except `shader`, by name: ``render_object("phong", **arguments(scene))``. Arrays
+        are 3xN, l_pos and l_int Lx3. A mesh without vertex colors is white.
+
+    Raises
+    ------
+    InputError
+        For other scenes, and for a missing texture.
     """
     mesh, camera = only_mesh(scene, "arguments"), scene.camera
     material, texture = mesh.material, mesh.material.texture
@@ -355,7 +554,10 @@ _lookups: ContentCache[Lookup] = ContentCache(_make_lookup, lambda lookup: None,
 
 
 def release() -> None:
-    """Gives back what is kept of the last calls: scenes and textures on the device. Only speed depends on it."""
+    """Release what is kept of the latest calls: scenes and textures on the device.
+
+    Only speed depends on it.
+    """
     with _lock:
         _renderers.clear()
         _lookups.clear()

@@ -1,6 +1,6 @@
-"""The arguments of the course's functions, checked: what comes back is what the rest of clshade works with.
+"""Checks of the arguments of the course's functions; they return what the rest of clshade works with.
 
-Every refusal is an `InputError` of the form `function: argument: expected ..., found ...`.
+Each error is an `InputError` of the form `function: argument: expected ..., found ...`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..scene.model import Material, Texture
 
 _NAMES = {"verts": "verts", "colors": "verts_colors", "faces": "faces", "uvs": "uvs", "uv_faces": "uvs_faces"}
 
-# What the arguments are called by other years' versions of the course.
+# Names of the arguments in other years' versions of the course.
 _WORDS = {
     **dict.fromkeys(("vertsp", "verts2d", "vertices2d", "triangle", "canvas_coords"), "verts_p"),
     **dict.fromkeys(("vertsn", "normals", "vert_normals"), "verts_n"),
@@ -47,12 +47,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class CallError(InputError, TypeError):
-    """Arguments that do not fit a function: too few, too many, or of other names."""
+    """Arguments that do not fit a function's signature: too few, too many, or with other names."""
 
 
 def fitting(function: Function) -> Function:
-    """The function, which answers arguments that do not fit it with those that it expects, in their order, and with
-    what was found in the place of each."""
+    """Decorate a function so that a call that does not fit its signature raises a CallError, which lists the expected
+    arguments in order and what was found in place of each."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -67,7 +67,7 @@ def fitting(function: Function) -> Function:
 
 
 def _check_call(owner: str, signature: inspect.Signature, given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
-    """Raises CallError for arguments that do not fit."""
+    """Raise CallError if the arguments do not fit the signature."""
     names = list(signature.parameters)
     try:
         bound = signature.bind_partial(*given, **named).arguments
@@ -88,14 +88,14 @@ def _check_call(owner: str, signature: inspect.Signature, given: tuple[Any, ...]
 
 
 def _is_object(value: Any) -> bool:
-    """Does it hold attributes, as materials and lights do, or is it a list of such?"""
+    """Return whether a value, or an item of it, has attributes, as materials and lights do."""
     if isinstance(value, (list, tuple)):
         return any(map(_is_object, value))
     return hasattr(value, "__dict__") and not isinstance(value, (np.ndarray, type))
 
 
 def _kind(value: Any) -> str:
-    """What a value looks like, in a few words."""
+    """Describe a value in a few words."""
     if isinstance(value, np.ndarray):
         return f"array {value.shape}"
     if isinstance(value, (list, tuple)):
@@ -108,7 +108,7 @@ def _kind(value: Any) -> str:
 
 
 def array(owner: str, name: str, value: Any) -> Array:
-    """An array of reals. Raises InputError for text, objects, complex numbers and rows of different lengths."""
+    """Return an array of reals. Raises InputError for text, objects, complex numbers and ragged rows."""
     try:
         found = np.asarray(value)
     except (TypeError, ValueError):
@@ -119,25 +119,25 @@ def array(owner: str, name: str, value: Any) -> Array:
 
 
 def mesh(owner: str, **given: Any) -> dict[str, Any]:
-    """The arrays of a Mesh by field, from 3xN or Nx3 ones: `verts`, `faces` and, where given, `colors`, `uvs`..."""
+    """Return the arrays of a Mesh by field, from 3xN or Nx3 ones: `verts`, `faces` and, if given, `colors`, `uvs`..."""
     return values.mesh_fields(
         owner, _NAMES, {field: array(owner, _NAMES[field], value) for field, value in given.items()}
     )
 
 
 def material(owner: str, k_a: Any, k_d: Any, k_s: Any, n: Any) -> Material:
-    """The coefficients, each a number or one per channel, and the exponent."""
+    """Return a Material of the coefficients, each a number or one per channel, and the exponent."""
     ka, kd, ks = (coefficient(owner, name, value) for name, value in (("k_a", k_a), ("k_d", k_d), ("k_s", k_s)))
     return Material(ka, kd, ks, values.exponent(owner, n))
 
 
 def lights(owner: str, l_pos: Any, l_int: Any) -> tuple[Floats, Floats]:
-    """Positions and intensities, (L, 3) float64 each."""
+    """Return positions and intensities, (L, 3) float64 each."""
     return values.lights(owner, ("l_pos", "l_int"), l_pos, l_int)
 
 
 def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Floats:
-    """A small float64 array of exactly this shape, finite."""
+    """Return a finite float64 array of exactly this shape."""
     found = array(owner, name, value)
     if found.shape != shape:
         raise value_error(owner, name, f"an array of shape {shape}", found)
@@ -148,15 +148,15 @@ def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Floats
 
 
 def _all_finite(owner: str, name: str, found: Array) -> None:
-    """Raises InputError for NaN or infinity in a large array."""
+    """Raise InputError for NaN or infinity in a large array."""
     with np.errstate(over="ignore", invalid="ignore"):
-        # The sum is cheap, and finite unless something is not or it overflows.
+        # The sum is cheap, and finite unless an element is not or it overflows.
         if found.dtype.kind == "f" and not np.isfinite(found.sum()) and not np.isfinite(found).all():
             raise value_error(owner, name, "finite numbers", "NaN or infinity")
 
 
 def texel_array(owner: str, value: Any) -> Array:
-    """`texture_map` as a contiguous array of its own type."""
+    """Return `texture_map` as a contiguous array of its own type."""
     found = array(owner, "texture_map", value)
     if found.ndim != 3 or found.shape[2] != 3 or 0 in found.shape:
         raise value_error(owner, "texture_map", "an array of shape (h, w, 3)", found)
@@ -165,7 +165,7 @@ def texel_array(owner: str, value: Any) -> Array:
 
 
 def texture(owner: str, image: Array) -> Texture:
-    """The Texture of a `texel_array`, looked up as the course does."""
+    """Return the Texture of a `texel_array`, with the course's lookup."""
     try:
         return Texture(image, lookup="course")
     except InputError as error:
@@ -173,7 +173,7 @@ def texture(owner: str, image: Array) -> Texture:
 
 
 def image(owner: str, value: Any) -> Floats:
-    """A copy of image X, (M, N, 3) float64."""
+    """Return a copy of image X, (M, N, 3) float64."""
     found = array(owner, "X", value)
     if found.ndim != 3 or found.shape[2] != 3 or not 0 < min(found.shape) <= max(found.shape) <= MAX_RESOLUTION:
         raise value_error(owner, "X", f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}", found)

@@ -1,4 +1,4 @@
-"""Results of costly preparations, kept for the next call with equal arguments."""
+"""A cache of expensive results, keyed by the contents of the arguments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _bits(array: np.ndarray) -> np.ndarray:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two arguments are equal: arrays in type, shape and every bit, tuples item by item, others by ==."""
+    """Return whether two arguments are equal: arrays in type, shape and every bit, other values by type and ==."""
     if isinstance(a, np.ndarray):
         return (
             isinstance(b, np.ndarray)
@@ -26,18 +26,18 @@ def same(a: Any, b: Any) -> bool:
 
 
 class ContentCache(Generic[T]):
-    """The last `most` results of `make`, dropped from the oldest on while their arrays hold more than `size` bytes.
+    """The latest `most` results of `make`; the oldest are dropped while their arrays hold more than `size` bytes.
 
-    make: gets the arguments, arrays as copies of its own, so that the caller may change theirs afterwards.
-    drop: called with a result that is let go.
+    make: called with the arguments, arrays copied so that the caller may modify its own afterwards.
+    drop: called with each result that is dropped.
     """
 
     def __init__(self, make: Callable[..., T], drop: Callable[[T], Any], most: int = 4, size: int = 1 << 25) -> None:
         self._make, self._drop, self._most, self._size = make, drop, most, size
-        self._kept: list[tuple[tuple[Any, ...], T]] = []  # the latest in front
+        self._kept: list[tuple[tuple[Any, ...], T]] = []  # latest first
 
     def get(self, *arguments: Any) -> T:
-        """The result for these arguments; arrays have to be contiguous."""
+        """Return the result for these arguments; arrays must be contiguous."""
         for place, (known, result) in enumerate(self._kept):
             if len(known) == len(arguments) and all(map(same, known, arguments)):
                 self._kept.insert(0, self._kept.pop(place))
@@ -53,6 +53,6 @@ class ContentCache(Generic[T]):
         return sum(item.nbytes for known, _ in self._kept for item in known if isinstance(item, np.ndarray))
 
     def clear(self) -> None:
-        """Lets all results go."""
+        """Drop all results."""
         while self._kept:
             self._drop(self._kept.pop()[1])

@@ -1,6 +1,4 @@
-"""The course's figures, as demos/demo.py and demos/demotmap.py draw them: the scene, the
-images, their files, the sheet.
-"""
+"""The course's figures as demos/demo.py and demos/demotmap.py draw them: scene, images, files, contact sheet."""
 
 from __future__ import annotations
 
@@ -26,14 +24,14 @@ from ..scene.formats.texture import as_texture
 from ..scene.model import Scene
 from ..scene.settings import Shader
 
-SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they lie in the current folder
+SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they are in the current folder
 
 
 @dataclass
 class Figure:
-    """One figure: what of the scene it shows, and once it is drawn, the image (M, N, 3), row 0 at the bottom.
+    """One figure: what part of the scene it shows and, once drawn, its image (M, N, 3), row 0 at the bottom.
 
-    terms: which of ambient, diffuse and specular light it shows. lights: indices. mapped: whether the texture is.
+    terms: which of ambient, diffuse and specular light to show. lights: indices. mapped: whether to apply the texture.
     """
 
     number: int
@@ -47,12 +45,12 @@ class Figure:
 
     @cached_property
     def linear(self) -> np.ndarray:
-        """The image as it is written, (M, N, 3) float32, row 0 at the top."""
+        """The image as written to the EXR: (M, N, 3) float32, row 0 at the top."""
         return np.ascontiguousarray(self.image[::-1], dtype=np.float32)
 
     @cached_property
     def picture(self) -> np.ndarray:
-        """The image as it is shown, clamped, (M, N, 3) uint8, row 0 at the top."""
+        """The image as shown: clamped, (M, N, 3) uint8, row 0 at the top."""
         from ..images.tonemap import tonemap
 
         return tonemap(self.linear, "none")
@@ -70,7 +68,7 @@ class Figure:
 
 
 def parse(description: str, arguments: Sequence[str] | None) -> argparse.Namespace:
-    """The command line of either demo."""
+    """Parse the command line of either demo."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(
         "--scene", metavar="FILE", help=f"course scene (default: ./{SCENE} if there is one, else a built-in scene)"
@@ -99,7 +97,7 @@ def _resolution(text: str | None) -> tuple[int, int] | None:
 
 
 def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
-    """The scene of the command line, of the current folder or the built-in one; with a texture if `mapped`."""
+    """Return the scene named on the command line, in the current folder or built in; with a texture if `mapped`."""
     texture = options.texture if options.texture or not os.path.isfile(TEXTURE) else TEXTURE
     path, resolution = options.scene, _resolution(options.resolution)
     if path is None and os.path.isfile(SCENE) and (texture or not mapped):
@@ -130,7 +128,7 @@ def _with_texture(scene: Scene, path: str) -> Scene:
 
 
 def draw(scene: Scene, figure: Figure) -> np.ndarray:
-    """The figure, by one call of `render_object` or `render_object_map`."""
+    """Draw the figure with one call of `render_object` or `render_object_map`."""
     from .. import course
 
     given = course.arguments(scene, textured=figure.mapped)
@@ -143,19 +141,19 @@ def draw(scene: Scene, figure: Figure) -> np.ndarray:
 
 
 def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
-    """Has the programs of all figures built, by drawing one figure with each: seconds each, the first time."""
+    """Build the programs of all figures by drawing one figure with each; the first time each takes seconds."""
     from tqdm import tqdm
 
     from ..pipeline.opencl.device import shared_device
 
-    shared_device()  # what is wrong with it is told before there is a bar
+    shared_device()  # its errors come before the progress bar
     needed = {(figure.shader, figure.terms): figure for figure in figures}
     for figure in tqdm(needed.values(), unit="program", desc="programs", leave=False):
         draw(scene, figure)
 
 
 def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
-    """Draws and times each figure, as if it were the first of its scene."""
+    """Draw and time each figure as if it were the first of its scene."""
     from .. import course
 
     for figure in figures:
@@ -170,7 +168,7 @@ def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
 
 
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
-    """Writes the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
+    """Write the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
     from ..images import exr, png
     from ..scene.camera_matrices import camera_metadata
 
@@ -190,7 +188,7 @@ def _numbers(vector: np.ndarray) -> str:
 
 
 def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
-    """The figure, clamped, with position and intensity of its lights and the time it took."""
+    """Return a panel of the figure, clamped, with the position and intensity of its lights and its drawing time."""
     lights = [scene.lights[k] for k in figure.lights]
     lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
     text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
@@ -198,7 +196,7 @@ def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
 
 
 def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
-    """How far two figures are apart in the channel that differs most."""
+    """Return a panel of the difference of two figures in the channel that differs most."""
     apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
     white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
     level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
@@ -250,7 +248,7 @@ def main(
     sheet_name: str,
     arguments: Sequence[str] | None = None,
 ) -> int:
-    """Runs a demo; returns its exit code: 0 done, 2 bad input, 130 interrupted."""
+    """Run a demo; return its exit code: 0 done, 2 bad input, 130 interrupted."""
     options = parse(description, arguments)
     try:
         _run(options, *plan(), sheet_name)

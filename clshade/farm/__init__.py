@@ -1,4 +1,4 @@
-"""Many frames of one scene: by this process, by several on this machine, or by the workers of a Dask cluster."""
+"""Many frames of one scene, drawn by this process, by several on this machine, or by the workers of a Dask cluster."""
 
 from .cameras import orbit, read_cameras
 from .frames import parse_frames

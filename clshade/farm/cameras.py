@@ -1,4 +1,4 @@
-"""Where the camera of each frame is: round what it looks at, or as a file says."""
+"""The camera of each frame: on a circle around the point it looks at, or from a file."""
 
 from __future__ import annotations
 
@@ -21,18 +21,32 @@ FIELDS = (*(field.name for field in fields(Camera)), "fov")
 
 
 def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> Mapping[int, Camera]:
-    """The cameras of frames on a circle about `up` through what the camera looks at, made when they are asked for: a
-    million would take minutes.
+    """Return cameras on a circle about `up` through the point the camera looks at.
 
-    turn: the frames that go round by `degrees` (above 0: to the camera's right); its first one is `camera` itself, and
-    the one after its last would be the first again after a whole turn, so that a film of them has no standstill.
+    Parameters
+    ----------
+    camera : Camera
+        Camera of the first frame.
+    numbers : iterable of int
+        Frame numbers to return cameras for.
+    turn : Frames
+        Frames of the whole turn, as returned by `parse_frames`. Its first frame has `camera` itself;
+        the frame after its last would have it again after a whole turn, so a film of them loops
+        without a standstill.
+    degrees : float, default 360.0
+        Angle of the turn; positive values move the camera to its right.
+
+    Returns
+    -------
+    mapping of int to Camera
+        Cameras by frame number, created when looked up: a million would take minutes.
     """
     return _Orbit(camera, dict.fromkeys(numbers), turn, degrees)
 
 
 @dataclass(frozen=True, eq=False)
 class _Orbit(Mapping[int, Camera]):
-    """numbers: the keys, in order."""
+    """The mapping that `orbit` returns. numbers: the keys, in order."""
 
     camera: Camera
     numbers: Mapping[int, None]
@@ -53,10 +67,29 @@ class _Orbit(Mapping[int, Camera]):
 
 
 def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
-    """The cameras of a JSON file: a list of objects with some of FIELDS, the others taken from `base`.
+    """Read cameras from a JSON file: a list of objects with any of Camera's fields and ``fov``.
 
-    `fov`, degrees, is the vertical field of view, in place of focal and plane. A resolution without a plane keeps the
-    plane's height and makes pixels square. Raises InputError, which names file, camera (counted from 1) and field.
+    Parameters
+    ----------
+    path : str or path-like
+        The file, at most 2**27 bytes and 1,000,000 cameras.
+    base : Camera
+        Supplies the fields that an object leaves out.
+
+    Returns
+    -------
+    tuple of Camera
+        The cameras, in the file's order.
+
+    Raises
+    ------
+    InputError
+        If the file is refused; the error names the file, the camera (counted from 1) and the field.
+
+    Notes
+    -----
+    ``fov``, in degrees, is the vertical field of view, given in place of focal and plane. A resolution
+    without a plane keeps the plane's height and makes pixels square.
     """
     owner = shown(path)
     listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)
@@ -98,5 +131,6 @@ def _with_fov(camera: Camera, fov: Any) -> Camera:
 
 
 def _are_numbers(value: Any) -> bool:
-    """A number or a list of numbers, and no list of lists: those of JSON may be nested nearly as deep as Python's stack."""
+    """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
+    stack."""
     return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))

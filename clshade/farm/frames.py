@@ -1,4 +1,4 @@
-"""Which frames are meant, such as 1..120, and what their files are called, such as out.####.exr."""
+"""Frame numbers, such as 1..120, and the names of their files, such as out.####.exr."""
 
 from __future__ import annotations
 
@@ -17,7 +17,15 @@ FORM = "1..120, 5, 1..120..2 (every second) or a list such as 1..10,20"
 
 @dataclass(frozen=True)
 class Frames:
-    """numbers: ascending, none twice. first, last: the lowest and the highest number written, reached by a step or not."""
+    """Frame numbers.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Numbers in ascending order, without duplicates.
+    first, last : int
+        Lowest and highest number written, whether a step reaches it or not.
+    """
 
     numbers: tuple[int, ...]
     first: int
@@ -25,11 +33,37 @@ class Frames:
 
     @property
     def span(self) -> int:
+        """Number of frames from `first` to `last`."""
         return self.last - self.first + 1
 
 
 def parse_frames(text: str, option: str = "--frames") -> Frames:
-    """Frames as a user writes them, see FORM. Raises InputError, which names `option`, for anything else."""
+    """Parse frame numbers as users write them.
+
+    Parameters
+    ----------
+    text : str
+        ``"1..120"``, ``"5"``, ``"1..120..2"`` (every second) or a list such as ``"1..10,20"``; at most
+        1,000,000 frames.
+    option : str, default "--frames"
+        Name to use in errors.
+
+    Returns
+    -------
+    Frames
+        The numbers, ascending, and the ends of their range.
+
+    Raises
+    ------
+    InputError
+        For any other text.
+
+    Examples
+    --------
+    >>> from clshade import farm
+    >>> farm.parse_frames("1..7..2,20").numbers
+    (1, 3, 5, 7, 20)
+    """
     numbers: set[int] = set()
     ends: list[int] = []
     for part in text.split(","):
@@ -52,23 +86,23 @@ def parse_frames(text: str, option: str = "--frames") -> Frames:
 
 @dataclass(frozen=True)
 class Pattern:
-    """File names without their extension in which a run of # stands for the frame's number, with zeros in front to as
-    many digits; width 0: for no number."""
+    """File names without extension in which a run of # stands for the frame number, zero-padded to that many digits.
+    width 0: no number."""
 
     before: str
     width: int
     after: str
 
     def names(self, number: int) -> tuple[str, str]:
-        """The EXR and the PNG of a frame. (A million of Path take twenty seconds.)"""
+        """Return the EXR and PNG names of a frame, as str: a million Path objects take twenty seconds."""
         digits = f"{number:0{self.width}d}" if self.width else ""
         stem = f"{self.before}{digits}{self.after}"
         return f"{stem}.exr", f"{stem}.png"
 
 
 def parse_pattern(text: str, count: int) -> Pattern:
-    """The pattern of an output option for `count` frames; without any # it names the one frame. Raises InputError."""
-    image = output_paths(text, ("draw_frames", "--output"))[0]  # refuses what names no file
+    """Parse the output option for `count` frames; without any # it names the only frame. Raises InputError."""
+    image = output_paths(text, ("draw_frames", "--output"))[0]  # refuses text that names no file
     name = os.path.split(text)[1]
     runs = re.findall("#+", name)
     if not name or len(runs) > 1 or (not runs and count > 1):

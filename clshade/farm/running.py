@@ -1,4 +1,4 @@
-"""A run: which frames are still to be drawn, who draws them, how far it is, and what came of it."""
+"""A run: the frames left to draw, who draws them, progress, and results."""
 
 from __future__ import annotations
 
@@ -34,11 +34,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a run.
+    """The result of a run.
 
-    drawn, skipped: numbers of frames. lost: workers that ended, or hung, before their frame was done. seconds: until the
-    last frame was drawn, starting workers and compiling kernels included. draw_ms: median of what a frame took its worker
-    to draw and write. size: bytes written. workers: those that drew frames.
+    Attributes
+    ----------
+    drawn, skipped : int
+        Numbers of frames drawn, and of frames that existed already.
+    lost : int
+        Workers that ended or hung before their frame was done.
+    seconds : float
+        Time until the last frame was drawn, including starting workers and compiling kernels.
+    draw_ms : float
+        Median time a worker took to draw and write a frame, in ms.
+    size : int
+        Bytes written.
+    workers : int
+        Number of workers that drew frames.
+    first, last : str
+        Names of the EXR files with the lowest and the highest number.
     """
 
     drawn: int
@@ -53,14 +66,15 @@ class Run:
 
     @property
     def rate(self) -> float:
-        """Frames drawn per second, as the progress shows it: those that were there before do not count."""
+        """Frames drawn per second, as the progress bar shows it; skipped frames do not count."""
         return self.drawn / self.seconds if self.seconds else 0.0
 
     def stats(self) -> dict[str, Any]:
+        """Return the figures as a dict for JSON."""
         return {"frames": self.drawn + self.skipped, **asdict(self), "frames_per_second": self.rate}
 
     def lines(self) -> list[str]:
-        """For the terminal."""
+        """Return the result as lines for the terminal."""
         skipped = f", {self.skipped:,} there already (--overwrite draws them again)" if self.skipped else ""
         lost = f"; {self.lost} lost, the frames drawn again" if self.lost else ""
         workers = f"{self.workers} worker{'s' if self.workers != 1 else ''}{lost}"
@@ -90,19 +104,67 @@ def draw_frames(
     saving: SavingOptions | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
-    """Draws frames of a scene and writes each as EXR and PNG, the same files whoever draws them.
+    """Draw frames of a scene and write each as EXR and PNG. The files do not depend on who draws them.
 
-    cameras: by number of the frame. output: the files' names, such as `out.####.exr`; their folder is made where there is
-    none, and goes again if nothing is drawn.
-    workers: processes on this machine; 1: this one. scheduler: address of a Dask scheduler, whose workers draw instead;
-    timeout: seconds to wait for it. frame_timeout: seconds after which a worker that is ready, its kernels compiled, and
-    has not drawn its frame counts as hanging: others draw what it has. None: it is waited for, and after ten seconds that
-    is told.
-    overwrite: draw frames whose two files exist, too; they are skipped otherwise. An existing file is whole, for files
-    appear at once (`clshade.base.atomic_files`).
-    progress: a bar, or lines, on standard error. saving: keywords of `Frame.save`. settings: of `clshade.render`.
-    With several workers a script needs the usual `if __name__ == "__main__":`.
-    Raises InputError, DeviceError, OutputError, and WorkerError for workers that fail; what is drawn stays.
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw.
+    cameras : mapping of int to Camera
+        Camera of each frame, by frame number.
+    output : str
+        Name of the files, such as ``"out.####.exr"``, with one run of # for the number of the frame.
+        The folder is created if missing, and removed again if nothing is drawn.
+    workers : int, default 1
+        Number of processes on this machine, 1 to 256; 1 means this process.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers draw instead, such as ``"tcp://host:8786"``.
+    timeout : float, default 10.0
+        Seconds to wait for the scheduler.
+    frame_timeout : float, optional
+        Seconds after which a worker that is ready, its kernels compiled, counts as hanging if it has
+        not drawn its frame: others draw what it has. Default: wait for it, with a warning after ten
+        seconds.
+    overwrite : bool, default False
+        Draw frames whose two files exist as well; otherwise they are skipped. An existing file is
+        complete, for files are replaced atomically (``clshade.base.atomic_files``).
+    progress : bool, default True
+        Show a progress bar, or lines, on standard error.
+    device : str, optional
+        Name of the device, see `clshade.Renderer`.
+    saving : dict, optional
+        Keywords of `Frame.save`.
+    **settings
+        Keywords of `clshade.render`; the resolution of a frame is that of its camera.
+
+    Returns
+    -------
+    Run
+        Counts, times and file names.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused.
+    DeviceError
+        If no OpenCL device works.
+    OutputError
+        If a file cannot be written.
+    WorkerError
+        If workers fail; frames already drawn stay.
+
+    Notes
+    -----
+    With several workers a script needs the usual ``if __name__ == "__main__":``.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> from clshade import farm
+    >>> scene = clshade.builtin("teapot", resolution=(320, 240))
+    >>> frames = farm.parse_frames("1..36")
+    >>> cameras = farm.orbit(scene.camera, frames.numbers, frames)
+    >>> run = farm.draw_frames(scene, cameras, "out.##.exr", samples=4)
     """
     _check_arguments(cameras, workers, scheduler, timeout, frame_timeout)
     known("draw_frames: saving", saving or (), SAVING)
@@ -138,7 +200,7 @@ def draw_frames(
 def _check_arguments(
     cameras: Mapping[int, Camera], workers: int, scheduler: str | None, timeout: float, frame_timeout: float | None
 ) -> None:
-    """Raises InputError for what `draw_frames` cannot take; each camera is looked at when its frame is drawn."""
+    """Raise InputError for arguments that `draw_frames` refuses; each camera is checked when its frame is drawn."""
     integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
     number("draw_frames", "timeout", timeout, above=0.0)
     if frame_timeout is not None:
@@ -159,7 +221,8 @@ def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:
 
 
 def _collect(results: Iterator[DrawnFrame | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
-    """Draws all, and says what is to be said meanwhile; further fields of Run. limited: workers that hang are replaced."""
+    """Consume the results, report losses and silence, and return further fields of Run. limited: hanging workers are
+    replaced."""
     draw_ms = array("d")
     drawn_by: set[str] = set()
     size = lost = 0
@@ -183,19 +246,20 @@ def _frames(numbers: Sequence[int]) -> str:
 
 
 def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
-    """The frames without their two files. The folder is read once: to look for each of a million would take a minute."""
+    """Return the frames that lack one of their two files. The folder is listed once: a stat per file of a million
+    frames takes a minute."""
     folder = os.path.dirname(pattern.names(0)[0])
     try:
         listed = {name.lower() for name in os.listdir(folder or os.curdir)}
     except FileNotFoundError:
         return list(numbers)
-    except (OSError, ValueError):  # one that may be entered, not read; or a name that is none
+    except (OSError, ValueError):  # a folder that may be entered but not read, or an invalid name
         return [number for number in numbers if not all(map(_is_there, pattern.names(number)))]
     if not listed:
         return list(numbers)
 
     def is_there(name: str) -> bool:
-        # Some file systems do not tell letters of either case, or spellings of one that is not in ASCII, from each other.
+        # Some file systems ignore case, or Unicode normalization.
         base = os.path.basename(name)
         return (base.lower() in listed or not base.isascii()) and _is_there(name)
 
@@ -203,7 +267,7 @@ def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
 
 
 def _is_there(name: str) -> bool:
-    """Whether a file is; an empty one, which other programs leave, is no frame."""
+    """Return whether a non-empty file exists; an empty one, which other programs leave, is no frame."""
     try:
         found = os.stat(name)
     except (OSError, ValueError):  # a null character, which `check_output` refuses
@@ -212,7 +276,7 @@ def _is_there(name: str) -> bool:
 
 
 def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera]) -> None:
-    """Warns of a frame that is there in another resolution, of an earlier run with other options."""
+    """Warn if an existing frame of an earlier run has another resolution."""
     name = pattern.names(number)[1]
     found, expected = png.resolution(name), _camera(cameras, number).resolution
     if found is not None and found != expected:

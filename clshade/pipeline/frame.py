@@ -1,4 +1,4 @@
-"""A rendered frame: image, layers, what it took, and how to keep it."""
+"""A rendered frame: image, layers, statistics, and how to save it."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ OTHER_FORMATS = (
         ".mkv",
         ".webm",
     ),
-)  # extensions by which somebody asks for what is not written here
+)  # extensions of formats that are not written
 
 
-ASKED = ("Frame.save", "path")  # who is refused, and what, unless a command or another function asks
+ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
 
 
 class SavingOptions(TypedDict, total=False):
@@ -69,9 +69,19 @@ SAVING = tuple(SavingOptions.__annotations__)
 
 
 class Frame:
-    """An image with its layers. Arrays are (M, N, ...), row 0 at the top; the frame owns them.
+    """A rendered image with its layers.
 
-    scene, settings: what was drawn and how. check: what `clshade.check` found of it last, None before.
+    ``frame[name]`` gives a layer, ``name in frame`` tests for one, and iteration gives their names.
+    M and N are the numbers of rows and columns; row 0 is at the top. The frame owns its arrays.
+
+    Attributes
+    ----------
+    scene : Scene
+        What was drawn.
+    settings : Settings
+        How it was drawn.
+    check : Check or None
+        The latest result of `clshade.check`, None before.
     """
 
     def __init__(
@@ -89,7 +99,7 @@ class Frame:
         self._stats: dict[str, Any] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """A frame is pickled with its stats, which a renderer makes only when they are asked for."""
+        """Pickle the frame with its stats, which are computed only on request."""
         return {**vars(self), "_stats": self.stats, "_make_stats": None}
 
     @property
@@ -99,7 +109,7 @@ class Frame:
 
     @property
     def rgb(self) -> Reals:
-        """(M, N, 3), linear, never clamped; composited over the background where there is one."""
+        """(M, N, 3), linear, never clamped; composited over the background if there is one."""
         return self._rgba[..., :3]
 
     @property
@@ -114,7 +124,7 @@ class Frame:
 
     @property
     def stats(self) -> dict[str, Any]:
-        """Stage times in ms, counts, features used and left out, device."""
+        """Times of the stages in ms, counts, features used and left out, device."""
         if self._make_stats is not None:
             self._stats, self._make_stats = {**self._make_stats(), "nonfinite": self.scene.nonfinite}, None
         return self._stats
@@ -128,17 +138,52 @@ class Frame:
     @overload
     def __getitem__(self, name: str) -> Array: ...
     def __getitem__(self, name: str) -> Array:
-        """A layer, of each pixel's sample nearest the center, never a mean; (M, N, ...), of the type of `rgba` but where
-        another is named. Of the background Z is infinity, everything else 0.
+        """Return a layer.
 
-        Z: camera z in scene units. id (uint32): the face's index plus 1, faces counted mesh by mesh, instance by
-        instance. object_id, material_id (uint32): the mesh's index in the scene plus 1, all instances alike; the number
-        of its material, from 1 in the order of the meshes, equal materials alike. N (3 components): the unit normal
-        that the light sees, world space, 0 where there is none. P (3, float64): the position seen, world space, right
-        to a few roundings of its distance from the eye. albedo (3): vertex color times material's color times texel,
-        what the light is multiplied by. uv (2): texture coordinates as the mesh has them, not wrapped. barycentrics
-        (3): the weights of the face's corners, in the order in which the mesh names them. N, albedo, uv and
-        barycentrics are interpolated as the settings say; P, as Z, always in perspective.
+        Layers are sampled at each pixel's sample nearest the center, never averaged.
+
+        Parameters
+        ----------
+        name : str
+            One of the layers that were asked for:
+
+            ``"Z"``
+                Camera z in scene units; infinity in the background.
+            ``"id"``
+                uint32, the face's index plus 1; faces are counted mesh by mesh, instance by instance.
+            ``"object_id"``
+                uint32, the mesh's index in the scene plus 1, the same for all instances.
+            ``"material_id"``
+                uint32, the number of the mesh's material, from 1 in the order of the meshes; equal
+                materials have the same number.
+            ``"N"``
+                3 components: the unit normal used for lighting, in world space; 0 where there is none.
+            ``"P"``
+                3 components, float64: the visible point in world space, accurate to a few roundings of
+                its distance from the eye.
+            ``"albedo"``
+                3 components: vertex color times material color times texel, the factor of the light.
+            ``"uv"``
+                2 components: the mesh's texture coordinates, not wrapped.
+            ``"barycentrics"``
+                3 components: the barycentric coordinates, in the order of the face's corners in the
+                mesh.
+
+        Returns
+        -------
+        ndarray
+            (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in the
+            background, except for Z.
+
+        Raises
+        ------
+        InputError
+            If the layer was not asked for.
+
+        Notes
+        -----
+        N, albedo, uv and barycentrics are interpolated as ``settings.interpolation`` says; P and Z are
+        always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
             expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
@@ -147,21 +192,39 @@ class Frame:
         return self._layers[name]
 
     def __contains__(self, name: object) -> bool:
-        """Whether a layer of this name was asked for."""
+        """Return whether a layer of this name was asked for."""
         return name in self._layers
 
     def __iter__(self) -> Iterator[str]:
-        """The names of the layers."""
+        """Iterate over the names of the layers."""
         return iter(self._layers)
 
     def channels(self) -> dict[str, Array]:
-        """The EXR's channels, name -> (M, N); `error` where every pixel was checked."""
+        """Return the EXR's channels.
+
+        Returns
+        -------
+        dict of str to ndarray
+            R, G, B, A and the layers, by name; also ``error``, (M, N), if every pixel was checked.
+        """
         named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
         checked = {} if self.check is None or self.check.image is None else {"error": self.check.image}
         return {**named, **self._layers, **checked}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
-        """The EXR's header besides its channels; `deterministic` leaves times out."""
+        """Return the EXR's header attributes other than its channels.
+
+        Parameters
+        ----------
+        deterministic : bool, default False
+            Leave out times.
+
+        Returns
+        -------
+        dict
+            Camera, settings, scene, names of objects and materials, and the result of the check if
+            there is one.
+        """
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
@@ -173,7 +236,7 @@ class Frame:
         return metadata if self.check is None else {**metadata, **self.check.metadata()}
 
     def _names(self) -> dict[str, str]:
-        """What the numbers of the layers object_id and material_id stand for: JSON, number -> name, where it has one."""
+        """Return the names of the object_id and material_id layers as JSON, number -> name, unnamed ones left out."""
         meshes, found = self.scene.meshes, {}
         if "object_id" in self._layers:
             found["objectNames"] = {number: mesh.name for number, mesh in enumerate(meshes, 1) if mesh.name}
@@ -183,7 +246,26 @@ class Frame:
         return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
-        """(M, N, 3) uint8; tonemap None: `none` for course scenes, else `srgb`."""
+        """Return the tone-mapped 8-bit image.
+
+        Parameters
+        ----------
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+            Operator, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes, else
+            ``"srgb"``.
+        exposure : float, default 0.0
+            Stops, -300 to 300; +1 doubles the radiance.
+
+        Returns
+        -------
+        ndarray of uint8, (M, N, 3)
+            The image.
+
+        Raises
+        ------
+        InputError
+            If the operator or the exposure is refused.
+        """
         from ..images.tonemap import tonemap as apply
 
         return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
@@ -194,31 +276,75 @@ class Frame:
         return f"<Frame of {self.scene.name or 'an unnamed scene'}, {columns}x{rows}{layers}>"
 
     def _repr_png_(self) -> bytes:
-        """For notebooks: the tone-mapped image, large ones reduced."""
+        """Return the tone-mapped image for notebooks; large images are reduced."""
         image: bytes = display.notebook().encoded(self.to_png8())
         return image
 
     def show(self, tonemap: Operator | None = None, exposure: float = 0.0) -> None:
-        """Shows the image: in a notebook below the cell, elsewhere in the desktop's image viewer.
+        """Show the image: in a notebook below the cell, elsewhere in the desktop's image viewer.
 
-        tonemap, exposure: see `save`. Raises OutputError where no program shows images.
+        Parameters
+        ----------
+        tonemap, exposure
+            See `to_png8`.
+
+        Raises
+        ------
+        OutputError
+            If no program that shows images is found.
         """
         display.notebook().show_frame(self, tonemap, exposure)
 
     def plot_layers(self) -> Any:
-        """A matplotlib figure of the image, its coverage and all layers, each as what it holds: ids in colors of their own,
-        normals as (n + 1)/2, depths and positions by their range, with infinity in gray. Notebooks show it."""
+        """Plot the image, its coverage and all layers. Notebooks display the figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Each layer is shown by its kind: ids in distinct colors, normals as (n + 1)/2, depths and
+            positions scaled to their range, infinity in gray.
+        """
         return display.notebook().plot_layers(self)
 
     def save(self, path: str | os.PathLike[str], **options: Unpack[SavingOptions]) -> list[str]:
-        """Writes path.exr and path.png (an extension .exr or .png of `path` is dropped), whole, or neither of them.
+        """Write ``path.exr`` and ``path.png``, both complete or neither.
 
-        options: tonemap, exposure: of the PNG, see `clshade.images.tonemap`; tonemap None: `none` for course scenes, else
-        `srgb`. half, compression: of the EXR, see `clshade.exr.encode`. crop: keep of the EXR the smallest window that
-        holds all that is not background, which must be black or None for that; Z outside reads as infinity here, as 0
-        elsewhere. deterministic: leave times out of its header.
-        Warns, in a line each, of values that `half` or float32 cannot hold and of what a compression changes; returns
-        those lines. Raises OutputError when a file can't be written.
+        Parameters
+        ----------
+        path : str or path-like
+            File name; an extension .exr or .png is dropped.
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+            Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes,
+            else ``"srgb"``.
+        exposure : float, default 0.0
+            Exposure of the PNG in stops, -300 to 300.
+        half : bool, default False
+            Store the EXR's floats in 16 bits, see `clshade.exr.encode`.
+        compression : str, default "zip"
+            Compression of the EXR, see `clshade.exr.encode`.
+        crop : bool, default False
+            Keep only the smallest window of the EXR that holds everything but the background, which
+            must then be black or None. Outside of it clshade reads Z as infinity, other programs as 0.
+        deterministic : bool, default False
+            Leave times out of the EXR's header.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+
+        Warns
+        -----
+        UserWarning
+            One line each for values that `half` or float32 cannot hold, and for what a lossy
+            compression changes.
+
+        Raises
+        ------
+        InputError
+            If an argument is refused.
+        OutputError
+            If a file cannot be written.
         """
         known("Frame.save", options, SAVING)
         lines = self.write(path, **options)
@@ -237,7 +363,7 @@ class Frame:
         crop: bool = False,
         deterministic: bool = False,
     ) -> list[str]:
-        """The same, for callers that do the warning: its lines are returned."""
+        """Write the files as `save` does, but return the warnings without issuing them."""
         from ..base import atomic_files
         from ..images import exr, png
 
@@ -250,7 +376,7 @@ class Frame:
             with atomic_files.naming(paths[1]):
                 png.encode(file, self.to_png8(tonemap, exposure))
 
-        # Both compress outside Python's lock, so they do it side by side.
+        # Both release the GIL while they compress, so they run concurrently.
         with atomic_files.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
             encoded = beside.submit(encode_png, png_file)
             with atomic_files.naming(paths[0]):
@@ -267,8 +393,8 @@ class Frame:
 
 
 def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
-    """The EXR and the PNG that `Frame.save` writes for `path`. Raises InputError where it names no file, standard
-    output, or a file of another format."""
+    """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
+    standard output, or a file of another format."""
     path = Path(checked_path(*asked, path))
     stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
     if stem.name in ("", ".."):
@@ -288,7 +414,7 @@ def check_output(
     compression: Compression = "zip",
     asked: tuple[str, str] = ASKED,
 ) -> None:
-    """Raises what `Frame.save` would for these arguments, as far as can be told without writing."""
+    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing."""
     from ..base import atomic_files
     from ..images import exr
     from ..images.tonemap import checked
@@ -300,7 +426,7 @@ def check_output(
 
 
 def same_bits(a: Frame, b: Frame) -> bool:
-    """Whether two frames agree in every bit of image and layers."""
+    """Return whether two frames agree in every bit of image and layers."""
     return a.layers == b.layers and all(
         np.array_equal(x.view(np.uint32), y.view(np.uint32))
         for x, y in [(a.rgba, b.rgba), *((a[name], b[name]) for name in a.layers)]

@@ -1,4 +1,4 @@
-"""The error of one frame, as `clshade.check` finds it and the frame carries it into its files."""
+"""The error of one frame, as `clshade.check` measures it and the frame writes it into its files."""
 
 from __future__ import annotations
 
@@ -10,28 +10,51 @@ from ..base.arrays import Floats32
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What `clshade.check` found.
+    """The result of `clshade.check`.
 
-    pixels, of: how many were looked at, of how many.
-    bounds: the largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B, or 1e-12 * kappa * B of float64.
-    allowed: how many of them a color may be off: 32 of float32, 1 of float64, see `oracle_bounds.allowed`.
-    error: the largest |value - oracle| / B, B the light that the point could at most send.
-    rms: root of the mean square of the same; of the image only where all pixels were looked at.
-    kappa: how far rounding errors were amplified by the geometry, at the pixel of `bounds`.
-    worst: row (from the top) and column of that pixel.
-    strata: stratum -> (pixels looked at, their largest error in bounds).
-    wrong: pixels whose owner or coverage is not the oracle's, or whose values are not finite.
-    ties: pixels with another owner at a depth within 2^-38 of its own, which either may own; not counted as
-        wrong. With several samples also pixels of the same id, if of any: those whose color is off, where one
-        of the samples has two nearest faces as close as that; nor do they count in `bounds`.
-    gates: pixels more bounds off than allowed, by no more than a highlight that may be decided either way; not counted in
-        `bounds`.
-    depth: the largest relative error of Z, in 2^-24; 8 are allowed (2^-53 and 16 of float64). None without the layer Z.
-    ids: whether owners were compared; without the layer id only coverage is.
-    precision: of the frame.
-    seconds: what the check took.
-    image: (M, N) float32, the error of each pixel in bounds, infinity where it is wrong, 0 for ties; None unless all
-        pixels were looked at.
+    Attributes
+    ----------
+    pixels, of : int
+        Number of pixels checked, and of all pixels.
+    bounds : float
+        Largest error of a color, in units of sqrt(max(n, 1)) * 2^-24 * kappa * B, or of
+        1e-12 * kappa * B for float64; n is the specular exponent.
+    allowed : float
+        Largest error allowed, in the same units: 32 for float32, 1 for float64, see
+        ``oracle_bounds.allowed``.
+    error : float
+        Largest |value - oracle| / B, where B is the most light that the point can send.
+    rms : float
+        Root mean square of the same; of the whole image only if all pixels were checked.
+    kappa : float
+        Condition number at the pixel of `bounds`: how far the geometry amplifies rounding errors.
+    worst : tuple of int
+        Row (from the top) and column of that pixel.
+    strata : dict of str to (int, float)
+        By stratum, the number of pixels checked and their largest error in bounds.
+    wrong : int
+        Pixels whose owner or coverage differs from the oracle's, or whose values are not finite.
+    ties : int
+        Pixels with another owner at a depth within 2^-38 of the oracle's, where either is correct;
+        not counted as wrong. With several samples also pixels of the same id, if any, whose color
+        is off and one of whose samples has two nearest faces as close as that; these do not count
+        in `bounds` either.
+    gates : int
+        Pixels whose error exceeds what is allowed by no more than a highlight that may fall on
+        either side of its threshold; not counted in `bounds`.
+    depth : float or None
+        Largest relative error of Z, in 2^-24, or in 2^-53 for float64. None without the layer Z.
+    depth_allowed : int
+        Largest `depth` allowed: 8, or 16 for float64.
+    ids : bool
+        Whether owners were compared; without the layer id only coverage is.
+    precision : str
+        Precision of the frame.
+    seconds : float
+        Duration of the check.
+    image : ndarray of float32, (M, N), or None
+        Error of each pixel in bounds, infinity where it is wrong, 0 for ties. None unless all
+        pixels were checked.
     """
 
     pixels: int
@@ -55,22 +78,22 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether no pixel looked at is wrong and all errors are within what is allowed."""
+        """Whether no checked pixel is wrong and all errors are within what is allowed."""
         depth_is_right = self.depth is None or self.depth <= self.depth_allowed
         return self.wrong == 0 and self.bounds <= self.allowed and depth_is_right
 
     @property
     def complete(self) -> bool:
-        """Whether every pixel was looked at."""
+        """Whether every pixel was checked."""
         return self.pixels == self.of
 
     @property
     def unit(self) -> str:
-        """What a bound is, but for kappa and the light."""
+        """The unit of a bound, without kappa and the light."""
         return "1e-12" if self.precision == "float64" else "sqrt(max(n,1)) * 2^-24"
 
     def lines(self) -> list[str]:
-        """What was found, for the terminal."""
+        """Return the result as lines for the terminal."""
         what = "ids and coverage" if self.ids else "coverage (ids: no such layer)"
         owned = f"{what}: {self.wrong:,} wrong" + (f", {self.ties:,} ties" if self.ties else "")
         row, column = self.worst
@@ -89,13 +112,13 @@ class Check:
         ]
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures as JSON-compatible values."""
         figures = {name: value for name, value in vars(self).items() if name != "image"}
         figures["strata"] = {name: {"pixels": n, "bounds": worst} for name, (n, worst) in self.strata.items()}
         return {**figures, "passed": self.passed, "lower_bound": not self.complete}
 
     def metadata(self) -> dict[str, Any]:
-        """Header attributes of the EXR."""
+        """Return header attributes for the EXR."""
         of_what = "largest error" if self.complete else "lower bound of the largest error"
         found = {
             "check": f"{of_what}: {self.pixels} of {self.of} pixels computed again in float64; "

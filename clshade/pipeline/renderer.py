@@ -1,4 +1,4 @@
-"""Renderer: a scene that stays on the device, drawn any number of times."""
+"""Renderer: a scene that stays on the device and is drawn any number of times."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_proce
 
 
 def _clock() -> float:
-    """Seconds that this thread has run, without those in which it waited for a compiler."""
+    """Return this thread's running time in seconds, without time spent waiting for a compiler."""
     return time.perf_counter() - programs.waited()
 
 
@@ -56,8 +56,8 @@ def effective_settings(
     resolution: tuple[int, int] | None = None,
     **fields: Unpack[SettingsFields],
 ) -> tuple[Scene, Settings]:
-    """The scene and settings that a call's arguments mean: `resolution` changes the scene's camera, the other fields the
-    given settings or those of the preset (default: the scene's own)."""
+    """Return the scene and settings that a call's arguments mean: `resolution` replaces the resolution of the scene's
+    camera; the other fields replace those of `settings`, or of the preset (default: the scene's own)."""
     if not isinstance(scene, Scene):
         raise value_error(
             "render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene
@@ -77,7 +77,7 @@ def effective_settings(
 
 @dataclass
 class _Progress:
-    """One frame while it is drawn. events: of its kernels, by name. host_ms: of the stages that the host runs."""
+    """The state of a frame being drawn. events: of its kernels, by name. host_ms: times of the host's stages."""
 
     space: CameraSpace
     events: dict[str, Any] = field(default_factory=dict)
@@ -90,16 +90,58 @@ class _Progress:
 
 
 class Renderer:
-    """Draws one scene many times: uploaded once, cameras may differ from frame to frame.
+    """Draws one scene many times: uploaded once, with a camera per frame.
 
-    scene: what is drawn. A CPU works in its arrays, which must not be changed meanwhile.
-    preset, settings, and any field of Settings or `resolution=(N, M)` as keywords: see `render`.
-    device: an open Device, a name for `device.open_device`, or None for the default.
-    forced: names in features.OPTIONAL, of work to do though the scene does not need it (the same bits, slower).
-    lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device. The bits do not depend on it.
+    Use it as a context manager, or call `close`. Threads may share a renderer; their frames are
+    drawn one after the other.
 
-    Use as a context manager, or call `close`. Threads may share one; their frames are drawn one after the other.
-    Raises InputError for refused arguments, DeviceError without a device.
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw. A CPU device works in the scene's own arrays: do not change them
+        while the renderer is open.
+    preset : {"course", "standard"}, optional
+        Preset of the settings. Default: the scene's own.
+    device : Device or str, optional
+        An open device or the name of one: ``"pocl"``, ``"intel"``, ``"nvidia"``, ``"amd"``,
+        ``"rusticl"``, part of the name of a platform or device, or ``"P:D"`` (indices of platform
+        and device). Default: the environment variable CLSHADE_DEVICE, else PoCL, Intel, any.
+    settings : Settings, optional
+        Complete settings, in place of a preset.
+    forced : collection of str, optional
+        Names in ``features.OPTIONAL`` of work to do even if the scene does not need it. The bits
+        of the image stay the same; drawing becomes slower.
+    lanes : {1, 4, 8, 16}, optional
+        Number of pixels processed together. Default: what suits the device. The bits of the image
+        do not depend on it.
+    **fields
+        Any field of `Settings`, which replaces that of the preset or of `settings`, and
+        ``resolution=(N, M)``, columns and rows.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene, with `resolution` applied to its camera.
+    settings : Settings
+        The settings in effect.
+    features : Features
+        The features the kernels are compiled with.
+    device : Device
+        The device that draws.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused.
+    DeviceError
+        If no OpenCL device works.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> scene = clshade.builtin("teapot")
+    >>> with clshade.Renderer(scene, samples=4) as renderer:
+    ...     frame = renderer.render()
     """
 
     def __init__(
@@ -147,7 +189,7 @@ class Renderer:
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
         self._extent = Extent.of(packed.low, packed.high) if self._face_count else None
         self._positions, self._faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
-        # Those of the layers hold the others, and those of meshes without a texture.
+        # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:
             uvs, uv_faces = packed.layers.uvs, packed.layers.uv_faces
@@ -195,7 +237,7 @@ class Renderer:
         )
 
     def _upload_lights(self, unit: float) -> None:
-        """unit: that their intensities are counted in."""
+        """Upload the lights. unit: the unit their intensities are expressed in."""
         lights = [light for light in self.scene.lights if light.intensity.any()]
         self._lights = Buffer(self.device, np.zeros(max(len(lights), 1), self._structs.Light))
         self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
@@ -204,7 +246,7 @@ class Renderer:
         self._light_intensities = shading_tables.to_real(intensities / unit, self._structs.real)
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
-        """(3F, 4) colors of texture_at vertex: the texel at each corner, times the vertex color."""
+        """Return the (3F, 4) colors for texture_at vertex: the texel at each corner times the vertex color."""
         colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
         rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
         looked_up = Buffer.empty(self.device, (len(rows), 4), self._structs.real)
@@ -244,11 +286,11 @@ class Renderer:
             image["to_eye"] = -frame.space.axes[2]
 
     def _setup(self, frame: _Progress) -> int:
-        """Projects and sets up; returns the number of visible triangles, whose keys are written."""
+        """Project the vertices and set up the triangles; return the number of visible ones, whose keys are written."""
         made, events = self._made, frame.events
         with made.counters.writing() as table:
             table[:] = 0
-        # The tables are written while the kernels that need others of them run.
+        # Tables are written while kernels run that do not need them yet.
         if self._face_count:
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         self._write_image(frame)
@@ -276,7 +318,7 @@ class Renderer:
         return int(counters["visible"])
 
     def _clip(self, space: CameraSpace, count: int) -> int:
-        """Cuts the listed faces and uploads the pieces; returns their number."""
+        """Clip the listed faces and upload the pieces; return their number."""
         faces = np.sort(self._made.to_clip.to_host(count))
         uvs, uv_faces = self._uvs_host
         table = piece_table(
@@ -294,7 +336,7 @@ class Renderer:
         return len(table)
 
     def _sort(self, visible: int, frame: _Progress) -> None:
-        """Writes the visible triangles, nearest first, to the order buffer."""
+        """Write the visible triangles, nearest first, to the order buffer."""
         start = _clock()
         if len(self._order.array) < visible:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
@@ -306,7 +348,7 @@ class Renderer:
         frame.host_ms["sort"] = (_clock() - start) * 1e3
 
     def _painter_depths(self, index: Array) -> tuple[Array, Array]:
-        """Exact painter's depth and face of triangles given by index."""
+        """Return the exact painter's depths and the faces of the triangles in `index`."""
         depth, face = np.empty(len(index)), index.astype(np.int64)
         whole = index < self._face_count
         z = self._vertices.projected.to_host()["depth"][self._faces.array[index[whole]]]
@@ -340,7 +382,28 @@ class Renderer:
             table["next_tile"] = table["saturated"] = 0
 
     def render(self, camera: Camera | None = None) -> Frame:
-        """One frame, seen by `camera` (default: the scene's)."""
+        """Draw one frame.
+
+        Parameters
+        ----------
+        camera : Camera, optional
+            Camera of this frame, of the same kind (perspective or orthographic) as the scene's.
+            Default: the scene's camera.
+
+        Returns
+        -------
+        Frame
+            The frame. It owns its arrays and stays valid after `close`.
+
+        Raises
+        ------
+        InputError
+            If the camera is refused, or if the scene has too many triangles after clipping.
+        DeviceError
+            If the device fails, or if the renderer was created in another process, before a fork.
+        ClshadeError
+            If the renderer is closed.
+        """
         camera = self.scene.camera if camera is None else camera
         if not isinstance(camera, Camera):
             raise value_error("Renderer.render", "camera", "a Camera", camera)
@@ -355,7 +418,7 @@ class Renderer:
             try:
                 return self._render(camera)
             except BaseException:
-                self._finish()  # what is under way still writes to memory that the error may free
+                self._finish()  # running kernels still write to memory that the error may free
                 raise
 
     def _render(self, camera: Camera) -> Frame:
@@ -400,7 +463,7 @@ class Renderer:
         return Frame(image, layers, scene, self.settings, stats)
 
     def _facts(self, frame: _Progress, counters: np.void, visible: int) -> dict[str, Any]:
-        """What `Frame.stats` tells besides times and bytes."""
+        """Return the entries of `Frame.stats` other than times and bytes."""
         return {
             "triangles": self._face_count,
             "vertices": self._vertex_count,
@@ -421,7 +484,7 @@ class Renderer:
             self.device.queue.finish()
 
     def close(self) -> None:
-        """Gives the device's memory back; frames stay valid. The renderer draws no more."""
+        """Release the device's memory. Frames stay valid; the renderer cannot draw any more."""
         with self._lock:
             if self._closed:
                 return
@@ -445,11 +508,47 @@ def render(
     settings: Settings | None = None,
     **fields: Unpack[RenderOptions],
 ) -> Frame:
-    """Draws the scene once.
+    """Draw a scene once.
 
-    preset: `course` or `standard`; None: the scene's own. settings: instead of a preset.
-    Any field of `Settings` and `resolution=(N, M)` may be given as a keyword.
-    device: an open Device, a name, or None for the default. Raises InputError and DeviceError.
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw.
+    preset : {"course", "standard"}, optional
+        Preset of the settings. Default: the scene's own.
+    device : Device or str, optional
+        An open device or the name of one, see `Renderer`. Default: the environment variable
+        CLSHADE_DEVICE, else PoCL, Intel, any.
+    settings : Settings, optional
+        Complete settings, in place of a preset.
+    **fields
+        Any field of `Settings`, which replaces that of the preset or of `settings`, and
+        ``resolution=(N, M)``, columns and rows, which replaces that of the scene's camera.
+
+    Returns
+    -------
+    Frame
+        The image and the layers asked for.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused.
+    DeviceError
+        If no OpenCL device works.
+
+    See Also
+    --------
+    Renderer : Draws many frames of a scene.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> frame = clshade.render(clshade.builtin("teapot"), resolution=(320, 240), samples=4)
+    >>> frame.rgba.shape
+    (240, 320, 4)
+    >>> frame.save("teapot")  # teapot.exr and teapot.png
+    []
     """
     with Renderer(scene, preset=preset, device=device, settings=settings, **fields) as renderer:
         return renderer.render()
