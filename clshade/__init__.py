@@ -1,4 +1,4 @@
-"""clshade: headless triangle rendering by OpenCL compute kernels, with measured error.
+"""clshade: headless triangle rendering with OpenCL compute kernels and measured error.
 
 Public names are imported on first use, so that `import clshade` costs nothing.
 """
@@ -9,7 +9,7 @@ import sys
 
 from .base import display
 
-TYPE_CHECKING = False  # `typing` takes longer to import than all else that happens here
+TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
 __version__ = "0.1.0"
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        # With name and obj Python adds the nearest of dir(clshade) to the traceback.
+        # Given name and obj, Python suggests the closest name of dir(clshade) in the traceback.
         raise AttributeError(f"module 'clshade' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     import importlib
 

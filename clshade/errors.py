@@ -1,23 +1,23 @@
-"""Exception types. Every error a user can cause is a `ClshadeError`; its text is one line."""
+"""Exception types: every error a user can cause is a `ClshadeError` with a one-line message."""
 
 
 class ClshadeError(Exception):
-    """Base of all errors that clshade raises on purpose."""
+    """Base class of all errors that clshade raises on purpose."""
 
 
 class InputError(ClshadeError, ValueError):
-    """Refused input: names the function or file, the argument or field, what was expected and what was found."""
+    """Refused input: names the function or file, the argument or field, and what was expected and found."""
 
 
 class DeviceError(ClshadeError, RuntimeError):
-    """No usable OpenCL device, or the device failed; says what to install or change."""
+    """Missing or failed OpenCL device; the message says what to install or change."""
 
 
 class OutputError(ClshadeError, OSError):
-    """A result could not be written; nothing half-written is left behind."""
+    """Result that could not be written; no partial file is left behind."""
 
 
 class WorkerError(ClshadeError, RuntimeError):
-    """A process or machine that drew frames failed, or cannot be reached."""
+    """Failure of a process or machine that draws frames, or no connection to it."""
 
-    __notes__: list[str]  # where it failed there; shown with a traceback
+    __notes__: list[str]  # where the worker failed; shown with a traceback

@@ -1,4 +1,4 @@
-"""Layers in OpenEXR files, see `clshade.images.exr`."""
+"""OpenEXR images with layers, see `clshade.images.exr`."""
 
 from .images.exr import COMPRESSIONS, FULL_PRECISION, LOSSY, SUFFIXES, drawn_window, encode, flatten, read, write
 

@@ -1,4 +1,4 @@
-"""OpenEXR files: linear float images with further layers, written whole or not at all, read back bit for bit.
+"""OpenEXR files: linear float images with layers, written atomically and read back bit for bit.
 
 Needs OpenEXR 3.5 or newer, whose `File` takes Python streams. Its module is imported on first use (0.1 s or more).
 """
@@ -28,7 +28,7 @@ from . import exr_limits
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
-# Compressions that change values -> (the type whose values they change, the channels' last letters, what they do).
+# Lossy compressions -> (the type whose values they change, the last letters of the channels, what they do).
 LOSSY = {
     "pxr24": (np.float32, "", "rounds float32 to 24 bits"),
     "b44": (np.float16, "", "rounds half, 4x4 pixels together"),
@@ -37,28 +37,40 @@ LOSSY = {
     "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
 }
 Compression: TypeAlias = Literal["none", "rle", "zips", "zip", "piz", "zstd", "pxr24", "b44", "b44a", "dwaa", "dwab"]
-COMPRESSIONS: tuple[Compression, ...] = get_args(Compression)  # the last ones are LOSSY
+COMPRESSIONS: tuple[Compression, ...] = get_args(Compression)  # lossless, then LOSSY
 SUFFIXES = {
     "N": "XYZ",
     "P": "XYZ",
     "uv": "UV",
     "barycentrics": "UVW",
-}  # of a layer's components; every other layer's are R G B A
-FULL_PRECISION = ("Z", "P")  # layers that `half` leaves alone: depths and positions need their digits
+}  # names of a layer's components; R G B A for every other layer
+FULL_PRECISION = ("Z", "P")  # layers that `half` does not affect: depths and positions need their digits
 
-_MAX_BYTES = 1 << 34  # of a file that is read
+_MAX_BYTES = 1 << 34  # size of the largest file that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
 _PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
-_LOCK = threading.Lock()  # the number of OpenEXR's threads and the standard streams belong to the whole process
+_LOCK = threading.Lock()  # OpenEXR's thread count and the standard streams are global to the process
 
 
 def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
-    """Layers to one 2-D array per EXR channel, as views.
+    """Split layers into one 2-D array per EXR channel, as views.
 
-    layers: an array (M, N, 3) or (M, N, 4), RGB or RGBA; or a dict of arrays (M, N), kept under their names, and
-        (M, N, K), split: `RGB` and `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
+    Parameters
+    ----------
+    layers : array_like of shape (M, N, 3) or (M, N, 4), or mapping of str to array_like
+        RGB or RGBA; or arrays (M, N), kept under their names, and (M, N, K), split: `RGB` and
+        `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
         .U .V .W, any other into .R .G .B .A. Row 0 is the top.
-    Raises InputError for another shape, no layer at all, sizes that differ, or two channels of one name.
+
+    Returns
+    -------
+    dict of str to ndarray
+        One (M, N) array per channel.
+
+    Raises
+    ------
+    InputError
+        Another shape, no layer at all, sizes that differ, or two channels of one name.
     """
     if not isinstance(layers, Mapping):
         layers = {"RGB": layers}
@@ -87,9 +99,21 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
 
 
 def drawn_window(channels: Mapping[str, Array]) -> Window:
-    """The smallest window outside of which every (M, N) channel is 0; the first pixel if all are 0 everywhere.
+    """Return the smallest window outside of which every channel is 0.
 
-    -0.0 counts as drawn: readers give +0 outside the data window.
+    Parameters
+    ----------
+    channels : mapping of str to ndarray of shape (M, N)
+        Channels of one image.
+
+    Returns
+    -------
+    (int, int, int, int)
+        (x0, y0, x1, y1), inclusive, y down from the top; the first pixel if everything is 0.
+
+    Notes
+    -----
+    -0.0 counts as drawn, because readers give +0 outside the data window.
     """
     drawn_rows, drawn_columns = np.zeros(1, bool), np.zeros(1, bool)
     for plane in channels.values():
@@ -119,7 +143,7 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
 
 
 def _attribute(name: str, value: Any) -> Any:
-    """One header value in a form that OpenEXR stores as it is; it stores others wrongly without a word."""
+    """Return a header value in a form that OpenEXR stores as it is; it silently stores others wrongly."""
     if not isinstance(name, str) or not name.isprintable() or not name or name in _PROTECTED:
         raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
     if isinstance(value, str):
@@ -148,7 +172,7 @@ def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[
 
 
 def _stored(name: str, plane: Array, half: bool, warnings: list[str]) -> Array:
-    """A channel, contiguous, in the type it is stored in: uint32 for whole numbers, else float32 or half."""
+    """Return a channel, contiguous, in the type it is stored in: uint32 for integers, else float32 or half."""
     kind, size = plane.dtype.kind, plane.dtype.itemsize
     if kind in "iub":
         if plane.dtype != np.uint32 and not 0 <= int(plane.min()) <= int(plane.max()) < 2**32:
@@ -171,7 +195,7 @@ def _stored(name: str, plane: Array, half: bool, warnings: list[str]) -> Array:
 
 
 class _Sink:
-    """The stream that OpenEXR writes to. Keeps the first error: a destructor of OpenEXR's could swallow it."""
+    """The stream that OpenEXR writes to; keeps the first error, which a destructor of OpenEXR could swallow."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
@@ -204,7 +228,7 @@ def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array]
     header |= {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
     sink = _Sink(file)
     with _LOCK:
-        # OpenEXR's threads live only here: a child made by fork() later would wait for them forever.
+        # OpenEXR's threads exist only here: a child forked later would wait for them forever.
         before = OpenEXR.global_thread_count()
         OpenEXR.set_global_thread_count(before if compression == "none" else min(os.cpu_count() or 1, 8))
         try:
@@ -230,10 +254,44 @@ def write(
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
 ) -> list[str]:
-    """Write a single-part scanline EXR, whole or not at all; the same arguments give the same bytes.
+    """Write a single-part scanline EXR file, atomically; the same arguments give the same bytes.
 
-    path: the file; an earlier one is replaced at the end (`atomic.replacing`). The rest: see `encode`.
-    Returns warnings. Raises InputError for what is refused, OutputError when the file cannot be written.
+    Parameters
+    ----------
+    path : path_like
+        File; an existing one is replaced only when the new one is complete.
+    channels : array_like of shape (M, N, 3) or (M, N, 4), or mapping of str to array_like
+        As for `flatten`, such as {"R": .., "Z": .., "N.X": ..} of (M, N) arrays. Row 0 is the top.
+        Floats are stored as float32, bit for bit, including NaNs, infinities and denormals; float64
+        is rounded; integers are stored as uint32. Arrays need not be contiguous and are not changed.
+    compression : str, default 'zip'
+        Lossless: none, rle, zips, zip, piz, zstd; zstd needs a reader with OpenEXR 3.5 or newer.
+        Lossy: pxr24 rounds float32 to 24 bits; b44 and b44a round half and leave float32 as it is;
+        dwaa and dwab round colors.
+    half : bool, default False
+        Store floats as half, except the layers Z and P.
+    metadata : mapping, optional
+        Further header attributes: text, numbers and (4, 4) matrices; None omits one. Defaults:
+        software "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See
+        `clshade.scene.camera_matrices.camera_metadata`.
+    window : (int, int, int, int), {'drawn', 'covered'} or None, default None
+        Data window (x0, y0, x1, y1), inclusive: only these pixels are stored, and readers take the
+        others as 0. `drawn`: the smallest window that loses nothing. `covered`: the same, but
+        +infinity in Z is not stored either: the header attribute Zbackground has `read` restore it;
+        other readers take Z as 0 there. None: the whole image, which the display window always is.
+
+    Returns
+    -------
+    list of str
+        Warnings, one line each: finite values that became infinity, NaNs in half, rounding by a
+        compression.
+
+    Raises
+    ------
+    InputError
+        Channels, metadata, compression or window are not allowed.
+    OutputError
+        The file cannot be written.
     """
     with atomic_files.replacing(checked_path("exr.write", "path", path)) as file:
         return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
@@ -248,23 +306,26 @@ def encode(
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
 ) -> list[str]:
-    """The same into an open file.
+    """Encode a single-part scanline EXR into an open file, see `write`.
 
-    channels: what `flatten` takes: a dict such as {"R": .., "Z": .., "N.X": ..} of (M, N) arrays, or (M, N, 3|4).
-        Row 0 is the top. Floats are stored as float32, bit for bit, NaNs, infinities and denormals included; float64
-        is rounded; whole numbers are stored as uint32. Arrays need not be contiguous and are not changed.
-    compression: none, rle, zips, zip, piz, zstd: lossless; zstd needs a reader of OpenEXR 3.5 or newer. pxr24 rounds
-        float32 to 24 bits; b44 and b44a round half and leave float32 as it is; dwaa and dwab round colors.
-    half: store floats as half, except the layers Z and P.
-    metadata: further header attributes: text, numbers and (4, 4) matrices; None leaves one out. Unless given, software
-        is "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See `camera_matrices.camera_metadata`.
-    window: the data window (x0, y0, x1, y1), inclusive: only these pixels are stored, readers take the rest as 0.
-        "drawn": the smallest that loses nothing. "covered": the same, but that +infinity in Z is nothing too: the
-        header's Zbackground tells `read` what Z is outside; others take it as 0. None: everything. The display window
-        is always the whole image.
+    Parameters
+    ----------
+    file : binary file
+        Writable and seekable.
+    channels, compression, half, metadata, window
+        As for `write`.
 
-    Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by a compression.
-    Raises InputError for refused channels, metadata, compression or window, OSError when it cannot be written.
+    Returns
+    -------
+    list of str
+        Warnings, as for `write`.
+
+    Raises
+    ------
+    InputError
+        Channels, metadata, compression or window are not allowed.
+    OSError
+        The file cannot be written.
     """
     choice("exr", "compression", compression, COMPRESSIONS)
     planes = flatten(channels)
@@ -285,7 +346,7 @@ def encode(
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keeps from the terminal what OpenEXR prints about a damaged file: the InputError says it in one line."""
+    """Keep OpenEXR's messages about a damaged file off the terminal: the InputError says it in one line."""
     with _LOCK, contextlib.redirect_stdout(io.StringIO()), contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError, ValueError, AttributeError):  # there may be no standard error
             sys.stderr.flush()
@@ -299,7 +360,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """A header value as plain Python: windows as (x0, y0, x1, y1), enumerations as lower-case words."""
+    """Return a header value as plain Python: windows as (x0, y0, x1, y1), enumerations as lower-case words."""
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(corner, np.ndarray) for corner in value):
         return tuple(edge.item() for corner in value for edge in corner)
     if name == "compression":
@@ -309,7 +370,7 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, Any]]]:
-    """Channels of the data window, and the header, of each part."""
+    """Return the channels of the data window, and the header, of each part."""
     import OpenEXR
 
     with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
@@ -321,7 +382,7 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
         del header["channels"]
     parts = []
     with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
-        if len(exr.parts) != len(headers) or not headers:  # all that it says when pixels cannot be read
+        if len(exr.parts) != len(headers) or not headers:  # the only sign of unreadable pixels
             raise file_error(owner, "file", "pixels", "truncated or damaged data")
         for part, header in enumerate(headers):
             channels = {name: channel.pixels for name, channel in exr.channels(part).items()}
@@ -334,11 +395,14 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
 
 
 def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, Array]:
-    """The channels of all parts, of the display window. A name that an earlier part has gets its part's in front."""
+    """Return the channels of all parts in the display window.
+
+    A name that an earlier part has is prefixed with the name of its part.
+    """
     merged: dict[str, Array] = {}
     for number, (channels, header) in enumerate(parts):
         for name in list(channels):
-            plane = channels.pop(name)  # the pixels go as soon as they are copied
+            plane = channels.pop(name)  # free the pixels as soon as they are copied
             unique = name if name not in merged else f"{header.get('name', '')}.{name}"
             outside = header.get(exr_limits.OUTSIDE.get(name, ""))
             known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
@@ -349,7 +413,7 @@ def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, A
 
 
 def _displayed(plane: Array, data: Window, display: Window, outside: float) -> Array:
-    """The pixels of the display window, `outside` where the data window has none."""
+    """Return the pixels of the display window, `outside` where the data window has none."""
     if data == display:
         return plane
     shape = display[3] - display[1] + 1, display[2] - display[0] + 1
@@ -363,14 +427,30 @@ def _displayed(plane: Array, data: Window, display: Window, outside: float) -> A
 
 
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Read a flat EXR, of this renderer's or any other.
+    """Read a flat EXR file, written by clshade or any other program.
 
-    Returns (channels, header). channels: one (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at
-    the top, of the display window, outside the data window 0, or what the header says of Z (see `encode`); R, G, B, A
-    come first. Of several parts all channels; a name that an earlier part has gets its part's name and a dot in front.
-    header: the attributes, of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write` takes it.
-    Raises InputError, one line naming the file, when it is missing, no EXR, truncated, damaged, deep, subsampled or
-    larger than 2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold (see `exr_limits`).
+    Parameters
+    ----------
+    path : path_like
+        File.
+
+    Returns
+    -------
+    channels : dict of str to ndarray
+        One (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at the top, in the
+        display window. Outside the data window values are 0, or what the header says of Z (see
+        `write`). R, G, B, A come first. A multi-part file gives the channels of all parts; a name
+        that an earlier part has is prefixed with the name of its part and a dot.
+    header : dict
+        Attributes of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write`
+        takes it.
+
+    Raises
+    ------
+    InputError
+        The file is missing, not an EXR, truncated, damaged, deep, subsampled, or larger than
+        2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold
+        (`clshade.images.exr_limits`). The message is one line that names the file.
     """
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
@@ -384,7 +464,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         raise file_error(owner, "file", "an image that fits into memory", "a larger one") from None
     except (InputError, ImportError):
         raise
-    except Exception as error:  # the decoder raises anything at all
+    except Exception as error:  # the decoder raises exceptions of many types
         raise file_error(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
     return {name: planes[name] for name in names}, parts[0][1]

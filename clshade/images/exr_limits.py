@@ -1,5 +1,7 @@
-"""What the header of an OpenEXR file claims, held against the file's size and the memory that is free, before any pixel is
-decoded: a damaged or made-up header of a few KB may claim terabytes."""
+"""Checks of an OpenEXR header against the file size and the free memory, before any pixel is decoded.
+
+A damaged or forged header of a few KB may claim terabytes.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,14 @@ from ..base import host_memory
 from ..base.input_files import file_error
 
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
-OUTSIDE = {"Z": "Zbackground"}  # channels -> the header's attribute that says what they are outside the data window
+OUTSIDE = {"Z": "Zbackground"}  # channels -> the header attribute with their value outside the data window
 MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 
-# The most bytes of pixels to a byte of the file, by the codecs' own formats: RLE has runs of 128 in 2 bytes; deflate (zip)
-# 258 bytes in 2 bits; PXR24 leaves out a byte of 4 before; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A
-# has 32 bytes in 3 where all are the same. DWA runs deflate over what RLE leaves of alpha, and over the 4 bytes that a block
-# of 8x8 floats of a color takes at least; other channels get deflate alone. Zstandard has 128 KiB in a block of 4 bytes;
-# so has, as is assumed, whatever is not listed.
+# The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2 bits;
+# PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3 where
+# all are the same. DWA runs deflate over the RLE data of alpha, and over the at least 4 bytes of a block of 8x8 floats of a
+# color; other channels get deflate alone. Zstandard has 128 KiB in a block of 4 bytes; the same is assumed of compressions
+# that are not listed.
 _DEFLATE = 1032
 _DENSEST = {"none": 1, "rle": 64, "zips": _DEFLATE, "zip": _DEFLATE, "pxr24": _DEFLATE * 4 // 3, "piz": 410}
 _DENSEST |= {"b44": 11, "b44a": 11, "dwaa": _DEFLATE, "dwab": _DEFLATE}
@@ -27,7 +29,7 @@ _TYPE_BYTES = {0: 4, 1: 2, 2: 4}  # uint, half, float
 
 
 def _least(size: int, channel: str, compression: str) -> int:
-    """The fewest bytes that a channel of this size can take in a file."""
+    """Return the fewest bytes that a channel of this size can take in a file."""
     densest = _DENSEST.get(compression, _DENSEST_OF_OTHERS)
     if compression.startswith("dwa") and channel.split(".")[-1].lower() in _DWA_COLORS:
         densest *= 64
@@ -39,8 +41,10 @@ def _area(window: tuple[int, int, int, int]) -> int:
 
 
 def channel_bytes(data: bytes, parts: int) -> list[dict[str, int]]:
-    """Bytes of a value of each channel of each part. data: a file whose headers OpenEXR has found right: its module
-    gives all of a header but the channels' types."""
+    """Return the bytes per value of each channel of each part.
+
+    data: a file whose headers OpenEXR has accepted: its module gives everything in a header but the channel types.
+    """
     found: list[dict[str, int]] = []
     at = 8  # magic number and version
     for _ in range(parts):
@@ -58,7 +62,7 @@ def channel_bytes(data: bytes, parts: int) -> list[dict[str, int]]:
 
 
 def _listed_channels(listed: bytes) -> dict[str, int]:
-    """From a `chlist`: names, each with type, a flag and samplings, 16 bytes, until an empty name."""
+    """Parse a `chlist`: names, each with type, a flag and samplings, 16 bytes, until an empty name."""
     sizes, at = {}, 0
     while listed[at]:
         end = listed.index(b"\0", at)
@@ -69,13 +73,13 @@ def _listed_channels(listed: bytes) -> dict[str, int]:
 
 
 def check(headers: Sequence[dict[str, Any]], sizes: Sequence[dict[str, int]], data: bytes, owner: str) -> None:
-    """Raises InputError for parts that are no flat images, of sizes that are not read, that so few bytes cannot hold, or
-    that do not fit into memory.
+    """Raise InputError for parts that are not flat images, are too large, or exceed what file or free memory can hold.
 
     headers: of the parts; windows as (x0, y0, x1, y1) inclusive. sizes: from `channel_bytes`.
     """
     least = pixels = shown = 0
-    # The largest plane that is copied into a display window, of zeros, which take no memory; windows filled otherwise.
+    # The largest plane copied into a display window of zeros, which takes no memory until written; windows filled with
+    # another value.
     copied = filled = 0
     for header, part in zip(headers, sizes, strict=True):
         _check_part(header, owner)

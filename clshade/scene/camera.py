@@ -23,7 +23,7 @@ def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
 
 
 def checked_resolution(owner: str, value: Any) -> tuple[int, int]:
-    """Columns and rows of an image, (N, M), 1 to MAX_RESOLUTION each. Raises InputError for anything else."""
+    """Return columns and rows of an image, (N, M), 1 to MAX_RESOLUTION each. Raises InputError for anything else."""
     columns, rows = _pair(owner, "resolution", "two whole numbers (N, M)", value)
     return (
         integer(owner, "resolution N", columns, 1, MAX_RESOLUTION),
@@ -32,7 +32,10 @@ def checked_resolution(owner: str, value: Any) -> tuple[int, int]:
 
 
 def height_seen(who: str, name: str, degrees: Any) -> float:
-    """How high the image is at distance 1, of a vertical field of view. Raises InputError, which names `who` and `name`."""
+    """Return the height of the image at distance 1 for a vertical field of view in degrees.
+
+    Raises InputError, naming `who` and `name`, unless it is from 1e-6 to less than 180.
+    """
     angle = number(who, name, degrees)
     if not 1e-6 <= angle < 180.0:
         raise value_error(who, name, "degrees from 1e-6 to less than 180", degrees)
@@ -41,14 +44,42 @@ def height_seen(who: str, name: str, degrees: Any) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera.
+    """A pinhole camera: a pose, a lens and a resolution.
 
-    eye, lookat, up: 3-vectors, world space. `up` must not be parallel to the viewing direction.
-    focal: distance of the image plane from the eye, scene units (only focal/plane matters).
-    plane: (H, W), height and width of the image plane, scene units.
-    resolution: (N, M), columns and rows of the image, pixels.
-    principal: where the viewing direction meets the image, as fractions of its width and height from the bottom left.
-    orthographic: parallel projection; plane is then the size of what is seen, scene units, and focal has no meaning.
+    Attributes
+    ----------
+    eye : array_like of shape (3,)
+        Center of projection, world space.
+    lookat : array_like of shape (3,)
+        Point other than the eye, world space; the viewing direction is lookat - eye.
+    up : array_like of shape (3,)
+        Direction that points up in the image, world space; not parallel to the viewing direction.
+    focal : float
+        Distance of the image plane from the eye, scene units, above 0. Only focal/plane matters.
+    plane : (float, float)
+        (H, W), height and width of the image plane, scene units, above 0.
+    resolution : (int, int), default (800, 600)
+        (N, M), columns and rows of the image, 1 to 16384 pixels each.
+    principal : (float, float), default (0.5, 0.5)
+        Where the viewing direction meets the image, as fractions of its width and height from the
+        bottom left.
+    orthographic : bool, default False
+        Use a parallel projection; `plane` is then the size of what is seen, and `focal` has no effect.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range; the message names the field.
+
+    Notes
+    -----
+    Vectors are kept as read-only (3,) float64 arrays.
+
+    Examples
+    --------
+    >>> camera = Camera.from_fov(eye=(0, 0, 4), lookat=(0, 0, 0), up=(0, 1, 0), fov=35)
+    >>> camera.with_resolution((1920, 1080)).resolution
+    (1920, 1080)
     """
 
     eye: Floats
@@ -60,7 +91,7 @@ class Camera:
     principal: tuple[float, float] = (0.5, 0.5)
     orthographic: bool = False
 
-    if TYPE_CHECKING:  # what it may be given; the fields above say what is kept
+    if TYPE_CHECKING:  # the accepted types; the fields above have those that are kept
 
         def __init__(
             self,
@@ -109,7 +140,27 @@ class Camera:
         fov: float,
         resolution: tuple[int, int] = (800, 600),
     ) -> Camera:
-        """A camera with square pixels from its vertical field of view, in degrees, from 1e-6 to less than 180."""
+        """Create a camera with square pixels from a vertical field of view.
+
+        Parameters
+        ----------
+        eye, lookat, up : array_like of shape (3,)
+            Pose, world space, see `Camera`.
+        fov : float
+            Vertical field of view, degrees, from 1e-6 to less than 180.
+        resolution : (int, int), default (800, 600)
+            (N, M), columns and rows of the image, 1 to 16384 pixels each.
+
+        Returns
+        -------
+        Camera
+            With focal 1 and the principal point in the middle of the image.
+
+        Raises
+        ------
+        InputError
+            An argument is out of its range.
+        """
         height = height_seen("Camera.from_fov", "fov", fov)
         columns, count_rows = checked_resolution("Camera.from_fov", resolution)
         return cls(eye, lookat, up, 1.0, (height, height * columns / count_rows), (columns, count_rows))
@@ -124,12 +175,33 @@ class Camera:
         pixel_center: float = 0.5,
         convention: Literal["opencv", "opengl"] = "opencv",
     ) -> Camera:
-        """A camera from its 3x3 matrix K and its pose.
+        """Create a camera from a 3x3 intrinsic matrix and a pose.
 
-        matrix: K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the image's top left.
-        pose: (4, 4) camera to world, a rotation and a translation. convention: axes of the camera in `pose`, `opencv`
-        (x right, y down, z forward) or `opengl` (x right, y up, z backward).
-        pixel_center: 0.5 where K counts the first pixel's center as 0.5, 0 where it counts it as 0.
+        Parameters
+        ----------
+        matrix : array_like of shape (3, 3)
+            K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the
+            top left of the image; fx and fy above 0.
+        pose : array_like of shape (4, 4)
+            Camera to world: a rotation and a translation.
+        resolution : (int, int)
+            (N, M), columns and rows of the image, 1 to 16384 pixels each.
+        pixel_center : {0.5, 0}
+            Coordinate of the first pixel's center in the convention of K.
+        convention : {'opencv', 'opengl'}
+            Axes of the camera in `pose`: `opencv` (x right, y down, z forward) or `opengl` (x right,
+            y up, z backward).
+
+        Returns
+        -------
+        Camera
+            With focal 1.
+
+        Raises
+        ------
+        InputError
+            The matrix has another form, the pose has a scale or reflection (beyond 1e-6), or another
+            argument is out of its range.
         """
         who = "Camera.from_matrix"
         form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
@@ -160,7 +232,24 @@ class Camera:
         return cls(eye, eye + forward, up, 1.0, plane, (columns, count_rows), principal)
 
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
-        """The same view at another resolution (N, M): H of the plane is kept, W makes the pixels square."""
+        """Return the same view at another resolution.
+
+        The height of the image plane is kept; its width is set so that pixels are square.
+
+        Parameters
+        ----------
+        resolution : (int, int)
+            (N, M), columns and rows of the image, 1 to 16384 pixels each.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        InputError
+            The resolution is out of its range.
+        """
         columns, count_rows = checked_resolution("Camera", resolution)
         height = self.plane[0]
         return replace(self, plane=(height, height * columns / count_rows), resolution=(columns, count_rows))

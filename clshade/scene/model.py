@@ -1,6 +1,6 @@
-"""The scene model: frozen dataclasses, checked on construction, that know nothing of the renderer.
+"""The scene model: frozen dataclasses, checked on construction, independent of the renderer.
 
-Arrays are copied only when their type or layout has to change, and are then read-only. Every refused value raises
+Arrays are copied only when their type or layout has to change, and are read-only afterwards. Every refused value raises
 `clshade.errors.InputError` naming the class, the field, what was expected and what was found.
 """
 
@@ -37,7 +37,7 @@ from .settings import PRESETS as PRESETS
 from .settings import Preset
 from .settings import Settings as Settings
 
-MAX_FACES = 1 << 24  # a face's index has 24 bits in the host's sort key
+MAX_FACES = 1 << 24  # the host's sort key has 24 bits for the index of a face
 
 Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
 Lookup: TypeAlias = Literal["standard", "course"]
@@ -60,12 +60,29 @@ def _zeros() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
-    """A point light without attenuation. position: world space. intensity: linear RGB, any values that float32 holds."""
+    """A point light without attenuation.
+
+    Attributes
+    ----------
+    position : array_like of shape (3,)
+        World space.
+    intensity : array_like of shape (3,), default (1, 1, 1)
+        Linear RGB, any values that float32 holds.
+
+    Raises
+    ------
+    InputError
+        A value is not finite, or beyond float32.
+
+    Notes
+    -----
+    Both are kept as read-only (3,) float64 arrays.
+    """
 
     position: Floats
     intensity: Vector = field(default_factory=_ones)
 
-    if TYPE_CHECKING:  # here and below: what it may be given; the fields say what is kept of it
+    if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
 
         def __init__(self, position: ArrayLike, intensity: ArrayLike = ...) -> None: ...
 
@@ -81,13 +98,26 @@ class PointLight:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image to look colors up in.
+    """An image for texture mapping.
 
-    image: (h, w, 3) or, with alpha, (h, w, 4), linear RGB, row 0 is v = 0, column 0 is u = 0. Floats are used as they
-        are, integers are divided by their type's maximum. Kept as float32.
-    wrap: repeat, clamp or mirror, or a pair of them for u and v; used by the standard lookup. Kept as a pair.
-    lookup: `standard` has the center of texel (i, j) at ((i+0.5)/w, (j+0.5)/h), and the texel multiplies the vertex
-        color; `course` maps u to u*(w-1), holds u and v to [0, 1], and the texel replaces the vertex color.
+    Attributes
+    ----------
+    image : array_like of shape (h, w, 3) or (h, w, 4)
+        Linear RGB, or RGBA; row 0 is v = 0, column 0 is u = 0; h and w from 1 to 32768. Floats are
+        used as they are, integers are divided by their type's maximum. Kept as float32.
+    wrap : {'repeat', 'clamp', 'mirror'} or a pair of these
+        Wrap mode, or one each for u and v; used by the standard lookup. Kept as a pair.
+    lookup : {'standard', 'course'}
+        `standard`: the center of texel (i, j) is at ((i+0.5)/w, (j+0.5)/h), and the texel
+        multiplies the vertex color. `course`: u maps to u*(w-1), and v likewise, both clamped to
+        [0, 1], and the texel replaces the vertex color.
+    name : str, default ''
+        Name for messages.
+
+    Raises
+    ------
+    InputError
+        A value is not allowed; the message names the field.
     """
 
     image: Floats32
@@ -125,15 +155,31 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Phong's coefficients of a surface.
+    """Coefficients of the Phong reflection model, and how a surface is drawn.
 
-    ka, kd, ks: ambient, diffuse and specular coefficient; a scalar or a 3-vector, kept as (3,) float64.
-    n: specular exponent, 0 to 1e9.
-    texture: a Texture, or None.
-    color: 3-vector that multiplies vertex color and texel; linear RGB.
-    sides: `both` draws triangles seen from either side, `front` only those seen from the front (counter-clockwise).
-    two_sided: light a surface seen from behind with its normal turned round.
-    alpha_cutoff: pixels whose texture alpha is below it are left out (alpha test); None: alpha is not looked at.
+    Attributes
+    ----------
+    ka, kd, ks : float or array_like of shape (3,), default 0.1, 0.8 and 0.5
+        Ambient, diffuse and specular coefficient. Kept as (3,) float64.
+    n : float, default 20
+        Specular exponent, 0 to 1e9.
+    texture : Texture or None, default None
+        Texture of the surface.
+    name : str, default ''
+        Name for messages.
+    color : float or array_like of shape (3,), default 1
+        Factor of vertex color and texel, linear RGB. Kept as (3,) float64.
+    sides : {'both', 'front'}
+        Draw triangles seen from either side, or only those seen from the front (counter-clockwise).
+    two_sided : bool, default False
+        Light back faces with their normals reversed.
+    alpha_cutoff : float or None, default None
+        Discard pixels whose texture alpha is below this value (alpha test); None: ignore alpha.
+
+    Raises
+    ------
+    InputError
+        A value is not allowed; the message names the field.
     """
 
     ka: Vector = field(default=kept(0.1))
@@ -167,19 +213,42 @@ class Material:
 class Mesh:
     """Triangles with one material, placed any number of times.
 
-    verts: (V, 3) positions, object space, float32 or float64 (kept as given).
-    faces: (F, 3) indices into verts.
-    colors: (V, 3) linear RGB per vertex, or None for white. Unsigned integers are divided by their type's maximum, as
-        a Texture's are; other numbers are used as they are.
-    normals: (K, 3) directions of any length, or None to compute them from the faces (`geometry.vertex_normals`).
-    normal_faces: (F, 3) indices into normals, or None for `faces`.
-    uvs: (T, 2) texture coordinates, v = 0 at row 0 of the texture's image, or None. What is NaN or infinite counts as 0,
-        what is beyond 2^40 as that.
-    uv_faces: (F, 3) indices into uvs, or None for `faces`.
-    instances: (K, 4, 4) affine placements, object to world, column vectors; default one identity.
-    nonfinite: what a vertex that is NaN or infinite means: `refuse` the mesh, or `drop` the triangles that use it. A
-        dropped face keeps its number and draws nothing; its neighbors are as they would be without it.
-    dropped: how many faces were dropped; counted here, and kept when a mesh is made from this one.
+    Attributes
+    ----------
+    verts : array_like of shape (V, 3)
+        Positions, object space, float32 or float64 (kept as given).
+    faces : array_like of shape (F, 3)
+        Indices into verts.
+    colors : array_like of shape (V, 3) or None, default None
+        Linear RGB per vertex; None: white. Unsigned integers are divided by their type's maximum,
+        as those of a Texture; other numbers are used as they are.
+    normals : array_like of shape (K, 3) or None, default None
+        Directions of any length; None: computed from the faces (`geometry.vertex_normals`).
+    normal_faces : array_like of shape (F, 3) or None, default None
+        Indices into normals; None: `faces`.
+    uvs : array_like of shape (T, 2) or None, default None
+        Texture coordinates; v = 0 is row 0 of the texture's image. NaN and infinity count as 0,
+        magnitudes beyond 2^40 as 2^40.
+    uv_faces : array_like of shape (F, 3) or None, default None
+        Indices into uvs; None: `faces`.
+    material : Material, default Material()
+        Material of all triangles.
+    instances : array_like of shape (K, 4, 4) or None, default None
+        Affine placements, object to world, for column vectors; None: one identity.
+    name : str, default ''
+        Name for messages.
+    nonfinite : {'refuse', 'drop'}
+        With vertices that are NaN or infinite, refuse the mesh, or drop the triangles that use
+        them. A dropped face keeps its number and draws nothing; its neighbors are as they would be
+        without it.
+    dropped : int, default 0
+        Number of faces dropped; counted here, and kept in copies of the mesh.
+
+    Raises
+    ------
+    InputError
+        An array has another shape, an index is out of range, or a value is not allowed; the message
+        names the mesh and the field.
     """
 
     verts: Reals
@@ -269,8 +338,11 @@ def _count(number: int, singular: str, plural: str = "") -> str:
 
 
 def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
-    """Finite vertices, faces, and the number of faces that used another vertex. Those shrink to a point at a vertex that
-    other faces use, so that neither normals nor the bounding box show them."""
+    """Return finite vertices, faces, and the number of faces that used another vertex.
+
+    Those faces shrink to a point at a vertex that other faces use, so that they affect neither normals nor the bounding
+    box.
+    """
     bad = np.asarray(~np.isfinite(verts).all(axis=1))
     if not bad.any():
         return verts, faces, 0
@@ -286,12 +358,31 @@ def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is drawn: meshes, seen by a camera, lit by lights.
+    """Meshes, lit by lights and seen by a camera.
 
-    ambient: 3-vector, intensity Ia of the ambient light.
-    background: 3-vector, linear RGB, or None (RGB premultiplied over nothing).
-    preset: `course` or `standard`, the settings a render of this scene starts from.
-    ignored: what the scene's file asked for and no render will show, a few words each.
+    Attributes
+    ----------
+    meshes : Mesh or iterable of Mesh
+        At most 2^24 triangles in all, counting instances. Kept as a tuple.
+    camera : Camera
+        Camera and resolution.
+    lights : PointLight or iterable of PointLight, default ()
+        Point lights. Kept as a tuple.
+    ambient : float or array_like of shape (3,), default 1
+        Intensity Ia of the ambient light, linear RGB.
+    background : float, array_like of shape (3,) or None, default 0
+        Linear RGB; None: RGB is premultiplied, over nothing.
+    preset : {'standard', 'course'}
+        Settings that a render of this scene starts from.
+    name : str, default ''
+        Name for messages.
+    ignored : tuple of str, default ()
+        Features of the scene's file that are not rendered, a few words each.
+
+    Raises
+    ------
+    InputError
+        A value is not allowed; the message names the field.
     """
 
     meshes: tuple[Mesh, ...]
@@ -341,12 +432,12 @@ class Scene:
 
     @property
     def face_count(self) -> int:
-        """Number of triangles, instances counted."""
+        """Number of triangles, counting instances."""
         return sum(len(mesh.faces) * len(np.asarray(mesh.instances)) for mesh in self.meshes)
 
     @property
     def nonfinite(self) -> int:
-        """Number of triangles dropped for a vertex that is NaN or infinite, instances counted."""
+        """Number of triangles dropped for a vertex that is NaN or infinite, counting instances."""
         return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
 
     def __repr__(self) -> str:
@@ -356,11 +447,11 @@ class Scene:
         return f"<Scene {self.name or 'unnamed'}: {what}>"
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """For notebooks: a line of text, and the scene drawn small."""
+        """Return the text and a small image, for notebooks."""
         bundle: dict[str, Any] = display.notebook().scene_bundle(self)
         return bundle
 
 
 def default_tonemap(scene: Scene) -> Literal["none", "srgb"]:
-    """`none` for course scenes, `srgb` otherwise."""
+    """Return `none` for course scenes, `srgb` otherwise."""
     return "none" if scene.preset == "course" else "srgb"

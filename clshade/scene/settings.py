@@ -1,4 +1,4 @@
-"""How a scene is drawn: the settings, what they may be, and the types of the keywords that stand for them."""
+"""Rendering settings: the settings, their allowed values, and the types of the corresponding keyword arguments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..images.layer_words import LAYER_WORDS
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-MAX_SAMPLES = 64  # a pixel
+MAX_SAMPLES = 64  # per pixel
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight"]
 Visibility: TypeAlias = Literal["painter", "depth"]
@@ -39,7 +39,7 @@ PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 
-# What layers are called elsewhere, in small letters.
+# What other programs call the image and its coverage, in lower case.
 LAYER_REMARKS = dict.fromkeys(
     ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
     "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
@@ -50,7 +50,7 @@ Asked: TypeAlias = Layer | Literal["all"] | Iterable[Layer | Literal["all"]]
 
 
 class SettingsFields(TypedDict, total=False):
-    """What `Settings` may be given, and every call that takes its fields as keywords."""
+    """Fields of `Settings`, as keyword arguments of `Settings` and of every call that takes them."""
 
     shader: Shader
     visibility: Visibility
@@ -69,13 +69,13 @@ class SettingsFields(TypedDict, total=False):
 
 
 class RenderOptions(SettingsFields, total=False):
-    """The same with what changes the scene's camera."""
+    """The fields of `Settings`, and a resolution for the scene's camera."""
 
     resolution: tuple[int, int] | None
 
 
 class FrameOptions(RenderOptions, total=False):
-    """The same with what they change."""
+    """The same, and the preset or settings that they change."""
 
     preset: Preset | None
     settings: Settings | None
@@ -83,32 +83,62 @@ class FrameOptions(RenderOptions, total=False):
 
 @dataclass(frozen=True)
 class Settings:
-    """How a scene is drawn. The defaults are the preset `standard`; `Settings.from_preset("course")` gives the other.
+    """How a scene is rendered; the defaults are the preset `standard`.
 
-    shader: gouraud, phong or nolight (the color itself).
-    visibility: `painter`: the triangle with the smallest mean vertex depth wins, ties: the later face; `depth`: per
-        pixel, ties: the later face.
-    lighting_at: `centroid`: directions to eye and lights once per triangle; `position`: at each pixel (or vertex).
-    interpolation: of attributes over a triangle, `affine` in the image or `perspective`. Depth is always perspective.
-    texture_at: `vertex` looks the texture up at the corners, `pixel` at every pixel.
-    texture_filter: `bilinear` takes the four texels around the point, however many a pixel spans. `trilinear` takes them
-        of two mip-map levels, the level of detail being OpenGL's (kernels/texture.clh); where a pixel spans at most a
-        texel that is bilinear, bit for bit. It needs texture_at pixel: a corner spans no texels. Textures with the
-        course's lookup, and the alpha test, stay bilinear in full resolution.
-    ambient: `plain` ka*Ia, or `tinted` ka*Ia*color.
-    layers: further layers besides the image, any of LAYERS or `all`; `Frame.__getitem__` says what each holds.
-    cull: leave out triangles that are seen from behind (clockwise in the image).
-    near: distance of the near plane from the eye, scene units; None: 1e-4 of the scene's bounding radius.
-    precision: arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with shorter polynomials
-        and plain texture coordinates, right to about 3e-5, the same bits too. `float64`: the image is float64 then; not
-        every device has it.
-    samples: how many places of each pixel are looked at, 1 to 64 (`sampling.positions`). A triangle is lit once in each
-        pixel: at the center where it covers all places, else at the one nearest the center of those it covers. Layers
-        are those of the place nearest the center.
-    sample_shading: light every sample.
-    resolve: how samples become a pixel. `mean`, or `weighted`: each counts 1/(1 + its luminance), which keeps single
-        bright samples from standing out but makes edges of bright surfaces darker than they are. Without a background
-        the covered samples are weighed against each other, and their mean is premultiplied.
+    `Settings.from_preset("course")` gives the other preset.
+
+    Attributes
+    ----------
+    shader : {'phong', 'gouraud', 'nolight'}
+        Light every pixel with interpolated normals, light the vertices and interpolate the result,
+        or show the unlit color.
+    visibility : {'depth', 'painter'}
+        `depth`: a depth test per pixel. `painter`: the triangle with the smallest mean vertex depth
+        wins. Of equal depths, the later face wins in both.
+    lighting_at : {'position', 'centroid'}
+        Where the directions to the eye and the lights are taken: at each pixel (or vertex), or once
+        per triangle.
+    interpolation : {'perspective', 'affine'}
+        Interpolation of vertex attributes: perspective-correct, or affine in the image. Depth is
+        always perspective-correct.
+    texture_at : {'pixel', 'vertex'}
+        Look the texture up at every pixel, or at the vertices.
+    texture_filter : {'bilinear', 'trilinear'}
+        `bilinear`: the four texels around the point, however many texels a pixel spans.
+        `trilinear`: bilinear in two mip-map levels, with OpenGL's level of detail
+        (kernels/texture.clh); where a pixel spans at most one texel, the same as bilinear, bit for
+        bit. It needs texture_at='pixel', because a vertex spans no texels. Textures with
+        lookup='course', and the alpha test, remain bilinear at full resolution.
+    ambient : {'tinted', 'plain'}
+        Ambient term: ka*Ia*color, or ka*Ia.
+    layers : str or iterable of str, default ()
+        Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id and
+        barycentrics, or all; see `Frame.__getitem__` for what each holds. Kept as a tuple.
+    cull : bool, default False
+        Cull back faces, the triangles whose winding is clockwise in the image.
+    near : float or None, default None
+        Distance of the near plane from the eye, scene units, above 0; None: 1e-4 of the scene's
+        bounding radius.
+    precision : {'float32', 'fast', 'float64'}
+        Arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with
+        shorter polynomials and plain texture coordinates, accurate to about 3e-5, and also the same
+        bits on every device. `float64`: the image is float64 as well; some devices lack it.
+    samples : int, default 1
+        Samples per pixel, 1 to 64 (`clshade.pipeline.sample_pattern.positions`). A triangle is
+        shaded once per pixel: at the center if it covers all samples, else at the covered sample
+        nearest the center. Layers are those of the sample nearest the center.
+    sample_shading : bool, default False
+        Shade every sample.
+    resolve : {'mean', 'weighted'}
+        How samples become a pixel. `weighted` gives each the weight 1/(1 + its luminance), which
+        keeps single bright samples from standing out, but makes edges of bright surfaces darker
+        than they are. Without a background, the covered samples are weighted against each other,
+        and their mean is premultiplied.
+
+    Raises
+    ------
+    InputError
+        A value is not allowed; the message names the field.
     """
 
     shader: Shader = "phong"
@@ -154,7 +184,30 @@ class Settings:
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:
-        """The named preset with `fields` changed. Raises InputError for an unknown preset, field or value."""
+        """Return a preset with some fields changed.
+
+        Parameters
+        ----------
+        preset : {'course', 'standard'}
+            `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at vertex,
+            ambient plain. `standard`: the defaults.
+        **fields
+            Fields of `Settings` to change.
+
+        Returns
+        -------
+        Settings
+
+        Raises
+        ------
+        InputError
+            The preset, a field or a value is unknown.
+
+        Examples
+        --------
+        >>> Settings.from_preset("course", shader="gouraud").visibility
+        'painter'
+        """
         choice("Settings", "preset", preset, PRESETS)
         values: dict[str, Any] = {}
         if preset == "course":

@@ -1,4 +1,4 @@
-"""Built-in scenes, made in code: `builtin("teapot")`. The same call gives the same arrays, bit for bit."""
+"""Built-in scenes, generated in code: `builtin("teapot")`. The same call gives the same arrays, bit for bit."""
 
 from __future__ import annotations
 
@@ -23,9 +23,43 @@ DARK = np.array([0.004, 0.0045, 0.006])  # background
 
 
 def builtin(name: str = "teapot", **options: Any) -> Scene:
-    """The built-in scene of that name, see `BUILTINS`; `options` are those of its function.
+    """Create a built-in scene.
 
-    Raises InputError for an unknown name, an unknown option, or a value that an option does not take.
+    Parameters
+    ----------
+    name : {'teapot', 'torus_knot', 'icosphere', 'quads', 'box_room', 'course'}
+        Name of the scene.
+    **options
+        Options of that scene, see Notes.
+
+    Returns
+    -------
+    Scene
+        The same call gives the same arrays, bit for bit.
+
+    Raises
+    ------
+    InputError
+        The name, an option or its value is not allowed.
+
+    Notes
+    -----
+    Every scene takes `resolution`, (N, M), columns and rows: by default (1920, 1080) for `quads`,
+    (512, 512) for `course` and (800, 600) for the others. Further options:
+
+    - teapot: `level`, 2 to 500, default 10: cells along each side of a Bezier patch.
+    - torus_knot: `triangles`, 18 to 16777216, default 100000; `p` and `q`, 1 to 50, default 2 and
+      3: turns around the axis of the torus and around its tube, without a common divisor.
+    - icosphere: `level`, 0 to 9, default 5: subdivisions of an icosahedron.
+    - quads: `count`, 1 to 4096, default 32, quads one behind the other; `seed` of their order,
+      0 to 2**32-1, default 1.
+    - box_room: `divisions`, 1 to 256, default 16: cells along each side of a wall.
+    - course: `level`, 2 to 500, default 8, as for teapot.
+
+    Examples
+    --------
+    >>> clshade.builtin("icosphere", level=3)
+    <Scene icosphere: 1,280 triangles, 1 mesh, 1 light, 800x600, preset standard>
     """
     build = BUILTINS[choice("builtin", "name", name, BUILTINS)]
     known(f"builtin {name!r}", options, inspect.signature(build).parameters)
@@ -34,7 +68,7 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
 
 
 def _in_float32(mesh: Mesh) -> Mesh:
-    """The mesh in float32: the last bit of float64 depends on the machine whose sine made it, a golden image must not."""
+    """Return the mesh in float32: the last bit of a float64 sine depends on the machine, and golden images must not."""
     names = ("verts", "normals", "uvs", "colors")
     wide = {name: getattr(mesh, name) for name in names if getattr(getattr(mesh, name), "dtype", None) == np.float64}
     return replace(mesh, **{name: array.astype(np.float32) for name, array in wide.items()}) if wide else mesh
@@ -72,9 +106,9 @@ def _lights(*positions_and_intensities: tuple[Any, Any]) -> tuple[PointLight, ..
 
 
 def _grid_faces(rows: int, columns: int) -> Array:
-    """(2*rows*columns, 3) int32: two triangles a cell of a grid of (rows+1)*(columns+1) points, row by row.
+    """Return (2*rows*columns, 3) int32: two triangles per cell of a grid of (rows+1)*(columns+1) points, row by row.
 
-    They are counter-clockwise when seen from the side to which (down the rows) x (along the columns) points.
+    They are counter-clockwise seen from the side to which (down the rows) x (along the columns) points.
     """
     corner = np.arange(rows * (columns + 1), dtype=np.int32).reshape(rows, columns + 1)[:, :-1].ravel()
     below, right = corner + np.int32(columns + 1), corner + np.int32(1)
@@ -82,7 +116,7 @@ def _grid_faces(rows: int, columns: int) -> Array:
 
 
 def _grid_uvs(positions: Array, turns: float = 1.0) -> Array:
-    """u from 0 to `turns` along the columns, v from 0 to 1 by length along the first column."""
+    """Return u from 0 to `turns` along the columns, and v from 0 to 1 by arc length along the first column."""
     steps = np.sqrt((np.diff(positions[:, 0], axis=0) ** 2).sum(axis=1))
     down = np.concatenate([[0.0], np.cumsum(steps)])
     right = np.linspace(0.0, turns, positions.shape[1])
@@ -90,9 +124,9 @@ def _grid_uvs(positions: Array, turns: float = 1.0) -> Array:
 
 
 def _welded(positions: Array) -> tuple[Array, Array, Array]:
-    """Vertices and faces of a grid of points, equal points made one, and its own `_grid_faces`.
+    """Return the vertices and faces of a grid of points with equal points merged, and the matching `_grid_faces`.
 
-    Triangles that lose their area by it are left out of both kinds of faces.
+    Triangles that become degenerate are removed from both kinds of faces.
     """
     grid = _grid_faces(positions.shape[0] - 1, positions.shape[1] - 1)
     verts, index = np.unique(positions.reshape(-1, 3), axis=0, return_inverse=True)
@@ -103,7 +137,7 @@ def _welded(positions: Array) -> tuple[Array, Array, Array]:
 
 
 def _pot_part(name: str, positions: Array, normals: Array, uvs: Array, material: Material) -> Mesh:
-    """A part of the teapot, darker towards the floor, which takes light from it."""
+    """A part of the teapot, darker towards the floor, which blocks light."""
     verts, faces, grid = _welded(positions)
     return Mesh(
         verts,
@@ -119,9 +153,9 @@ def _pot_part(name: str, positions: Array, normals: Array, uvs: Array, material:
 
 
 def _floor(lights: Sequence[PointLight]) -> Mesh:
-    """A disk of marble, dark towards its edge, with the pot's shadows painted on it (the renderer casts none).
+    """A disk of marble, dark towards its edge, with the shadows of the pot painted on it (the renderer casts none).
 
-    A vertex's color is the share of the light, per channel, that reaches it past the pot.
+    A vertex color is the fraction of the light, per channel, that reaches the vertex past the pot.
     """
     rings, spokes, ambient, reach = 30, 72, 0.15, 8.0
     radius = reach * np.linspace(0.0, 1.0, rings + 1)[:, None]
@@ -156,11 +190,11 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
 
 
 def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Resolution = (800, 600)) -> Scene:
-    """A tube along the (p, q) torus knot, one smooth closed surface without texture, in float32, three lights.
+    """A tube along the (p, q) torus knot: one smooth closed surface without texture, in float32, three lights.
 
-    triangles: how many, 18 to 16777216: segments x sides x 2, as near as cells that are not too oblong allow (exact for
-        round numbers).
-    p, q: turns round the torus' axis and round its tube, 1 to 50, without a common divisor.
+    triangles: number, 18 to 16777216: 2 x segments x sides, as close as cells that are not too elongated allow (exact
+        for round numbers).
+    p, q: turns around the axis of the torus and around its tube, 1 to 50, without a common divisor.
     """
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
@@ -173,7 +207,7 @@ def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Res
     verts, normals = (np.empty((segments, sides, 3), np.float32) for _ in range(2))
     turn = 2.0 * np.pi * np.arange(sides)[:, None] / sides
     step = max(1, 100_000 // sides)
-    for start in range(0, segments, step):  # in blocks: the float64 of a part at a time
+    for start in range(0, segments, step):  # in blocks, to bound the float64 temporaries
         stop = min(start + step, segments)
         centers, outward, sideways = _knot_frame(2.0 * np.pi * np.arange(start, stop) / segments, p, q)
         normals[start:stop] = block = np.cos(turn) * outward[:, None] + np.sin(turn) * sideways[:, None]
@@ -195,9 +229,8 @@ def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Res
 
 
 def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
-    """Points (K, 3) of the knot on a torus of radii 1 and 1/2, the torus' normals there, and its tangents across the
-    knot: normal x direction of travel.
-    """
+    """Return points (K, 3) of the knot on a torus of radii 1 and 1/2, the normals of the torus there, and its tangents
+    across the knot: normal x direction of travel."""
     radial = np.stack([np.cos(p * angle), np.sin(p * angle), np.zeros_like(angle)], axis=1)
     axis = np.array([0.0, 0.0, 1.0])
     c, s = np.cos(q * angle)[:, None], np.sin(q * angle)[:, None]
@@ -208,7 +241,7 @@ def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
 
 
 def _knot_cells(triangles: int, ratio: float) -> tuple[int, int]:
-    """Segments and sides, 3 or more each: 2*segments*sides nearest to `triangles`, then segments/sides to `ratio`."""
+    """Return segments and sides, at least 3: 2*segments*sides nearest `triangles`, then segments/sides nearest `ratio`."""
     ideal = math.sqrt(triangles / (2.0 * ratio))
     sides = np.arange(max(3, int(0.5 * ideal)), max(3, int(2.0 * ideal)) + 2)
     segments = np.clip(np.rint(triangles / (2.0 * sides)).astype(np.int64), 3, MAX_FACES // (2 * sides))
@@ -217,7 +250,7 @@ def _knot_cells(triangles: int, ratio: float) -> tuple[int, int]:
 
 
 def _torus_faces(segments: int, sides: int) -> Array:
-    """(2*segments*sides, 3) int32: the triangles of a grid of vertices that closes in both directions."""
+    """Return (2*segments*sides, 3) int32: the triangles of a grid of vertices that closes in both directions."""
     faces = np.empty((segments, sides, 2, 3), np.int32)
     index = np.arange(segments * sides, dtype=np.int32).reshape(segments, sides)
     faces[:, :, :, 0] = index[:, :, None]
@@ -229,7 +262,7 @@ def _torus_faces(segments: int, sides: int) -> Array:
 
 
 def icosphere(level: int = 5, resolution: Resolution = (800, 600)) -> Scene:
-    """A unit sphere about the origin: an icosahedron whose triangles are cut in four `level` times, one facing light.
+    """A unit sphere about the origin: an icosahedron subdivided `level` times, under one light.
 
     level: 0 to 9; the sphere has 20*4**level triangles and 10*4**level + 2 vertices.
     """
@@ -242,7 +275,7 @@ def icosphere(level: int = 5, resolution: Resolution = (800, 600)) -> Scene:
 
 
 def _icosahedron() -> tuple[Array, Array]:
-    """12 unit vectors and the 20 triples of neighbors among them, counter-clockwise from outside."""
+    """Return 12 unit vectors and the 20 triples of neighbors among them, counter-clockwise from outside."""
     golden = (1.0 + math.sqrt(5.0)) / 2.0
     corners = [np.roll((0.0, a, b * golden), k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
     verts = np.array(corners) / math.sqrt(1.0 + golden**2)
@@ -254,7 +287,7 @@ def _icosahedron() -> tuple[Array, Array]:
 
 
 def _cut_in_four(verts: Array, faces: Array) -> tuple[Array, Array]:
-    """Each triangle of a mesh of unit vectors cut at the middles of its edges, which are moved out to the sphere."""
+    """Split each triangle of a mesh of unit vectors at its edges' midpoints, which are moved out to the sphere."""
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1).astype(np.int64)
     edges, index = np.unique(ends[:, 0] * len(verts) + ends[:, 1], return_inverse=True)
     middles = verts[edges // len(verts)] + verts[edges % len(verts)]
@@ -267,7 +300,7 @@ def _cut_in_four(verts: Array, faces: Array) -> tuple[Array, Array]:
 def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080)) -> Scene:
     """Quads that face the camera, one behind the other in random order, each covering every pixel in its own color.
 
-    count: 1 to 4096. seed: of the order, 0 to 2**32-1. Quad k is faces 2k and 2k+1.
+    count: 1 to 4096. seed: of the order, 0 to 2**32-1. Quad k consists of faces 2k and 2k+1.
     """
     count, seed = integer("quads", "count", count, 1, 4096), integer("quads", "seed", seed, 0, 2**32 - 1)
     camera = Camera.from_fov((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 60.0).with_resolution(resolution)
@@ -291,14 +324,14 @@ def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080))
 
 
 def box_room(divisions: int = 16, resolution: Resolution = (800, 600)) -> Scene:
-    """Inside a room with a red and a green wall, two boxes and a lamp, under four lights.
+    """The inside of a room with a red and a green wall, two boxes and a lamp, under four lights.
 
     divisions: cells along each side of a wall, 1 to 256; the room has 10*divisions**2 triangles, each box 12.
-    The walls run past the eye, so that triangles are clipped by the near plane.
+    The walls extend past the eye, so that the near plane clips triangles.
     """
     divisions = integer("box_room", "divisions", divisions, 1, 256)
     gray, red, green = (0.72, 0.70, 0.66), (0.62, 0.06, 0.05), (0.10, 0.42, 0.09)
-    # Middle, half the way along the rows, half the way along the columns: rows x columns points inwards.
+    # Center, half extent along the rows, half extent along the columns: rows x columns points inwards.
     walls = {
         "floor": ((0.0, 0.0, 0.0), (0.0, 0.0, 2.0), (1.3, 0.0, 0.0), gray),
         "ceiling": ((0.0, 2.0, 0.0), (1.3, 0.0, 0.0), (0.0, 0.0, 2.0), gray),
@@ -339,7 +372,7 @@ def _wall(name: str, middle: Any, along_rows: Any, along_columns: Any, color: An
 
 
 def _boxes(*boxes: tuple[Any, Any, float]) -> Mesh:
-    """The cube from -1 to 1, each side with its own normal, placed at (middle, half its size, degrees about y) each."""
+    """Instances of the cube from -1 to 1 with flat normals, each placed at (center, half extents, degrees about y)."""
     placements = np.tile(np.eye(4), (len(boxes), 1, 1))
     for matrix, (middle, half, degrees) in zip(placements, boxes, strict=True):
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
@@ -363,7 +396,7 @@ def _boxes(*boxes: tuple[Any, Any, float]) -> Mesh:
 def course(level: int = 8, resolution: Resolution = (512, 512)) -> Scene:
     """A scene as the course sets it: one mesh, seen through the course's camera, under its three lights.
 
-    The object is the teapot, 2 units long, with vertex colors and a texture that takes their place.
+    The object is the teapot, 2 units long, with vertex colors and a texture that replaces them.
     level: cells along each side of a patch, 2 to 500; 64*level**2 triangles.
     """
     verts, faces, uvs, uv_faces = (np.empty((0, k), t) for k, t in ((3, float), (3, int), (2, float), (3, int)))

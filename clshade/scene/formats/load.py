@@ -1,4 +1,4 @@
-"""Scenes from files: `load`, by the file name's extension."""
+"""Load scenes from files, by the extension of the file name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .texture import as_texture
 
 __all__ = ["EXTENSIONS", "load", "save_course"]
 
-SLOW = 1.0  # seconds of loading before a line on stderr says so
+SLOW = 1.0  # seconds of loading before a message on stderr
 EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
 IMAGES = (".exr", ".png")
 
@@ -48,30 +48,67 @@ def load(
     up: Up | None = None,
     two_sided: bool | None = None,
 ) -> Scene:
-    """The scene in a file: a course scene (.npy, preset `course`) or meshes (EXTENSIONS, preset `standard`).
+    """Load a scene from a file.
 
-    texture: an image in place of the file's: a path, an (h, w, 3) array (used as linear values; integers are divided
-        by their type's maximum; row 0 is v = 0) or a Texture. An image file is value/255 for a course scene, where it
+    A .npy file is a course scene (preset `course`); .obj, .gltf, .glb, .ply and .stl files are
+    meshes (preset `standard`).
+
+    Parameters
+    ----------
+    path : path_like
+        File; its extension selects the format.
+    texture : path_like, array_like of shape (h, w, 3) or Texture, optional
+        Image in place of the file's. An array holds linear values (integers are divided by their
+        type's maximum; row 0 is v = 0). An image file is value/255 for a course scene, where it
         replaces the vertex colors, and is decoded from sRGB for a mesh.
-    focal: for course files, distance of the image plane from the eye, scene units, in place of the file's.
-    resolution: (N, M), columns and rows, pixels; the image plane keeps its height and the pixels become square.
-        Default: the file's, or 800 x 600 for a mesh.
-    lights: indices, from 0, of the lights to keep, in that order; default all. Meshes get three: key, fill, rim.
-    crease: degrees, 0 to 180: edges of a larger angle between their faces are sharp, where a mesh has no normals of
-        its own. Default: all is smooth in OBJ and PLY files, flat in glTF (as it says) and STL.
-    flat: the same as crease=0, which it cannot be given beside.
-    up: x, y, z, -x, -y or -z, the axis that points up in the chosen view of a mesh; a camera that a glTF file has is
-        not turned. Default: z for STL, y for the others.
-    two_sided: light surfaces seen from behind as those seen from the front. Default: as a glTF file asks, True for OBJ,
-        PLY and STL, which cannot ask.
+    focal : float, optional
+        For course files: distance of the image plane from the eye, scene units, in place of the
+        file's.
+    resolution : (int, int), optional
+        (N, M), columns and rows, 1 to 16384 pixels each; the image plane keeps its height and
+        pixels become square. Default: the file's, or 800 x 600 for a mesh.
+    lights : sequence of int, optional
+        Indices, from 0, of the lights to keep, in this order. Default: all. Meshes get three: key,
+        fill and rim.
+    crease : float, optional
+        Degrees, 0 to 180: edges with a larger angle between their faces are sharp, where a mesh has
+        no normals of its own. Default: everything is smooth in OBJ and PLY files, flat in glTF (as
+        its specification says) and STL.
+    flat : bool, default False
+        The same as crease=0; not allowed together with `crease`.
+    up : {'x', 'y', 'z', '-x', '-y', '-z'}, optional
+        Axis that points up in the view chosen for a mesh; a camera of a glTF file is not turned.
+        Default: z for STL, y for the others.
+    two_sided : bool, optional
+        Light surfaces seen from behind like those seen from the front. Default: as the glTF file
+        says; True for OBJ, PLY and STL, which cannot say.
 
-    A mesh comes with a camera and lights chosen from its bounding box, see `framing.framed`, unless a glTF file has
-    its own. What the file refers to (materials, images) is opened only inside the file's own folder; what of that is
-    missing, or is left out, is told by a UserWarning of one line, and what is not rendered also in `Scene.ignored`.
-    Code in a file is never run, and nothing is fetched. A line on stderr tells of a file that takes more than a second.
+    Returns
+    -------
+    Scene
 
-    Raises InputError, one line that names the file, the field (and line), what was expected and what was found: for a
-    file that is missing, unknown, malformed or too large, and for an argument out of range.
+    Raises
+    ------
+    InputError
+        The file is missing, unknown, malformed or too large, or an argument is out of range. One
+        line names the file, the field (and line), what was expected and what was found.
+
+    Warns
+    -----
+    UserWarning
+        One line on what the file refers to and is missing, or on what is left out; what is not
+        rendered is also in `Scene.ignored`.
+
+    Notes
+    -----
+    A mesh gets a camera and lights chosen from its bounding box (`clshade.scene.framing.framed`),
+    unless a glTF file has its own. Materials and images are opened only inside the file's own
+    folder. Code in a file is never run, and nothing is fetched. A file that takes more than a
+    second to load is announced by a line on stderr.
+
+    Examples
+    --------
+    >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
     checked_path("load", "path", path)
     owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
@@ -104,14 +141,14 @@ def load(
 
 
 def _no_scene(path: Path, owner: str, extension: str) -> InputError:
-    """Why a file of another extension is none: it is something else, or it is missing as well."""
+    """Build the error for a file with another extension: it is missing, or something else."""
     known, found = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
     try:
         os.stat(path)
     except FileNotFoundError:
         return file_error(owner, "file", f"an existing file, one of {known}", f"no such file, and {found}")
     except (OSError, ValueError):
-        pass  # told by the next line, as folders and devices are
+        pass  # reported by the next line, as are folders and devices
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
     return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
@@ -128,14 +165,14 @@ def _read_mesh(path: Path, extension: str, options: Options) -> Scene:
 
 
 def _lit(scene: Scene, two_sided: bool) -> Scene:
-    """The scene with every material lit on both sides, or not."""
+    """Return the scene with `two_sided` set in every material."""
     meshes = (replace(mesh, material=replace(mesh.material, two_sided=two_sided)) for mesh in scene.meshes)
     return replace(scene, meshes=tuple(meshes))
 
 
 @contextlib.contextmanager
 def _told_when_slow(owner: str) -> Iterator[None]:
-    """A line on stderr when the block takes longer than a second."""
+    """Print a line on stderr if the block takes longer than a second."""
     timer = threading.Timer(SLOW, console.progress, (f"loading {owner} ...",))
     timer.daemon = True
     timer.start()
@@ -157,7 +194,7 @@ def _resolution(resolution: Any) -> tuple[int, int]:
 
 
 def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
-    """The lights with these indices. Raises InputError for one that does not exist, or comes twice."""
+    """Return the lights with these indices. Raises InputError for one that does not exist or is repeated."""
     count = len(scene.lights)
     expected = f"different indices of the {count} lights, from 0" if count else "none: the scene has no lights"
     try:
@@ -171,7 +208,7 @@ def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
 
 
 def _named(error: InputError, owner: str) -> InputError:
-    """The error, of one line, with the file before it where only a class of scene.py is named."""
+    """Return the error in one line, with the file in front where it names only a class of the scene model."""
     text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
     if text.split(":")[0].split(" ")[0] in ("Camera", "PointLight", "Texture", "Material", "Mesh", "Scene"):
         text = f"{owner}: {text}"

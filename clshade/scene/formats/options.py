@@ -1,4 +1,4 @@
-"""What `load` may be asked of any mesh file: texture, resolution, creases, the axis that is up, two-sided light."""
+"""Options of `load` for mesh files: texture, resolution, crease angle, up axis, two-sided lighting."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ..normals import crease_angle
 
 @dataclass(frozen=True)
 class Options:
-    """The options of `clshade.scene.formats.load.load` for mesh files, checked on construction.
+    """Options of `clshade.scene.formats.load.load` for mesh files, checked on construction.
 
-    texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for what
-    the format means. up: one of framing.UPS, or None. two_sided: True, False or None for what the file asks for.
+    texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for the
+    format's default. up: one of framing.UPS, or None. two_sided: True, False, or None for what the file asks for.
     """
 
     texture: Texture | None = None
@@ -34,10 +34,10 @@ class Options:
             choice("load", "up", self.up, UPS)
 
     def lit(self, material: Material, *, by_file: bool) -> Material:
-        """The material with the sides that are drawn and lit as asked for.
+        """Return the material with the requested sides drawn and lit.
 
-        by_file: whether the file's format can say which sides are lit. Of others both are: on a closed surface that
-        changes no pixel, and on an open one, or one that is inside out, no side stays dark.
+        by_file: whether the file format can say which sides are lit. For other formats both are: on a closed surface
+        that changes no pixel, and on a surface that is open or inside out no side stays dark.
         """
         two_sided = self.two_sided
         if two_sided is None:
@@ -46,7 +46,7 @@ class Options:
 
 
 def warn_ignored(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
-    """The scene with what is not rendered in `Scene.ignored`, each once, and in one UserWarning."""
+    """Return the scene with the features that are not rendered in `Scene.ignored`, each once, and warn of them once."""
     names: Any = tuple(dict.fromkeys((*scene.ignored, *ignored)))
     if not names:
         return scene
