@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Settings, Texture
-from .normals import placed_normals, vertex_normal_errors, vertex_normals
+from .normals import placed_normal_errors, placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices
 
@@ -43,7 +43,8 @@ def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, 
             normals = -normals
     else:
         used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
-        normals, errors = placed_normals(mesh.normals, matrix)[used], np.zeros(len(used))
+        normals = placed_normals(mesh.normals, matrix)[used]
+        errors = placed_normal_errors(mesh.normals, matrix)[used].max(axis=1, initial=0.0)
     return verts[mesh.faces], normals, errors
 
 

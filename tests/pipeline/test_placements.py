@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
 import clshade
 from clshade.oracle import transform
-from clshade.oracle.normals import placed_normals
+from clshade.oracle.normals import placed_normal_errors, placed_normals
 from clshade.oracle.vectors import unit
 from clshade.pipeline import gather
 from clshade.pipeline.renderer import Renderer
@@ -67,6 +68,41 @@ def test_placed_normals_of_any_length(size):
         mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[placed])
         assert np.allclose(gather._own_normals(mesh, placed), expected, rtol=1e-9, atol=1e-12)
         assert np.allclose(placed_normals(normals, placed), expected, rtol=1e-9, atol=1e-12)
+
+
+def cross(a: list, b: list) -> list:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def nearly_flat(rng: np.random.Generator) -> np.ndarray:
+    """A placement whose third row is nearly a mean of the others."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rng.normal(size=(3, 3))
+    matrix[2, :3] = rng.normal(size=2) @ matrix[:2, :3] + 1e-9 * rng.normal(size=3)
+    return matrix
+
+
+def test_normals_under_placements_that_nearly_flatten():
+    """Found by the fuzzer: there cofactors, and normals with them, are differences of larger numbers. What float64 may
+    make of them is known: half of it holds against fractions, and packing and oracle differ by no more."""
+    rng = np.random.default_rng(8)
+    normals, worst = rng.normal(size=(50, 3)), 0.0
+    for _ in range(20):
+        matrix = nearly_flat(rng)
+        mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[matrix])
+        allowed = placed_normal_errors(normals, matrix)
+        with mpmath.workdps(60):
+            a, b, c = ([mpmath.mpf(x) for x in row] for row in matrix[:3, :3].tolist())
+            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (-1 if gather.mirrors(matrix) else 1)
+            exact = [cofactors * mpmath.matrix(normal) for normal in normals.tolist()]
+            true = np.array([[float(x / mpmath.norm(v)) for x in v] for v in exact])
+        for found in (placed_normals(normals, matrix), gather._own_normals(mesh, matrix)):
+            off = np.abs(found - true).max(axis=1)
+            assert (off <= allowed / 2.0).all()
+            worst = max(worst, off.max())
+    assert worst > 5e-14  # units of 2^-53 are 1e-16
+    assert not placed_normal_errors(normals, np.eye(4)).any()
+    assert not placed_normal_errors(np.zeros((2, 3)), matrix).any()
 
 
 def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):

@@ -181,6 +181,21 @@ def test_large_texture_coordinates_in_float64(device):
     assert off.max() > 10.0 * allowed * 1e-12
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic):
+    """Found by the fuzzer: the corners of clipped pieces get means of the coordinates, which are rounded even where all
+    coordinates are equal."""
+    needs_float64(device)
+    image = np.random.default_rng(6).uniform(0, 1, (33, 33, 3)).astype(np.float32)
+    scene = scene_of(blob(40, 2, uvs=np.full((120, 2), 12558.56161890673), material=Material(texture=Texture(image))))
+    scene = replace(scene, camera=replace(scene.camera, orthographic=orthographic))
+    near = float(np.linalg.norm(scene.camera.eye - scene.camera.lookat))
+    frame = draw(device, scene, shader="nolight", precision="float64", near=near)
+    assert frame.stats["clipped"] > 5
+    found = oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings).bounds
+    assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
+
+
 def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
     scene = clshade.builtin("course")
     camera = replace(scene.camera.with_resolution(RESOLUTION), eye=scene.camera.eye * 0.3 + scene.camera.lookat * 0.7)

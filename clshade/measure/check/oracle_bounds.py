@@ -1,8 +1,8 @@
-"""Comparators between a rendered frame and the float64 oracle: what differs by how much, and `assert_...`, which raise
-AssertionError with the first bad pixel.
+"""Comparison of a rendered frame with the float64 oracle.
 
-A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the
-top, as `clshade.pipeline.frame.Frame` has them. Shape, type and finiteness are checked before any value.
+The functions `assert_...` raise AssertionError with the first bad pixel. A frame here is any object with `.rgb`
+(M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the top, such as
+`clshade.pipeline.frame.Frame`. Shape, type and finiteness are checked before any value.
 """
 
 from __future__ import annotations
@@ -19,32 +19,35 @@ from ...scene.model import Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FLOAT32_MAX = float(np.finfo(np.float32).max)
-FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # below it a device may flush to zero
-# Two faces whose depths are this close, relative, may own the pixel either way. Kernels take 1/depths for equal that are
-# within 2^-40 as pairs, which are right to 2^-43, so that an owner is at most 1.25 * 2^-40 behind the nearest face; 2^-38
-# for chains of three such.
+FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # a device may flush smaller values to zero
+# Either of two faces may own the pixel if their relative difference in depth is at most this. The kernels treat
+# 1/depths within 2^-40 as equal, as double-single values, which are accurate to 2^-43: an owner is at most 1.25 * 2^-40
+# behind the nearest face. 2^-38 allows for chains of three such ties.
 DEPTH_TIE = 2.0**-38
 # Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
 # with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
 DEPTH_ROUNDINGS = 8
-DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle's own are as many
-# How many of `color_bound` a color may be off, by precision. fast: its lengths of directions are off by 4.7e-6 each, its
-# power by 7.4e-6 and 6.3e-6; a highlight amplifies the directions' by 2.4*sqrt(n) at most: 2.5e-5*sqrt(n), 420 * 2^-24.
+DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle has as many of its own
+# Largest color error in units of `color_bound`, by precision. fast: the lengths of its directions are off by 4.7e-6
+# each, its power by 7.4e-6 and 6.3e-6; a highlight amplifies errors of directions by at most 2.4*sqrt(n):
+# 2.5e-5*sqrt(n), 420 * 2^-24.
 ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
-# In float32 texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times texels
-# across the image, make one bound when coordinates span so many texels. The 32 include one such bound.
+# In float32, texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times
+# the texels across the image, add up to one bound when coordinates span this many texels. The 32 include one such
+# bound.
 TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
-# fast interpolates texture coordinates in float32: of each texel along the larger side so many bounds more.
+# fast interpolates texture coordinates in float32: this many further bounds per texel of the larger side.
 FAST_PER_TEXEL = 16.0
-# float64 in float64, as the oracle does: some four roundings of each side, to 2^-53 of the largest coordinate, times texels.
+# float64 interpolates them in float64, as the oracle does: some four roundings on either side, each 2^-53 of the
+# largest coordinate, times the texels.
 FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
 
 
 class Agreement(NamedTuple):
-    """How far a frame agrees with the oracle.
+    """Agreement of a frame with the oracle.
 
     bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
-    tie or left out by the caller. gates: (M, N) bool, pixels excepted where a highlight may be decided either way.
+    tie or excluded by the caller. gates: (M, N) bool, pixels excepted because rounding may open or close a highlight.
     """
 
     bounds: float
@@ -53,14 +56,14 @@ class Agreement(NamedTuple):
 
 
 def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
-    """An error that counts the bad pixels (M, N) and shows the values at the first."""
+    """Build an error with the number of bad pixels (M, N) and the values at the first."""
     where = tuple(int(i) for i in np.argwhere(bad)[0])
     values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
     return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
 
 
 def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True) -> None:
-    """A NumPy array of exactly this shape and type, without NaN or (unless told) infinity."""
+    """Assert that a value is a NumPy array of exactly this shape and type, without NaN and, if `finite`, infinity."""
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
         found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
         raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
@@ -70,7 +73,7 @@ def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, fini
 
 
 def tied(first: Floats, second: Floats) -> Bools:
-    """Are two finite depths, float64, within DEPTH_TIE of the larger?"""
+    """Return where two float64 depths are finite and within DEPTH_TIE of the larger."""
     with np.errstate(invalid="ignore"):
         close = np.abs(first - second) <= DEPTH_TIE * np.maximum(np.abs(first), np.abs(second))
         both: Bools = np.isfinite(first) & np.isfinite(second) & close
@@ -84,16 +87,16 @@ def different_ids(
     settings: Settings,
     where: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """Where ids (M, N) are not the oracle's, and where no depth tie excuses it, both (M, N) bool.
+    """Return where ids (M, N) differ from the oracle's, and where no depth tie excuses that, both (M, N) bool.
 
-    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE.
-    where: rows and columns of the pixels that `ids` and `oracle` hold, if these are not the whole image.
+    With visibility `depth` the owner may differ where both faces cover the pixel at depths within DEPTH_TIE.
+    where: rows and columns of the pixels in `ids` and `oracle`, unless they are the whole image.
     """
     different = ids != oracle.id
     if not different.any() or settings.visibility != "depth":
         return different, different
     at = np.nonzero(different)
-    # Background is face -1, which covers nothing: depth_at gives +inf and no tie.
+    # Background becomes face -1, which covers nothing: depth_at returns +inf, so it never ties.
     faces = [side[at].astype(np.int64) - 1 for side in (ids, oracle.id)]
     pixels = at if where is None else tuple(index[at] for index in where)
     depths = [depth_at(scene, settings, face, *pixels) for face in faces]
@@ -103,9 +106,10 @@ def different_ids(
 
 
 def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[Array, Array] | None = None) -> Array:
-    """Which of the pixels `suspects`, bool, have a sample whose two nearest faces are within DEPTH_TIE; same shape.
+    """Return which of the pixels `suspects`, bool, have a sample whose two nearest faces are within DEPTH_TIE; same
+    shape.
 
-    where: rows and columns of the pixels, if these are not the whole image.
+    where: rows and columns of the pixels, unless they are the whole image.
     """
     ties = np.zeros_like(suspects)
     at = np.nonzero(suspects)
@@ -117,17 +121,17 @@ def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[A
 
 
 def real_of(settings: Settings) -> type[np.floating]:
-    """The type of a frame's image and depths."""
+    """Return the type of a frame's image and depths."""
     return np.float64 if settings.precision == "float64" else np.float32
 
 
 def assert_same_ids(
     frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: Array | None = None
 ) -> Array:
-    """Owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
+    """Assert that owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
 
-    With visibility `depth` a pixel may have another owner where both faces cover it at depths within DEPTH_TIE. skip:
-    (M, N) further pixels to except.
+    With visibility `depth` the owner may differ where both faces cover the pixel at depths within DEPTH_TIE.
+    skip: (M, N) bool, further pixels to except.
     """
     ids, expected, dtype = frame["id"], oracle.id, real_of(settings)
     assert_array("id", ids, expected.shape, np.uint32)
@@ -144,38 +148,37 @@ def assert_same_ids(
 
 
 def allowed(scene: Scene, settings: Settings) -> float:
-    """How many of `color_bound` a color of this scene may be off. A sum over samples rounds once per sample, to 2^-24 of
-    what is summed so far, half of the whole on average."""
+    """Return the largest color error allowed in this scene, in units of `color_bound`.
+
+    A sum over samples rounds once per sample, to 2^-24 of the partial sum, which is half of the total on average.
+    """
     precision, more = settings.precision, 0.0
     if settings.samples > 1 and precision != "float64":
         more += settings.samples / 2
     if precision == "fast":
-        more += FAST_PER_TEXEL * max((texels for texels, _, _ in _textures(scene)), default=0)
+        more += FAST_PER_TEXEL * max((texels for texels, _ in _textures(scene)), default=0)
     elif precision == "float64":
-        reaches = [0.0 if constant else texels * reach for texels, reach, constant in _textures(scene)]
-        more += FLOAT64_PER_TEXEL * max(reaches, default=0.0)
+        more += FLOAT64_PER_TEXEL * max((texels * reach for texels, reach in _textures(scene)), default=0.0)
     else:
-        reach = max((texels * reach for texels, reach, _ in _textures(scene)), default=0.0)
+        reach = max((texels * reach for texels, reach in _textures(scene)), default=0.0)
         more += max(reach / TEXELS_PER_BOUND - 1.0, 0.0)
     return ALLOWED[precision] + more
 
 
-def _textures(scene: Scene) -> Iterator[tuple[int, float, bool]]:
-    """Of each mesh with a texture, texels along its larger side, the largest texture coordinate, and whether all are equal:
-    between those the oracle rounds nothing, nor does float64."""
+def _textures(scene: Scene) -> Iterator[tuple[int, float]]:
+    """Yield, for each mesh with a texture, the texels along its larger side and the largest texture coordinate."""
     for mesh in scene.meshes:
         if mesh.uvs is not None and mesh.material.texture is not None:
-            uvs = usable_uvs(mesh.uvs)
-            constant = not len(uvs) or bool((uvs == uvs[0]).all())
-            yield max(mesh.material.texture.image.shape[:2]), float(np.abs(uvs).max(initial=0.0)), constant
+            reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0))
+            yield max(mesh.material.texture.image.shape[:2]), reach
 
 
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
-    """What a color's error is counted in, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; 1e-12 * kappa * B of float64.
+    """Return the unit of color errors, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; in float64 1e-12 * kappa * B.
 
-    sqrt(n): the power's condition inside the highlight. kappa: how far the rounding of positions and normals is
-    amplified. The factor on top of this is the number of roundings that may add up. Beyond n = 1e4 the oracle's own
-    power is not right to 1e-12: float64 is allowed n/1e4 times as much.
+    sqrt(n) is the condition number of the power inside the highlight, kappa that of the geometry: how far rounding
+    errors of positions and normals are amplified. The number of these units allowed is the number of roundings that may
+    add up. Beyond n = 1e4 the oracle's own power is not accurate to 1e-12: float64 is allowed n/1e4 times as much.
     """
     if precision == "float64":
         scale = np.maximum(oracle.exponent / 1e4, 1.0) * oracle.kappa * 1e-12
@@ -186,9 +189,10 @@ def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
 
 
 def color_errors(rgb: Reals, oracle: OracleFrame, precision: str = "float32") -> tuple[Floats, Floats]:
-    """Absolute errors (M, N, 3) of colors, and the largest per pixel (M, N) in bounds.
+    """Return the absolute errors (M, N, 3) of colors, and the largest of each pixel (M, N) in bounds.
 
-    Beyond float32 the largest finite value is right; what a device may flush to zero counts as none.
+    Beyond the range of float32 the largest finite value is expected; errors so small that a device may flush them to
+    zero count as none.
     """
     most = np.inf if precision == "float64" else FLOAT32_MAX
     error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -most, most))
@@ -198,8 +202,8 @@ def color_errors(rgb: Reals, oracle: OracleFrame, precision: str = "float32") ->
 
 
 def excepted_at_gates(rgb: Array, oracle: OracleFrame, factor: float, precision: str = "float32") -> Array:
-    """(M, N) bool: pixels more than `factor` bounds off, but by no more than the highlights that rounding may open or close
-    there, and `factor` bounds."""
+    """Return the pixels (M, N) bool that are off by more than `factor` bounds, but by no more than `factor` bounds plus
+    the highlights that rounding may open or close there."""
     error, ratio = color_errors(rgb, oracle, precision)
     within = error <= oracle.jump + factor * color_bound(oracle, precision)
     return oracle.gate & (ratio > factor) & within.all(axis=-1)
@@ -215,10 +219,10 @@ def assert_colors_within(
     gate_fraction: float = 0.01,
     skip: Array | None = None,
 ) -> float:
-    """Colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
+    """Assert that colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
 
-    gate_fraction: where the oracle says that a highlight may be decided either way, a pixel may be off by up to that
-    highlight; at most this fraction of the covered pixels. skip: (M, N) pixels not to look at (proven depth ties).
+    gate_fraction: at most this fraction of the covered pixels may be off by a highlight, where the oracle reports that
+    rounding may open or close it. skip: (M, N) bool, pixels to exclude (proven depth ties).
     """
     assert_array("rgb", rgb, oracle.rgb.shape, dtype)
     skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
@@ -228,7 +232,7 @@ def assert_colors_within(
 def _colors_agree(
     rgb: Array, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: Array
 ) -> Agreement:
-    """The comparison of `assert_colors_within`."""
+    """Compare colors for `assert_colors_within`."""
     looked_at = ~skip
     ratio = color_errors(rgb, oracle, precision)[1]
     jumps = looked_at & excepted_at_gates(rgb, oracle, factor, precision)
@@ -242,12 +246,13 @@ def _colors_agree(
 
 
 def depth_roundings(Z: Reals) -> int:
-    """How many roundings depths of this type may be off."""
+    """Return how many roundings depths of this type may be off by."""
     return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
 
 
 def depth_errors(Z: Reals, oracle: OracleFrame) -> Floats:
-    """Relative errors of depths (M, N) in roundings (2^-24, of float64 2^-53); infinite where one is background."""
+    """Return relative errors of depths (M, N) in roundings (2^-24, in float64 2^-53); infinite if only one is
+    background."""
     empty = np.isinf(oracle.Z)
     with np.errstate(invalid="ignore"):
         error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / (np.finfo(Z.dtype).eps / 2.0)
@@ -262,9 +267,10 @@ def assert_depths_within(
     dtype: Any = np.float32,
     skip: Array | None = None,
 ) -> float:
-    """Depths within `roundings` (None: as many as the type is allowed) of the oracle's; +inf exactly where nothing covers.
+    """Assert that depths are within `roundings` (None: as the type allows) of the oracle's, and +inf exactly in the
+    background.
 
-    Returns the largest error, in roundings. skip: (M, N) pixels not to look at.
+    Returns the largest error, in roundings. skip: (M, N) bool, pixels to exclude.
     """
     assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
     error = depth_errors(Z, oracle)
@@ -288,10 +294,10 @@ def assert_frame(
     gate_fraction: float = 0.01,
     skip: Array | None = None,
 ) -> Agreement:
-    """Ids, coverage, depths and colors of a frame.
+    """Assert that ids, coverage, depths and colors of a frame agree with the oracle's.
 
-    factor: None: what the settings' precision means. gate_fraction: see `assert_colors_within`. skip: (M, N) pixels not
-    to look at.
+    factor: the color bounds allowed; None: as `allowed`. gate_fraction: see `assert_colors_within`. skip: (M, N) bool,
+    pixels to exclude.
     """
     dtype, precision = real_of(settings), settings.precision
     factor = allowed(scene, settings) if factor is None else factor
