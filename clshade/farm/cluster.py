@@ -1,8 +1,8 @@
 """Frames drawn by the workers of a Dask cluster (dask.distributed), which write the files; only figures come back.
 
-The scene travels once to each worker, as a plugin that late comers get as well: data that is scattered would be lost
-with the workers that have it. Dask gives the tasks of a worker that is gone to others; who else has which frame, and for
-how long, is seen to in `dispatch`.
+The scene is sent once to each worker, as a plugin that latecomers get as well: scattered data would be lost with the
+workers that hold it. Dask gives the tasks of a worker that is gone to others; `dispatch` keeps track of who else has
+which frame, and for how long.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from .members import Members
 from .waiting import POLL, SILENT
 
 T = TypeVar("T")
-CLOSING = 2.0  # seconds for saying goodbye to the scheduler
-SENDING = 60.0  # seconds that a worker which has a frame waits for the scene
-COMPARED = ("python", "dask", "distributed")  # packages whose versions had better be equal everywhere
+CLOSING = 2.0  # seconds for disconnecting from the scheduler
+SENDING = 60.0  # seconds that a worker with a frame waits for the scene
+COMPARED = ("python", "dask", "distributed")  # packages whose versions should be equal everywhere
 
 
 def draw_on_cluster(
     job: Job, tasks: Iterable[Task], address: str, timeout: float, frame_timeout: float | None = None
 ) -> Iterator[DrawnFrame | Lost | Silent]:
-    """Draws the tasks and gives what came of each as soon as it is there, in any order; some for each thread of the
-    workers are taken ahead.
+    """Draw the tasks and yield each result as soon as it arrives, in any order; a few tasks per worker thread are taken
+    ahead.
 
     address: of the scheduler, tcp://host:port. timeout: seconds to wait for it, for a first worker, and for another one
     when all are gone. frame_timeout: seconds after which a frame that a worker has begun is given to another one as well;
-    None: it is waited for.
-    Raises InputError for an address that is none or that nobody answers at, WorkerError where the workers cannot do it,
-    and what `FrameWriter.draw` did in a worker.
+    None: wait for it.
+    Raises InputError for an invalid address or one where nobody answers, WorkerError if the workers cannot draw, and what
+    `FrameWriter.draw` raised in a worker.
     """
     with _hushed(), _connected(address, timeout) as client:
         members = Members(client, address)
@@ -61,7 +61,7 @@ def draw_on_cluster(
         try:
             yield from dispatcher.results()
         finally:
-            with contextlib.suppress(Exception):  # a scheduler or a worker that is stopped would never answer
+            with contextlib.suppress(Exception):  # a stopped scheduler or worker would never answer
                 _in_time(dispatcher.close, CLOSING)
                 _in_time(partial(client.unregister_worker_plugin, name), CLOSING)
 
@@ -70,7 +70,7 @@ def draw_on_cluster(
 
 
 class _Drawing(WorkerPlugin):
-    """Keeps a job on a worker, and its scene on the worker's device from the first frame on."""
+    """A plugin that keeps a job on a worker, and its scene on the worker's device from the first frame on."""
 
     def __init__(self, job: Job, digest: str) -> None:
         self._job, self._digest = job, digest
@@ -86,7 +86,7 @@ class _Drawing(WorkerPlugin):
             self._writer.close()
 
     def draw(self, task: Task, ready: Callable[[], None]) -> DrawnFrame | None:
-        """None: it is not set up yet."""
+        """Draw a frame; return None if the plugin is not set up yet."""
         if code_digest() != self._digest:
             where = get_worker().address
             raise WorkerError(
@@ -96,8 +96,8 @@ class _Drawing(WorkerPlugin):
 
 
 def _draw(name: str, task: Task) -> None:
-    """Draws a frame, and says so as `Dispatcher` understands it: a result would have to be fetched, which takes longer, and
-    for ever from a worker that is stopped."""
+    """Draw a frame and log it as an event for `Dispatcher`: a result would have to be fetched, which takes longer, and
+    forever from a stopped worker."""
     worker = get_worker()
 
     def say(sign: str, **more: Any) -> None:
@@ -125,7 +125,7 @@ def _draw_if_there(worker: Worker, name: str, task: Task, ready: Callable[[], No
 
 @cache
 def code_digest() -> str:
-    """Of all code that makes an image: where it is equal, images are."""
+    """Return a digest of all code that affects an image: equal digests mean equal images."""
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parent.parent
     for folder, pattern in ((package, "**/*.py"), (kernel_folder(), "*.cl*")):
@@ -134,12 +134,12 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
-# Here
+# On this machine
 
 
 @contextlib.contextmanager
 def _hushed() -> Iterator[None]:
-    """What Dask would log meanwhile is said by the errors raised here, in one line each."""
+    """Silence Dask's loggers: the errors raised here say the same, in one line each."""
     ours = ("distributed", "asyncio")
     loggers = [logging.getLogger(name) for name in list(logging.root.manager.loggerDict) if name.startswith(ours)]
     before = [logger.disabled for logger in loggers]
@@ -158,9 +158,9 @@ def _connected(address: str, timeout: float) -> Iterator[Client]:
         raise InputError(f"--scheduler: expected an address such as tcp://host:8786, found {address!r}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VersionMismatchWarning)  # `_compare_versions` says it in a line
+            warnings.simplefilter("ignore", VersionMismatchWarning)  # `_compare_versions` says so in one line
             client = _in_time(lambda: Client(address, timeout=timeout, set_as_default=False), timeout + CLOSING)
-    except Exception as error:  # whatever answers there, it is no scheduler
+    except Exception as error:  # what answers there is not a scheduler
         expected = f"a Dask scheduler that answers within {timeout:g} s"
         raise InputError(f"--scheduler: {address}: expected {expected}, found {in_a_line(error)}") from None
     try:
@@ -172,7 +172,7 @@ def _connected(address: str, timeout: float) -> Iterator[Client]:
 
 
 def _in_time(call: Callable[[], T], seconds: float) -> T:
-    """What `call` gives. A Client has no limit of its own where somebody accepts its connection and never answers."""
+    """Return what `call` returns. A Client never times out if its connection is accepted but never answered."""
     answers: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
 
     def run() -> None:
@@ -201,13 +201,13 @@ def _wait_for_workers(client: Client, address: str, timeout: float) -> None:
 
 
 def _send(client: Client, plugin: _Drawing, name: str, members: Members) -> None:
-    """The scene to all workers, and warns of versions that differ: frames may be drawn all the same."""
+    """Send the scene to all workers, and warn of differing versions, which do not stop the run."""
     members.ask(ASK)
     versions: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_put_versions, args=(client, versions), daemon=True).start()
     try:
         _in_time(partial(client.register_plugin, plugin, name=name), SILENT)
-    except NotInTime:  # those that have it go on; those that come back get it then
+    except NotInTime:  # those that have it continue; those that come back get it then
         members.ask(ASK)
         silent = [worker for worker in members if members.silence(worker) > SILENT / 2]
         who = f"worker{'s' * (len(silent) > 1)} {', '.join(silent)}" if silent else "some of the workers"

@@ -1,4 +1,4 @@
-"""Frames on their way through a Dask cluster: some for each thread at a time, watched, and given to others."""
+"""Frames on their way through a Dask cluster: a few per thread at a time, monitored, and reassigned."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .job import DrawnFrame, Lost, Silent, Task
 from .members import Members
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
-TOPIC = "clshade"  # of the signs that workers give: one for all runs, as a scheduler keeps the latest of each for ever
-AHEAD = 3  # frames for each thread: one that is drawn, others for it to go on with
-ASK = 1.0  # seconds after which the scheduler is asked for the workers, and until that counts as no answer
-VISIBLE = 10.0  # seconds until a file that a worker wrote is here: network file systems take some
+TOPIC = "clshade"  # of the workers' events: one for all runs, since a scheduler keeps the latest of each topic forever
+AHEAD = 3  # frames per thread: one being drawn, others to continue with
+ASK = 1.0  # seconds between queries of the scheduler for its workers, and until one counts as unanswered
+VISIBLE = 10.0  # seconds until a worker's file is visible here: network file systems delay it
 RESUME = "run it again to go on"
 
 
 @dataclass(eq=False)
 class _Flight:
-    """A frame that the cluster has. future: of the latest attempt. worker: which has it, "" while that is not known.
+    """A frame that the cluster has. future: of the latest attempt. worker: which has it, "" if unknown.
 
     allowed: the only workers that may draw it; None: any. begun, ready: whether the worker has begun, and has compiled the
     kernels. late: workers that did not draw it in time. keys: of all attempts.
@@ -52,8 +52,8 @@ class _Flight:
 
 
 class Dispatcher:
-    """The frames of a run, from here. Workers say on TOPIC what they do: {"run": name, "key", "worker", "sign": "begun",
-    "ready", "drawn" or "failed"}, of "drawn" with the fields of DrawnFrame."""
+    """The frames of a run, seen from this machine. Workers log their progress on TOPIC: {"run": name, "key", "worker",
+    "sign": "begun", "ready", "drawn" or "failed"}, for "drawn" with the fields of DrawnFrame."""
 
     def __init__(
         self,
@@ -69,16 +69,17 @@ class Dispatcher:
         self._members, self._timeout, self._frame_timeout = members, timeout, frame_timeout
         self._events: queue.SimpleQueue[Future[Any] | Mapping[str, Any]] = queue.SimpleQueue()
         self._flights: dict[int, _Flight] = {}
-        self._by_key: dict[str, _Flight] = {}  # of all attempts at frames that are not drawn
-        self._stuck: dict[str, str] = {}  # keys of frames that a worker had for too long, and the worker
-        self._unseen: dict[int, tuple[Path, float]] = {}  # files of frames drawn that are not here yet, since when
+        self._by_key: dict[str, _Flight] = {}  # of all attempts at frames not drawn yet
+        self._stuck: dict[str, str] = {}  # keys of frames that a worker has had for too long, and the worker
+        self._unseen: dict[int, tuple[Path, float]] = {}  # files of drawn frames not visible here yet, and since when
         self._keys = itertools.count()
-        self._latest = 0.0  # seconds that the latest frame took
+        self._latest = 0.0  # duration of the latest frame, seconds
         self._asked, self._seen = float("-inf"), time.monotonic()
         for topic in ("all", TOPIC):
             client.subscribe_topic(topic, self._hear)
 
     def results(self) -> Iterator[DrawnFrame | Lost | Silent]:
+        """Yield results, losses and silences until all frames are drawn."""
         pauses = Pauses()
         while True:
             if paused := pauses.latest():
@@ -102,7 +103,7 @@ class Dispatcher:
                 yield drawn
 
     def close(self) -> None:
-        """Gives back what has not begun."""
+        """Cancel the frames that have not begun."""
         for topic in ("all", TOPIC):
             self._client.unsubscribe_topic(topic)
         futures = [flight.future for flight in self._flights.values() if flight.future is not None]
@@ -111,9 +112,9 @@ class Dispatcher:
     # Frames to the cluster
 
     def _refill(self) -> None:
-        """Submits so many that no thread waits for the next, and no more: a run may have a million."""
+        """Submit enough that no thread waits for the next frame, and no more: a run may have a million."""
         room = AHEAD * self._members.threads - len(self._flights)
-        if room < self._members.threads:  # a frame for each thread at a time: a scheduler takes long for each call
+        if room < self._members.threads:  # one frame per thread at a time: each call of a scheduler takes long
             return
         flights = [_Flight(task) for task in itertools.islice(self._tasks, max(room, 0))]
         self._flights.update((flight.task.number, flight) for flight in flights)
@@ -143,7 +144,7 @@ class Dispatcher:
             future.add_done_callback(self._events.put)
 
     def _move(self, flight: _Flight) -> None:
-        """To a worker that is well, where there is one; if not, later."""
+        """Give the frame to a healthy worker; if there is none, later."""
         if flight.future is not None:
             with contextlib.suppress(Exception):
                 flight.future.release()
@@ -154,15 +155,15 @@ class Dispatcher:
         if chosen:
             self._submit([flight], frozenset(chosen))
 
-    # What is heard of them
+    # Events
 
     def _hear(self, event: tuple[float, Any]) -> None:
-        """In the client's own thread."""
+        """Queue an event; called in the client's own thread."""
         if isinstance(event[1], dict):
             self._events.put(event[1])
 
     def _note(self, event: Mapping[str, Any]) -> DrawnFrame | None:
-        """A sign of a worker; of a frame that another one has drawn before, too."""
+        """Process a worker's event, also for a frame that another one has drawn already."""
         key, sign = event["key"], event["sign"]
         flight = self._by_key.get(key)
         if sign in ("drawn", "failed"):
@@ -187,7 +188,7 @@ class Dispatcher:
         return drawn
 
     def _check_future(self, future: Future[Any]) -> None:
-        """Raises WorkerError, or what `FrameWriter.draw` did, for a frame that failed; a sign says what is drawn."""
+        """Raise WorkerError, or what `FrameWriter.draw` raised, for a frame that failed; events report drawn ones."""
         flight = self._by_key.get(str(future.key))
         if flight is None or flight.future is not future or future.status in ("finished", "pending"):
             return
@@ -210,7 +211,7 @@ class Dispatcher:
         return WorkerError(f"{self._members.scheduler}: the scheduler is gone: {RESUME}")
 
     def _forget(self, event: Mapping[str, Any]) -> Iterator[Lost]:
-        """A worker that is gone: Dask gives its frames to others."""
+        """Forget a worker that is gone: Dask gives its frames to others."""
         worker = event.get("worker")
         flights = [self._by_key[key] for key in event.get("processing-tasks", ()) if key in self._by_key]
         for flight in flights:
@@ -220,7 +221,7 @@ class Dispatcher:
             yield Lost(tuple(sorted(flight.task.number for flight in flights)), f"{worker} is gone")
 
     def _await_files(self) -> None:
-        """Raises WorkerError for a frame drawn whose files do not come."""
+        """Raise WorkerError for a drawn frame whose files do not appear."""
         missing = {n: found for n, found in self._unseen.items() if not all(p.exists() for p in output_paths(found[0]))}
         self._unseen = missing
         for number, (path, since) in missing.items():
@@ -229,10 +230,10 @@ class Dispatcher:
                 found = f"frame {number} written elsewhere"
                 raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {found}")
 
-    # Who is there
+    # Workers
 
     def _look(self) -> Iterator[Lost | Silent]:
-        """Now and then, at the workers and what they have. Raises WorkerError where there have been none for some time."""
+        """Check the workers and their frames now and then. Raises WorkerError if there have been none for some time."""
         now = time.monotonic()
         if now < self._asked + ASK:
             return
@@ -251,7 +252,7 @@ class Dispatcher:
             raise WorkerError(f"{self._members.scheduler}: {found}, and there are frames left: {RESUME}")
 
     def _find(self) -> None:
-        """Which worker has each frame that has not begun."""
+        """Find which worker has each frame that has not begun."""
         for worker, keys in self._members.processing(ASK).items():
             for key in keys:
                 flight = self._by_key.get(key)
@@ -260,7 +261,7 @@ class Dispatcher:
                     flight.place(worker)  # type: ignore[union-attr]
 
     def _healthy(self) -> set[str]:
-        """The workers that can begin a frame now or later; without a limit of time all of them."""
+        """Return the workers that can begin a frame now or later; all of them without a frame timeout."""
         if self._frame_timeout is None:
             return set(self._members)
         stuck = Counter(self._stuck.values())
@@ -268,7 +269,7 @@ class Dispatcher:
         return {worker for worker in heard if stuck[worker] < self._members[worker]}
 
     def _reassign(self, limit: float) -> Iterator[Lost]:
-        """Gives frames of workers that hang to others. Raises WorkerError after ATTEMPTS at one."""
+        """Give frames of hanging workers to others. Raises WorkerError after ATTEMPTS at one."""
         moved: dict[str, list[_Flight]] = defaultdict(list)
         seconds: dict[str, float] = {}
         for flight in self._flights.values():
@@ -297,7 +298,7 @@ class Dispatcher:
                 self._move(flight)
 
     def _silent(self) -> Iterator[Silent]:
-        """What is to be told of frames that take long, and of workers that have some and do not begin."""
+        """Yield what is to be reported of frames that take long, and of workers that have some and do not begin."""
         placed: dict[str, list[_Flight]] = defaultdict(list)
         for flight in self._flights.values():
             if flight.worker:

@@ -1,4 +1,4 @@
-"""What is to be drawn, and who draws and writes it: the part of a farm that runs wherever a frame is made."""
+"""What is to be drawn, and who draws and writes it: the part of a farm that runs wherever a frame is drawn."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 
-# How many threads a CPU's OpenCL runtime starts, which is one for each processor unless these say otherwise: PoCL's older
-# and newer name for it, Intel's.
+# Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
+# Intel's.
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
-SMALL = (16, 16)  # pixels of an image that is drawn for its kernels alone
+SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One frame. path: of its files, as for `Frame.save`, absolute: other processes have other current folders."""
+    """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders."""
 
     number: int
     camera: Camera
@@ -44,8 +44,8 @@ class Task:
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """A frame whose files are written. render_ms, save_ms: what that took. size: bytes of the two files. worker: the
-    process that drew it, host:pid."""
+    """A frame whose files are written. render_ms, save_ms: time to draw and to write it. size: bytes of the two files.
+    worker: the process that drew it, host:pid."""
 
     number: int
     render_ms: float
@@ -65,7 +65,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class Silent:
-    """A worker, its process id or address, that has given no sign of these frames for so many seconds."""
+    """A worker, its process id or address, that has given no sign of these frames for `seconds`."""
 
     numbers: tuple[int, ...]
     worker: str
@@ -81,9 +81,9 @@ class FrameWriter:
         self._lock = threading.Lock()
 
     def _renderer(self, camera: Camera, compiled: bool) -> Renderer:
-        """A renderer draws either perspective or orthographic views; a job may have both.
+        """Return a renderer for perspective or for orthographic views; a job may have both.
 
-        compiled: a new one draws a small image first, as some runtimes compile a kernel when it runs first.
+        compiled: a new one draws a small image first, as some runtimes compile a kernel when it first runs.
         """
         with self._lock:
             kind = camera.orthographic
@@ -96,9 +96,9 @@ class FrameWriter:
             return self._renderers[kind]
 
     def draw(self, task: Task, ready: Callable[[], None] | None = None) -> DrawnFrame:
-        """ready: called when the kernels are compiled and nothing but the frame's own work is left.
+        """Draw and write a frame. ready: called when the kernels are compiled and only the frame's own work is left.
 
-        Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for what is a bug.
+        Raises a ClshadeError that names the frame: WorkerError, with the traceback as a note, for a bug.
         """
         try:
             start = time.perf_counter()
@@ -114,7 +114,7 @@ class FrameWriter:
             raise type(error)(f"frame {task.number}: {error}") from error
         except Exception as error:
             failure = WorkerError(f"frame {task.number}: {type(error).__name__}: {error}")
-            failure.__notes__ = [traceback.format_exc()]  # pickled with it, which its cause would not be
+            failure.__notes__ = [traceback.format_exc()]  # pickled with it, unlike its cause
             raise failure from error
         worker = f"{socket.gethostname()}:{os.getpid()}"
         return DrawnFrame(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings), worker)

@@ -1,7 +1,7 @@
 """Frames drawn by several processes on this machine, each with its own device, scene and kernel cache.
 
-A process that ends, or that is ended because it hangs, is replaced and its frame drawn again. (An executor of
-concurrent.futures is broken for good when one of its processes dies, and a Pool waits forever for what it was doing.)
+A process that ends, or is killed because it hangs, is replaced and its frame drawn again. (An executor of
+concurrent.futures is broken for good when one of its processes dies, and a Pool waits forever for its task.)
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from .job import THREADS, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
 MOST_WORKERS = 256
-PATIENCE = 0.6  # seconds that workers have to end when told to; an interrupted process has GRACE and CLEARING itself
+PATIENCE = 0.6  # seconds that workers get to end on request; an interrupted process has GRACE and CLEARING itself
 
 
 def processors() -> int:
-    """How many of them this process may use."""
+    """Return the number of processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def draw_locally(
     job: Job, tasks: Iterable[Task], workers: int, frame_timeout: float | None = None
 ) -> Iterator[DrawnFrame | Lost | Silent]:
-    """Draws the tasks and gives what came of each as soon as it is there, in any order; no task is taken before there is a
-    worker for it.
+    """Draw the tasks and yield each result as soon as it arrives, in any order; no task is taken before a worker is
+    free for it.
 
-    frame_timeout: seconds after which a worker that is ready and has not drawn its frame is ended; None: it is waited for.
-    Raises what `FrameWriter.draw` did in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
-    Whatever ends the iteration early ends the workers.
+    frame_timeout: seconds after which a worker that is ready and has not drawn its frame is killed; None: wait for it.
+    Raises what `FrameWriter.draw` raised in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
+    The workers are ended whenever the iteration ends early.
     """
     waiting = iter(tasks)
     first = list(itertools.islice(waiting, workers))
@@ -54,7 +54,7 @@ def draw_locally(
         yield from crew.draw(first, waiting)
     except KeyboardInterrupt:
         interrupted = True
-        crew.interrupt()  # they end by themselves; `_end_all` waits for that, when everything has been said
+        crew.interrupt()  # they end by themselves; `_end_all` waits for that, after all messages
         raise
     finally:
         if not interrupted:
@@ -72,7 +72,7 @@ def _end_all() -> None:
 
 @contextlib.contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """An interrupt in the block is handled after it: half a start would leave a process that nobody ends. A process
+    """Delay an interrupt in the block until after it: half a start would leave a process that nobody ends. A process
     started in it gets none until it can handle one (`interrupts.leave_soon`)."""
     handler = signal.getsignal(signal.SIGINT)
     late: list[tuple[int, FrameType | None]] = []
@@ -91,7 +91,7 @@ def _interrupts_held_back() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """For processes started in the block: they inherit the mask."""
+    """Block interrupts in the processes started in the block: they inherit the mask."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -105,7 +105,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _Worker:
-    """A process, our end of the pipe to it, and the task that it is at."""
+    """A process, this end of the pipe to it, and its current task."""
 
     def __init__(self, threads: int, timed: bool) -> None:
         # Not forked: a runtime's threads do not survive that.
@@ -120,24 +120,24 @@ class _Worker:
         self._sender: threading.Thread | None = None
 
     def begin(self, task: Task, job: bytes | None = None) -> None:
-        """Gives it a task; a new worker the job before it."""
+        """Give it a task; a new worker gets the job first."""
         self.task = task
         self.clock.restart()
         if job is None:
             self._send(task)
         else:
-            # A scene may be more than the pipe holds, and a process that is stopped would never read it.
+            # A scene may exceed the pipe's capacity, and a stopped process would never read it.
             self._sender = threading.Thread(target=self._send, args=(task, job), daemon=True)
             self._sender.start()
 
     def _send(self, task: Task, job: bytes | None = None) -> None:
-        with contextlib.suppress(OSError):  # it ended; reading from it says so again
+        with contextlib.suppress(OSError):  # it ended; reading from the pipe will report it
             if job is not None:
                 self.pipe.send_bytes(job)
             self.pipe.send(task)
 
     def reason(self) -> str:
-        """How the process ended."""
+        """Return how the process ended, a predicate."""
         self.process.join(PATIENCE)
         code = self.process.exitcode
         if code is None or code >= 0:
@@ -147,14 +147,14 @@ class _Worker:
         return f"was killed by signal {-code}"
 
     def kill(self) -> None:
-        """Ends a process that hangs or is stopped: nothing else reaches it."""
+        """Kill a process that hangs or is stopped: nothing else reaches it."""
         self.process.kill()
         self.process.join(PATIENCE)
 
     def dismiss(self) -> None:
-        """A closed pipe tells the process to end."""
+        """Close the pipe, which makes the process end."""
         if self._sender is not None:
-            self._sender.join(PATIENCE)  # done, or it fails where the process has ended
+            self._sender.join(PATIENCE)  # done, or failed if the process has ended
         self.pipe.close()
         self.task = None
 
@@ -168,10 +168,10 @@ class _Crew:
         self._frame_timeout = frame_timeout
         self._workers: list[_Worker] = []
         self._attempts: Counter[int] = Counter()
-        self._latest = 0.0  # seconds that the latest frame took
+        self._latest = 0.0  # duration of the latest frame, seconds
 
     def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[DrawnFrame | Lost | Silent]:
-        """first: what the workers begin with, one task each."""
+        """Draw the tasks. first: what the workers begin with, one task each."""
         started = [self._start() for _ in first]
         for worker, begun in zip(started, first, strict=True):
             worker.begin(begun, self._job)
@@ -205,7 +205,7 @@ class _Crew:
             worker.process.join(PATIENCE)
 
     def _look_at(self, worker: _Worker) -> Iterator[Lost | Silent]:
-        """Whether it has been silent for too long."""
+        """Check whether a worker has been silent for too long."""
         if worker.task is None:
             return
         limit, seconds = self._frame_timeout, worker.clock.seconds
@@ -216,7 +216,7 @@ class _Crew:
             yield Silent((worker.task.number,), str(worker.process.pid), silent)
 
     def _replace(self, worker: _Worker, reason: str) -> Lost:
-        """Has a new worker draw what this one did not. Raises WorkerError after ATTEMPTS of them."""
+        """Have a new worker draw what this one did not. Raises WorkerError after ATTEMPTS of them."""
         task = worker.task
         assert task is not None
         worker.dismiss()
@@ -234,14 +234,14 @@ class _Crew:
         return worker
 
     def interrupt(self) -> None:
-        """Tells all processes to end: by an interrupt, so that they remove what they were writing."""
+        """Interrupt all processes, so that they remove what they were writing, and end."""
         for worker in self._workers:
             if worker.process.is_alive() and worker.process.pid is not None:
                 with contextlib.suppress(OSError):
                     os.kill(worker.process.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
 
     def end(self) -> None:
-        """The same, and returns when they have ended."""
+        """Interrupt all processes, and return when they have ended."""
         self.interrupt()
         until = time.monotonic() + PATIENCE
         for worker in self._workers:
@@ -253,9 +253,9 @@ class _Crew:
 
 
 def _serve(pipe: Connection, threads: int, timed: bool) -> None:
-    """What a worker does: draws the tasks that come, until the pipe is closed or its other end is gone.
+    """Run a worker: draw the tasks that come, until the pipe is closed or its other end is gone.
 
-    timed: it answers None, before what came of it, when it is ready to draw a task.
+    timed: send None when ready to draw a task, before its result.
     """
     try:
         interrupts.leave_soon(quiet=True)
@@ -275,4 +275,4 @@ def _serve(pipe: Connection, threads: int, timed: bool) -> None:
     except KeyboardInterrupt:
         sys.exit(interrupts.INTERRUPTED)
     finally:
-        interrupts.ignore()  # what is left is clearing up
+        interrupts.ignore()  # only cleanup is left

@@ -9,17 +9,17 @@ from distributed import Client
 
 from .waiting import Clock
 
-HEARTBEAT = 5.0  # seconds in which a worker that is well is heard of several times, whatever its frames take
+HEARTBEAT = 5.0  # seconds within which a healthy worker is heard from several times, however long its frames take
 
 
 class Members(Mapping[str, int]):
-    """Threads by address, as of when the scheduler was asked last."""
+    """Threads by address, as of the latest query of the scheduler."""
 
     def __init__(self, client: Client, scheduler: str) -> None:
         self._client, self.scheduler = client, scheduler
         self._threads: dict[str, int] = {}
-        self._heard: dict[str, float] = {}  # when the scheduler heard of a worker last, by its clock
-        self._clocks: dict[str, Clock] = {}  # since that changed
+        self._heard: dict[str, float] = {}  # when the scheduler last heard from a worker, by its clock
+        self._clocks: dict[str, Clock] = {}  # running since that changed
 
     def __getitem__(self, worker: str) -> int:
         return self._threads[worker]
@@ -35,11 +35,11 @@ class Members(Mapping[str, int]):
         return sum(self._threads.values())
 
     def ask(self, timeout: float) -> bool:
-        """Asks the scheduler who is there; False where it gives no answer."""
+        """Query the scheduler for its workers; return False if it does not answer."""
         try:
             scheduler: Any = self._client.scheduler
             found: Any = self._client.sync(scheduler.identity, callback_timeout=timeout)["workers"]
-        except Exception:  # such as one of a connection, or that it was not in time
+        except Exception:  # such as a connection error or a timeout
             return False
         self._threads = {worker: each["nthreads"] for worker, each in found.items()}
         heard = {worker: each["last_seen"] for worker, each in found.items()}
@@ -51,7 +51,8 @@ class Members(Mapping[str, int]):
         return True
 
     def processing(self, timeout: float) -> Mapping[str, list[Any]]:
-        """The keys of the tasks that each has, waiting ones included; nothing where the scheduler gives no answer."""
+        """Return the keys of the tasks that each worker has, waiting ones included; empty if the scheduler does not
+        answer."""
         try:
             scheduler: Any = self._client.scheduler
             found: Mapping[str, list[Any]] = self._client.sync(
@@ -62,19 +63,19 @@ class Members(Mapping[str, int]):
             return {}
 
     def heard(self, limit: float) -> set[str]:
-        """Those that were heard of within `limit` seconds, or HEARTBEAT where that is less."""
-        least = HEARTBEAT + len(self) / 50  # of many workers each is heard of less often
+        """Return the workers heard from within `limit` seconds, but at least HEARTBEAT."""
+        least = HEARTBEAT + len(self) / 50  # with many workers each is heard from less often
         return {worker for worker, clock in self._clocks.items() if clock.seconds <= max(limit, least)}
 
     def silence(self, worker: str) -> float:
-        """For how many seconds it has not been heard of."""
+        """Return the seconds since the worker was last heard from."""
         return self._clocks[worker].seconds
 
     def due(self, worker: str) -> float | None:
-        """The same where it is to be told now."""
+        """Return the seconds of silence if they are to be reported now."""
         return self._clocks[worker].due(0.0) if worker in self._clocks else None
 
     def skip(self, seconds: float) -> None:
-        """These do not count."""
+        """Do not count these seconds as silence."""
         for clock in self._clocks.values():
             clock.skip(seconds)

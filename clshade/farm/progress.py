@@ -1,4 +1,4 @@
-"""How far a run is, on standard error: a bar on a terminal, elsewhere a line now and then; and how fast it goes."""
+"""The progress of a run and its rate on standard error: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .job import DrawnFrame
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-LINES = 10.0  # seconds between two lines where there is no terminal
+LINES = 10.0  # seconds between two lines without a terminal
 BAR = "{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 
 
@@ -21,28 +21,28 @@ def rate_text(rate: float) -> str:
 
 
 class Progress:
-    """Counts frames and tells of them, and of warnings, each once. What is told first comes with the first frame: what is
-    refused is told in one line.
+    """Counts frames, and shows progress and each distinct warning once. Nothing is shown before the first frame, so that a
+    refusal is a single line.
 
-    total: frames of the run. done: those that were there before it, which do not count in the rate.
+    total: frames of the run. done: those that existed before it, which do not count in the rate.
     """
 
     def __init__(self, total: int, done: int, shown: bool) -> None:
         self._total, self._done, self._shown = total, done, shown and sys.stderr is not None
         self._start, self._began = time.perf_counter(), time.time()  # for the rate, and by tqdm's clock
         self._bar: tqdm | None = None
-        self._told = self._start  # when the latest line was
+        self._told = self._start  # time of the latest line
         self._said: set[str] = set()
         self.drawn = 0
         self.seconds = 0.0  # from the start to the latest frame
 
     @property
     def rate(self) -> float:
-        """Frames drawn a second, since the start."""
+        """Frames drawn per second, since the start."""
         return self.drawn / self.seconds if self.seconds else 0.0
 
     def say(self, message: str) -> None:
-        """A warning, above the bar."""
+        """Print a warning above the bar."""
         if self._bar is not None:
             self._bar.clear()
         console.warning(message)
@@ -71,7 +71,7 @@ class Progress:
         self._bar.update()
 
     def _print_line(self) -> None:
-        """A log would keep every state of a bar."""
+        """Print a line: a log would keep every state of a bar."""
         count, now = self._done + self.drawn, self._start + self.seconds
         if count == self._total:
             console.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}")

@@ -1,4 +1,4 @@
-"""Recycled image memory: arrays of frames of which no view is held any more serve the next frames."""
+"""A pool of image memory: arrays that no frame or view references any more are reused for the next frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .opencl.device import Device
 
 
 class _Loan:
-    """The base of an array over a buffer's memory, and so of all its views: the memory is on loan while it lives."""
+    """The base of an array over a buffer's memory and of all its views: the memory is on loan while it lives."""
 
     __slots__ = ("__array_interface__", "__weakref__", "_memory")
 
@@ -23,7 +23,7 @@ class _Loan:
 
 
 class _Lent:
-    """A buffer, and the loan of its memory, if there is one."""
+    """A buffer and a weak reference to the loan of its memory, if any."""
 
     def __init__(self, buffer: Buffer) -> None:
         self._buffer = buffer
@@ -42,16 +42,16 @@ class _Lent:
 class Pool:
     """Buffers by shape and type.
 
-    keep: buffers of one shape and type. shapes: as many are kept, those asked for last.
+    keep: most buffers kept of one shape and type. shapes: most pairs of shape and type kept, the latest used.
     """
 
     def __init__(self, device: Device, keep: int = 4, shapes: int = 8) -> None:
         self._device, self._keep, self._shapes = device, keep, shapes
-        self._held: dict[tuple[tuple[int, ...], Any], list[_Lent]] = {}  # the latest last
+        self._held: dict[tuple[tuple[int, ...], Any], list[_Lent]] = {}  # latest last
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> tuple[Buffer, Array]:
-        """A buffer and an array over its memory, of arbitrary content; while that array or a view of it lives, the buffer
-        is given to nobody else."""
+        """Return a buffer and an array over its memory, with arbitrary content. The buffer is not handed out again
+        while that array or a view of it lives."""
         held = self._held[shape, dtype] = self._held.pop((shape, dtype), [])
         while len(self._held) > self._shapes:
             del self._held[next(iter(self._held))]

@@ -1,4 +1,4 @@
-"""Device memory that the host sees as NumPy arrays, and the tables that one stage hands to the next."""
+"""Device memory that the host accesses as NumPy arrays, and the buffers that one stage passes to the next."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from . import struct_layout
 from .opencl.device import Device
 
 _FLAGS = cl.mem_flags
-_ALIGNMENT = 64  # bytes: of a vector of 16 float32; kernels read four float64 at once, which NumPy does not align
+_ALIGNMENT = 64  # bytes, of a vector of 16 float32; kernels load four float64 at once, for which NumPy does not align
 
 
 @cache
 def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
-    """Whether a finished queue leaves host memory given to a buffer up to date, both ways, without mapping it.
+    """Return whether a finished queue leaves host memory given to a buffer up to date, both ways, without mapping it.
 
-    OpenCL promises it for mapped memory only; on a CPU it is so where the runtime works in that memory itself. Found
-    out by trying, because each mapping of a small table costs as much as a small kernel: with memory that begins where
-    NumPy's may, at a multiple of 16 bytes and not of more.
+    OpenCL guarantees this for mapped memory only; on a CPU it holds if the runtime works in that memory itself. Tested
+    by experiment, because each mapping of a small table costs as much as a small kernel: with memory that begins where
+    NumPy's may, at a multiple of 16 bytes and no more.
     """
     array = aligned((4 + 1024,), np.dtype(np.uint32))[4:]
     array[:] = 0
@@ -41,7 +41,7 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
 
 
 def aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
-    """An array of arbitrary content, its first byte where the widest vectors may begin."""
+    """Return an array of arbitrary content, aligned for the widest vectors."""
     size = math.prod(shape) * dtype.itemsize
     raw = np.empty(size + _ALIGNMENT, np.uint8)
     start = -raw.ctypes.data % _ALIGNMENT
@@ -79,11 +79,12 @@ class Buffer:
 
     @classmethod
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
+        """Return a buffer of arbitrary content."""
         return cls(device, aligned(shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)))
 
     @contextlib.contextmanager
     def writing(self, count: int | None = None) -> Iterator[Array]:
-        """The first `count` rows (all by default), to be written over by the host.
+        """Yield the first `count` rows (default: all) for the host to overwrite.
 
         No kernel enqueued before may still use them; the next one enqueued sees them.
         """
@@ -93,7 +94,7 @@ class Buffer:
             cl.enqueue_copy(self._queue, self.memory, rows)
 
     def to_host(self, count: int | None = None) -> Array:
-        """The first `count` rows (all by default), once the kernels enqueued so far are done."""
+        """Return the first `count` rows (default: all), once the kernels enqueued so far are done."""
         rows = self.array[: len(self.array) if count is None else count]
         if self._shared:
             self._queue.finish()
@@ -103,7 +104,7 @@ class Buffer:
 
 
 class VertexBuffers:
-    """What `project` writes per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
+    """Outputs of `project` per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
 
     def __init__(self, device: Device, count: int, structs: struct_layout.Structs = struct_layout.SINGLE) -> None:
         self.projected = Buffer.empty(device, count, structs.Vertex)
@@ -111,7 +112,7 @@ class VertexBuffers:
 
 
 class TriangleBuffers:
-    """What `setup` and `setup_pieces` write: triangles and sort keys, room for `faces` and `pieces` of them."""
+    """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them."""
 
     def __init__(
         self, device: Device, faces: int, pieces: int, structs: struct_layout.Structs = struct_layout.SINGLE

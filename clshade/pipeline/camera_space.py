@@ -1,4 +1,5 @@
-"""Where a frame is seen from: the camera, its axes, the near plane, and the scale that brings the scene within float32."""
+"""The view of a frame: the camera, its axes, the near plane, and the scale that brings the scene within float32's
+range."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from .shading_tables import scale_for
 
 
 class Extent(NamedTuple):
-    """The bounding box of a scene's vertices, (3,) each, and half its diagonal; None of a scene without faces."""
+    """The bounding box of a scene's vertices, (3,) each, and half its diagonal."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -27,8 +28,11 @@ class Extent(NamedTuple):
 
 
 class CameraSpace(NamedTuple):
-    """axes: (3, 3) float64, rows are camera x, y, z in world space. near: distance of the near plane, scene units.
-    scale: the power of two that brings eye-relative positions to about 1."""
+    """A camera with what is derived from it.
+
+    axes: (3, 3) float64, rows are camera x, y, z in world space. near: distance of the near plane, scene units.
+    scale: the power of two that brings eye-relative positions to about 1.
+    """
 
     camera: Camera
     axes: Array
@@ -37,7 +41,8 @@ class CameraSpace(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, extent: Extent | None, near: float | None) -> CameraSpace:
-        """near: as in Settings; None: 1e-4 of the scene's radius. Raises InputError where float64 cannot hold the scene."""
+        """Return the space of a camera. near: as in Settings; None: 1e-4 of the scene's radius. Raises InputError if
+        float64 cannot hold the scene."""
         farthest, radius = 1.0, 0.0
         if extent is not None:
             corners = zip(camera.eye.tolist(), extent.low, extent.high, strict=True)
@@ -46,11 +51,11 @@ class CameraSpace(NamedTuple):
         if not math.isfinite(farthest):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         near = near or 1e-4 * (radius or math.dist(camera.eye, camera.lookat))
-        # A vertex 2^40 times as far as the near plane must not push what is near it out of float32.
+        # A vertex 2^40 times as far away as the near plane must not push near ones out of float32's range.
         return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)))
 
     def write_view(self, view: np.void) -> None:
-        """Fills a row of structs.View."""
+        """Fill a row of structs.View."""
         camera = self.camera
         view["eye"] = camera.eye
         view["axes"] = self.axes.reshape(-1)
@@ -60,6 +65,6 @@ class CameraSpace(NamedTuple):
         view["near"], view["scale"] = self.near, self.scale
 
     def points(self, positions: Array) -> Array:
-        """World positions (..., 3) in camera space, float64."""
+        """Transform world positions (..., 3) to camera space, float64."""
         d = positions.astype(np.float64) - self.camera.eye
         return np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self.axes], axis=-1)

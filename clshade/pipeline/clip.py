@@ -13,10 +13,10 @@ from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
 
 @dataclass(frozen=True)
 class Pieces:
-    """Triangles that clipping left.
+    """The triangles that clipping produces.
 
-    source: (C,) row of the face each comes from. points: (C, 3, 3) corners, camera space.
-    weights: (C, 3, 3) each corner as a mean of the face's three corners.
+    source: (C,) row of the face of each. points: (C, 3, 3) corners, camera space.
+    weights: (C, 3, 3) barycentric coordinates of each corner in its face.
     """
 
     source: Array
@@ -25,7 +25,7 @@ class Pieces:
 
 
 def image_positions(points: Array, camera: Camera) -> Array:
-    """Continuous image coordinates (..., 2) of camera-space points (..., 3) before the eye."""
+    """Return continuous image coordinates (..., 2) of camera-space points (..., 3) in front of the eye."""
     height, width = camera.plane
     columns, rows = camera.resolution
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -39,17 +39,17 @@ def image_positions(points: Array, camera: Camera) -> Array:
 
 
 def snap(positions: Array) -> Integers:
-    """Image coordinates within the guard band in 1/256 px, int64, ties to even."""
+    """Round image coordinates to 1/256 px, int64, ties to even, clamped to the guard band."""
     held = np.clip(positions, -GUARD_PIXELS, GUARD_PIXELS)
     snapped: Integers = np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
     return snapped
 
 
 def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
-    """Where the edges from rows of a to rows of b (position and weights side by side) meet the plane.
+    """Return the points where the edges from rows of a to rows of b (position and weights side by side) meet the plane.
 
-    Each is computed from the end nearer the plane (then by x, y, z), whichever way round its edge is run: faces that
-    share the edge share the point, and an end 1e38 away costs no digits.
+    Each is computed from the end nearer the plane (then by x, y, z), in whichever direction its edge is traversed: faces
+    that share the edge share the point, and an end 1e38 away costs no digits.
     """
     first = a[:, 2] <= b[:, 2]
     for axis in (1, 0):
@@ -62,9 +62,9 @@ def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
 
 
 def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array, Array]:
-    """Keeps the part of each polygon where the distance (n, m) of its corners is not negative.
+    """Keep the part of each polygon where the distance (n, m) of its corners is not negative.
 
-    polygons: (n, m, 6), the first counts[i] rows of each in use. Returns polygons, counts, and where new corners are.
+    polygons: (n, m, 6), the first counts[i] rows of each in use. Returns polygons, counts, and where the new corners are.
     """
     n, m, _ = polygons.shape
     slot = np.arange(m)
@@ -88,10 +88,10 @@ def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array,
 
 
 def clip(points: Array, camera: Camera, near: float) -> Pieces:
-    """Clips triangles, (n, 3, 3) camera space, to z >= near and, where they leave it, to the guard band.
+    """Clip triangles, (n, 3, 3) camera space, to z >= near and, if they exceed it, to the guard band.
 
     Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in one order, so
-    that faces which share an edge share the new corner. Each polygon left is cut into a fan from its first corner.
+    that faces that share an edge share the new corner. Each remaining polygon is split into a fan from its first corner.
     """
     n = len(points)
     weights = np.broadcast_to(np.eye(3), (n, 3, 3))
@@ -112,7 +112,7 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
             depth = 1.0 if camera.orthographic else polygons[..., 2]
             distance = (GUARD_PIXELS + side * center) * depth + side * slope * polygons[..., axis]
             polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
-            # Exactly on the plane: of an edge from -1e38 to 1e38 rounding would leave any point at all.
+            # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
             depth = 1.0 if camera.orthographic else polygons[..., 2]
             on_plane = -side * (GUARD_PIXELS + side * center) * depth / slope
             polygons[..., axis] = np.where(made, on_plane, polygons[..., axis])

@@ -1,4 +1,4 @@
-"""The table of the pieces that clipping leaves, as the kernels read it."""
+"""The table of clipped triangles, as the kernels read it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def piece_table(
     scale: float,
     depth_test: bool,
 ) -> Array:
-    """Cuts faces at the near plane and the guard band: (C,) of `structs.Piece`.
+    """Clip faces to the near plane and the guard band: (C,) of `structs.Piece`.
 
     points: (K, 3, 3) the faces' corners, camera space, scene units. faces: (K,) their numbers. uvs: (K, 3, 4) texture
-    coordinates of the corners, u, v and what rounding leaves of them, or None. near: scene units. scale: of depths.
-    depth_test: sorted by their nearest corner, else by the mean depth of the face that they are of.
+    coordinates of the corners as double-singles (u, v, low parts of u, v), or None. near: scene units. scale: of depths.
+    depth_test: sort by the nearest corner of each piece, else by the mean depth of its face.
     """
     cut = clip.clip(points, camera, near)
     table = np.zeros(len(cut.source), structs.Piece)

@@ -1,4 +1,4 @@
-"""The host's depth sort."""
+"""The depth sort on the host."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)
 
 
 def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> UInt32s:
-    """Indices of triangles, nearest first; of equally near ones the later face first.
+    """Return the indices of triangles, nearest first; of equal depths the later face first.
 
     keys: (T,) uint64 of setup.cl, sorted in place: the depth's top 40 bits over the complement of the index.
-    exact: gives the float64 depths and the faces of triangles given by index; used where the 40 bits are equal.
-        None: triangles whose 40 bits agree may come in any order.
+    exact: returns the float64 depths and the faces of the triangles given by index; used where the 40 bits are equal.
+        None: triangles with equal 40 bits may come in any order.
     Returns (T,) uint32.
     """
     keys.sort()

@@ -1,4 +1,4 @@
-"""Leave out what a scene does not need: scene + settings -> feature mask -> -D options of the kernels."""
+"""Features: derive from scene and settings the macros (-D options) that leave unneeded work out of the kernels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..scene.model import Material, Mesh, Scene, Settings
 
-# Choices of the settings and of the camera; each has its own meaning whether 0 or 1.
+# Choices of the settings and of the camera; 0 and 1 mean different images.
 CHOICES = (
     "FAST",
     "DOUBLE",
@@ -27,7 +27,7 @@ CHOICES = (
     "CORNER_COLORS",
     "BRIGHT",
 )
-# Work that a scene may not need: 1 never changes a bit of the image, 0 saves the work.
+# Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
 OPTIONAL = (
     "LIT",
     "AMBIENT",
@@ -51,7 +51,7 @@ OPTIONAL = (
 
 @dataclass(frozen=True)
 class Features:
-    """The macros of one program, name -> 0 or 1, and why each optional one that is 0 was left out."""
+    """The macros of one program, name -> 0 or 1, and the reason why each optional one that is 0 is left out."""
 
     values: tuple[tuple[str, int], ...]
     left_out: tuple[tuple[str, str], ...] = ()
@@ -64,27 +64,27 @@ class Features:
         return tuple(name for name, value in self.values if value)
 
     def only(self, names: Iterable[str]) -> Features:
-        """The same with every other feature 0: what a program that reads no other ones depends on."""
+        """Return the features with all but `names` set to 0, for a program that reads no others."""
         kept = set(names)
         return Features(tuple((name, value if name in kept else 0) for name, value in self.values))
 
     def options(self) -> list[str]:
-        """-D options of the OpenCL build, each feature as 0 or 1."""
+        """Return -D options of the OpenCL build, each feature as 0 or 1."""
         return [f"-D{name}={value}" for name, value in self.values]
 
 
 def texture_applies(mesh: Mesh) -> bool:
-    """Whether the mesh has both a texture and coordinates to look it up with."""
+    """Return whether the mesh has both a texture and texture coordinates."""
     return mesh.material.texture is not None and mesh.uvs is not None
 
 
 def material_key(mesh: Mesh) -> tuple[int, bool]:
-    """Meshes with the same key share a row of the material table."""
+    """Return a key; meshes with the same key share a row of the material table."""
     return id(mesh.material), texture_applies(mesh)
 
 
 def materials_of(scene: Scene) -> dict[tuple[int, bool], Material]:
-    """The rows of the material table, by key, in the order of the meshes that are drawn; at least one."""
+    """Return the rows of the material table by key, in the order of the meshes with faces; at least one."""
     table: dict[tuple[int, bool], Material] = {}
     for mesh in scene.meshes:
         if len(mesh.faces):
@@ -94,24 +94,25 @@ def materials_of(scene: Scene) -> dict[tuple[int, bool], Material]:
 
 
 def replaces_colors(mesh: Mesh) -> bool:
-    """Whether texels take the place of the mesh's vertex colors."""
+    """Return whether texels replace the mesh's vertex colors."""
     return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
 
 
 def tests_alpha(material: Material) -> bool:
-    """Whether its texture may leave pixels out for their alpha."""
+    """Return whether pixels may be discarded by the alpha of the material's texture."""
     texture = material.texture
     return texture is not None and material.alpha_cutoff is not None and texture.image.shape[2] == 4
 
 
 def has_levels(mesh: Mesh) -> bool:
-    """Whether a smaller image of the mesh's texture can be of use: the course's lookup knows none, nor does one texel."""
+    """Return whether mip-map levels of the mesh's texture can be used: not with the course's lookup, nor with a single
+    texel."""
     texture = mesh.material.texture
     return texture_applies(mesh) and texture.lookup == "standard" and max(texture.image.shape[:2]) > 1  # type: ignore[union-attr]
 
 
 def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
-    """What the scene's file or the settings ask for and no render shows, a few words each."""
+    """Return what the scene's file or the settings ask for but no render shows, a few words each."""
     plain = settings.texture_filter == "trilinear" and any(replaces_colors(mesh) for mesh in scene.meshes)
     return (*scene.ignored, *(("the trilinear filter of textures with the course's lookup",) if plain else ()))
 
@@ -121,7 +122,8 @@ def _is_white(mesh: Mesh) -> bool:
 
 
 def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
-    """Whether colors beyond 1 may be interpolated. at_corners: texture_at vertex, where texels are, too."""
+    """Return whether colors beyond 1 may be interpolated. at_corners: texture_at vertex, where texels are interpolated
+    too."""
     looked_up = at_corners and texture_applies(mesh)
     if mesh.colors is None and not looked_up:
         return False
@@ -139,12 +141,13 @@ def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
 
 
 def _first(*reasons: tuple[bool, str]) -> str:
-    """The first reason that holds; "" if none does."""
+    """Return the text of the first condition that holds; "" if none does."""
     return next((text for holds, text in reasons if holds), "")
 
 
 def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, str]:
-    """Why each term of the reflection model is not needed; "" for one that is. shining: whether some light does."""
+    """Return why each term of the reflection model is not needed; "" for one that is. shining: whether any light has an
+    intensity other than 0."""
     unlit = (not lit, "shader nolight")
     dark = (unlit, (not shining, "no light shines"))
     no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
@@ -166,7 +169,7 @@ def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, s
 
 
 def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str, str]:
-    """The same for what normals may have. unread: why no normal is read; "" where some are."""
+    """Return the same for the features of normals. unread: why no normal is read; "" if some are."""
     return {
         "TWO_SIDED": unread or _first((not any(mesh.material.two_sided for mesh in meshes), "no two-sided material")),
         "NORMAL_INDICES": unread
@@ -175,7 +178,7 @@ def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str
 
 
 def _unneeded_colors(meshes: list[Mesh], at_corners: bool, bilinear: bool) -> dict[str, str]:
-    """The same for vertex colors and textures, at the pixels. at_corners: texture_at vertex."""
+    """Return the same for vertex colors and textures at the pixels. at_corners: texture_at vertex."""
     textured = any(map(texture_applies, meshes))
     own = [mesh for mesh in meshes if not replaces_colors(mesh)]
     white = all(map(_is_white, own)) and not _any_nonzero(mesh.material.color != 1.0 for mesh in meshes)
@@ -203,12 +206,12 @@ def _unneeded_colors(meshes: list[Mesh], at_corners: bool, bilinear: bool) -> di
 
 
 def _culls(materials: list[Material], settings: Settings) -> bool:
-    """Whether no triangle is drawn that is seen from behind."""
+    """Return whether all back faces are culled."""
     return settings.cull or all(material.sides == "front" for material in materials)
 
 
 def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material], double: bool) -> dict[str, str]:
-    """The same for the rest. double: whether positions need float64."""
+    """Return the same for the remaining features. double: whether positions need float64."""
     return {
         "MATERIALS": _first((len(materials) < 2, "a single material")),
         "SIDES": _first(
@@ -225,9 +228,10 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
 
 
 def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool, bright: bool = False) -> Features:
-    """The features of a triangle or point drawn by itself, with colors of its own: preset `course`, no background.
+    """Return the features of a single triangle or point with its own colors: preset `course`, no background.
 
-    bright: whether colors beyond 1 are interpolated."""
+    bright: whether colors beyond 1 are interpolated.
+    """
     lit = shader != "nolight"
     values = {
         "PHONG": int(shader == "phong"),
@@ -243,14 +247,14 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
 def _choices(
     scene: Scene, settings: Settings, meshes: list[Mesh], *, culls: bool, at_corners: bool, relit: bool
 ) -> dict[str, bool]:
-    """Those of CHOICES. relit: whether light is forced upon shader nolight."""
+    """Return the values of CHOICES. relit: whether lighting is forced on for shader nolight."""
     return {
         "FAST": settings.precision == "fast",
         "DOUBLE": settings.precision == "float64",
         "SAMPLES": settings.samples > 1,
         "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
         "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
-        # Colors that are taken as they are may be lit all the same, and then pixel by pixel.
+        # Unlit colors may be lit by force, and then pixel by pixel.
         "PHONG": settings.shader == "phong" or (settings.shader == "nolight" and relit),
         "DEPTH_TEST": settings.visibility == "depth",
         "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
@@ -259,7 +263,7 @@ def _choices(
         "CULL": culls,
         "ORTHOGRAPHIC": scene.camera.orthographic,
         "CORNER_COLORS": at_corners,
-        # Errors of phong are relative to the color at the pixel, of the other shaders to the brightest corner.
+        # The error bound of phong is relative to the color at the pixel, that of the others to the brightest corner.
         "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
     }
 
@@ -267,11 +271,11 @@ def _choices(
 def derive(
     scene: Scene, settings: Settings, *, double_positions: bool, forced: Collection[str] = frozenset()
 ) -> Features:
-    """The features this scene needs under these settings.
+    """Return the features that this scene needs under these settings.
 
     double_positions: whether positions need float64.
-    forced: OPTIONAL features to have on though the scene may not need them, to measure what leaving them out saves; the
-    image stays the same, bit for bit. All of them is what a kernel for every scene would have.
+    forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
+    image stays the same, bit for bit. All of them together are what a kernel for every scene would have.
     Raises InputError for another name.
     """
     unknown = sorted(set(forced) - set(OPTIONAL))
@@ -302,5 +306,6 @@ def derive(
 
 
 def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:
-    """Whether the mesh's own normals, indexed apart from its vertices, are used; course scenes always compute them."""
+    """Return whether the mesh's own normals, indexed separately from its vertices, are used; course scenes always
+    compute theirs."""
     return mesh.normals is not None and mesh.normal_faces is not None and scene.preset != "course"

@@ -1,4 +1,5 @@
-"""A scene's meshes as flat arrays of vertices and faces: world positions, indices, normals, colors, texture coordinates."""
+"""A scene's meshes as flat arrays of vertices and faces: world positions, indices, normals, colors, texture
+coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from .features import material_key, materials_of, replaces_colors, texture_appli
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import Structs
 
-WHITE = Texture(np.ones((1, 1, 3)))  # a color times its texel is the color, bit for bit
+WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
 
 
 def _fits_float32(values: Array) -> bool:
@@ -27,7 +28,7 @@ def _fits_float32(values: Array) -> bool:
 
 
 def _placements(mesh: Mesh) -> list[Array | None]:
-    """One matrix per instance; None for an identity, whose vertices are used as they are."""
+    """Return one matrix per instance; None for an identity, whose vertices are used as they are."""
     return [None if (matrix == np.eye(4)).all() else matrix for matrix in np.asarray(mesh.instances)]
 
 
@@ -48,19 +49,21 @@ def _unit(vectors: Array) -> Array:
 def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
     normals = np.asarray(mesh.normals, np.float64)
     if matrix is not None:
-        # By powers of two to about 1: products neither overflow nor vanish.
+        # Scale by powers of two to about 1: products neither overflow nor underflow.
         m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
         normals = np.ldexp(normals, -np.frexp(np.abs(normals).max(axis=1, keepdims=True, initial=0.0))[1])
-        # The cofactor matrix turns normals as the matrix turns planes, also where it has no inverse.
+        # The cofactor matrix transforms normals, even for a singular matrix.
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
         normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
     return _unit(normals)
 
 
 def mirrors(matrix: Array | None) -> bool:
-    """Whether a placement turns left into right. Its faces then run the other way, so that front stays front.
+    """Return whether a placement mirrors. The winding of its faces is then reversed, so that front stays front.
 
-    That is the exact sign of its determinant: of a placement that flattens float64 gives a determinant of either sign."""
+    Decided by the exact sign of its determinant: rounded to float64, the determinant of a placement that flattens may have
+    either sign.
+    """
     if matrix is None:
         return False
     (a, b, c), (d, e, f), (g, h, i) = np.ldexp(
@@ -68,7 +71,7 @@ def mirrors(matrix: Array | None) -> bool:
     ).tolist()
     products = a * e * i, b * f * g, c * d * h, -c * e * g, -b * d * i, -a * f * h
     determinant = math.fsum(products)
-    # Each product is right to 2^-52 of itself, unless it underflows.
+    # Each product has a relative error of at most 2^-52, unless it underflows.
     if abs(determinant) > 2.0**-50 * math.fsum(map(abs, products)) + 1e-300:
         return determinant < 0.0
     a, b, c, d, e, f, g, h, i = map(Fraction, matrix[:3, :3].ravel().tolist())
@@ -86,7 +89,7 @@ def _four(vectors: Array, real: Real) -> Array:
 
 
 def _shifted(parts: list[tuple[Array, int]]) -> Array:
-    """Index arrays of the parts, each moved by the number of rows before it."""
+    """Concatenate index arrays, each offset by the number of rows before it."""
     moved, offset = [], 0
     for index, count in parts:
         moved.append(index + np.int32(offset) if offset else index)
@@ -95,7 +98,7 @@ def _shifted(parts: list[tuple[Array, int]]) -> Array:
 
 
 def _without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
-    """Vertices, faces and the vertices kept, or None when all are: vertices of no face are not uploaded."""
+    """Return vertices, faces and the vertices kept, or None if all are: unreferenced vertices are not uploaded."""
     used = np.zeros(len(mesh.verts), bool)
     used[mesh.faces] = True
     if used.all():
@@ -110,7 +113,7 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 
 
 class Gatherer:
-    """Collects the arrays of the placed meshes, one after the other."""
+    """Collects the arrays of the placed meshes, in order."""
 
     def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
         self.scene, self._structs, self._forced = scene, structs, forced
@@ -158,7 +161,8 @@ class Gatherer:
         return joined(parts)
 
     def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
-        """untextured: those of meshes without a texture too; the others' are 0."""
+        """Return texture coordinates and their indices. untextured: include those of meshes without a texture, which
+        are 0 otherwise."""
         parts, index = [], []
         own: Reals
         for mesh, matrix, verts, faces, kept in self.placed:
@@ -173,11 +177,11 @@ class Gatherer:
         return joined(parts), _shifted(index) if indexed else None
 
     def mirrored(self) -> list[int]:
-        """Of each placed mesh, whether its placement mirrors."""
+        """Return for each placed mesh whether its placement mirrors."""
         return [int(mirrors(matrix)) for _, matrix, *_ in self.placed]
 
     def per_face(self, value: list[int]) -> Array:
-        """One value per placed mesh, repeated for each of its faces."""
+        """Repeat one value per placed mesh for each of its faces."""
         repeats = [len(faces) for _, _, _, faces, _ in self.placed]
         return np.repeat(np.array(value, np.int32), repeats)
 
@@ -195,9 +199,10 @@ class Gatherer:
         return light_unit(self.materials.values(), intensities, self.scene.ambient, brightest)
 
     def material_table(self, ambient_unit: float, at_corners: bool) -> Array:
-        """at_corners: whether the texels are in the corners' colors, so that the pixels look none up.
+        """Return the material table. at_corners: whether the texels are in the corners' colors and need no lookup at
+        the pixels.
 
-        Where a lookup is forced, materials without a texture (or an alpha test) look white (or its alpha) up.
+        If a lookup is forced, materials without a texture (or an alpha test) look up white (or its alpha).
         """
         table = material_table(
             list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit, self._structs

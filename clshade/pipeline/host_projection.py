@@ -1,4 +1,4 @@
-"""What kernels/project.cl computes, on the host: for devices without float64. The same operations, hence the same bits."""
+"""kernels/project.cl on the host, for devices without float64. The same operations, hence the same bits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from . import struct_layout
 
-_HALF_ULP = 1.5 * 2.0**52  # added and taken off again it leaves the nearest whole number
+_HALF_ULP = 1.5 * 2.0**52  # adding and subtracting it rounds to the nearest integer
 
 
 def _snap(pixels: Array) -> Array:
@@ -20,7 +20,7 @@ def _snap(pixels: Array) -> Array:
 
 
 def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
-    """Fills `vertices` (V,) layout.SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space.
+    """Fill `vertices` (V,) layout.SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space.
 
     view: one row of layout.SINGLE.View.
     """
@@ -48,7 +48,7 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
 
 
 def mean_depths(vertices: Array, faces: Array) -> Floats:
-    """The painter's depths of faces (F, 3): float64 means of their corners'."""
+    """Return the painter's depths of faces (F, 3): float64 means of their corners' depths."""
     z = vertices["depth"][faces]
     depths: Floats = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
     return depths

@@ -1,4 +1,4 @@
-"""One wrapper per kernel: what it reads and writes, its launch, its event."""
+"""One wrapper per kernel: its arguments, its launch, its event."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .opencl.device import Device
 from .programs import Program, build, first_use
 from .surface_inputs import SurfaceInputs
 
-# Triangles and tile lists depend on few features, light does on most: two programs, so that scenes share the first.
+# Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
-_WIDE = (1 << 16) - 1  # work-items in a direction from which on PoCL compiles a kernel of its own
-# face_materials and materials, where a material may be drawn from the front only.
+_WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
+# face_materials and materials, if some material is drawn from the front only.
 Sides = tuple[Buffer | None, Buffer | None]
 
 
 def scene_stages(
     device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
 ) -> Stages:
-    """The stages that draw a scene; their programs are built unless they are known. layers: the features of the program
-    of surface_layers.cl, None where it is not needed."""
+    """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
+    program of surface_layers.cl, None if it is not needed."""
     geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
     pixels = "phong.cl" if features["PHONG"] else "gouraud.cl"
@@ -40,15 +40,15 @@ def scene_stages(
 
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
-    """The stages that look textures up at given places."""
+    """Return the stages that look up textures at given coordinates."""
     return Stages(device, build(device, features.only(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
 class Stages:
     """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
-    Array arguments are `Buffer`s; their element types and sizes stand beside the kernels' arguments.
-    The first program is the pixel stage's, whose lanes they are, the last one the geometry's.
+    Array arguments are `Buffer`s; their element types and sizes are documented beside the kernels' arguments.
+    The first program is that of the pixel stage and determines the lanes, the last one that of the geometry.
     """
 
     def __init__(self, device: Device, *programs: Program) -> None:
@@ -70,12 +70,12 @@ class Stages:
         ]
         program = self._programs[name]
         kernel = program[name]
-        # PoCL compiles at the first launch with a local size, and again where a grid is wide.
+        # PoCL compiles at the first launch with a local size, and again for a wide grid.
         code = name, local, max(size) >= _WIDE
         try:
             if code not in program.launched:
                 return self._launch_first(program, code, size, raw)
-            with program.lock:  # a kernel has one set of arguments, whoever launches it
+            with program.lock:  # a kernel has one set of arguments, shared by all threads
                 kernel.set_args(*raw)
                 return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
@@ -84,7 +84,7 @@ class Stages:
     def _launch_first(
         self, program: Program, code: tuple[Any, ...], size: tuple[int, ...], raw: Sequence[Any]
     ) -> cl.Event:
-        """Launches what the runtime may have to compile or load for it, and waits until it has run."""
+        """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name, local, _ = code
         with first_use(self.device, stored=program.stored) as use, program.lock:
             program[name].set_args(*raw)
@@ -96,11 +96,11 @@ class Stages:
         return event
 
     def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
-        """A work-item for `each` so many elements, in groups of 64."""
+        """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (-(-count // (64 * each)) * 64,), (64,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
-        """On a device without float64 the host does it, and there is no event."""
+        """Project the vertices. On a device without float64 the host does it, and there is no event."""
         if self.device.has_fp64:
             return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
         orthographic = bool(self._features["ORTHOGRAPHIC"])
@@ -127,7 +127,7 @@ class Stages:
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
         if means is not None:
-            event.wait()  # its memory goes with it
+            event.wait()  # `means` is freed on return
         return event
 
     def setup_pieces(
@@ -226,6 +226,6 @@ class Stages:
     def surface_layers(
         self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple[Any, ...], tiles: int
     ) -> cl.Event:
-        """outputs: normals, points, albedos, texture coordinates, weights; None where not asked for."""
+        """Draw layers. outputs: normals, points, albedos, texture coordinates, weights; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)

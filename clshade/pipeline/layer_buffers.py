@@ -1,4 +1,4 @@
-"""What the layers of a scene need besides what its light needs: the macros of their program, and tables by face."""
+"""Inputs of a scene's layers beyond those of its lighting: the macros of their program, and tables by face."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MACROS = {
 
 
 class LayerTables(NamedTuple):
-    """Arrays that layers alone read; None where no layer does, or where the light's own array serves.
+    """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
     features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
     (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32.
@@ -41,7 +41,7 @@ class LayerTables(NamedTuple):
 
 
 def _fields(material: Material) -> tuple[Any, ...]:
-    """All that two materials have to share to be equal, hashable: every field, of the texture all but its texels."""
+    """Return a hashable key of a material: every field, but not the texels of its texture."""
     values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
     texture = material.texture
     described = None if texture is None else (texture.image.shape, texture.wrap, texture.lookup)
@@ -53,10 +53,10 @@ def _same_texels(a: Texture | None, b: Texture | None) -> bool:
 
 
 def material_numbers(scene: Scene) -> tuple[int, ...]:
-    """The number of each mesh's material, from 1 in the order of the meshes; equal materials, name and texels included,
-    share one."""
+    """Return the number of each mesh's material, from 1 in the order of the meshes; equal materials, name and texels
+    included, share one."""
     numbers: dict[int, int] = {}  # by id
-    # Scenes may have thousands: few are compared in pairs.
+    # Scenes may have thousands of materials: few pairs are compared.
     alike: dict[tuple[Any, ...], list[tuple[Texture | None, int]]] = {}
     count = 0
     for mesh in scene.meshes:
@@ -73,7 +73,8 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
 
 
 def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
-    """The macros of the layers' program. light: those of the image's, which has the colors that layers show too."""
+    """Return the features of the layers' program. light: those of the image's program, whose colors the layers show
+    too."""
     asked = set(MACROS) & set(settings.layers)
     if not asked:
         return None
@@ -87,7 +88,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
         values["TWO_SIDED"] = int(any(mesh.material.two_sided for mesh in meshes))
     if "uv" in asked:
         values["UV_INDICES"] = int(any(mesh.uv_faces is not None for mesh in meshes))
-        values["ALPHA_TEST"] = int(not values["TEXTURED"])  # either of them has texture coordinates
+        values["ALPHA_TEST"] = int(not values["TEXTURED"])  # either macro provides texture coordinates
     if values["TEXTURED"] or values["TWO_SIDED"]:
         values["MATERIALS"] = light["MATERIALS"]
     values |= {macro: int(name in asked) for name, macro in MACROS.items()}
@@ -95,7 +96,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
 
 
 def layer_tables(gatherer: Gatherer, settings: Settings, light: Features) -> LayerTables:
-    """The tables of the layers that are asked for. light: the features of the image's program."""
+    """Return the tables of the layers asked for. light: the features of the image's program."""
     scene, asked = gatherer.scene, settings.layers
     turned = gatherer.mirrored()
     features = _program(scene, settings, light, any(turned))

@@ -1,4 +1,4 @@
-"""The layers of a frame: which face, mesh and material each pixel shows, where, turned how, of which color."""
+"""The layers of a frame: ids, depth, position, normal, color and texture coordinates at each pixel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # component
 
 
 class Layers:
-    """Draws the layers that are asked for; what they read besides the image's tables stays on the device.
+    """Draws the layers asked for; what they read besides the image's tables stays on the device.
 
     names: of the layers, as in Settings.
     """
@@ -35,13 +35,13 @@ class Layers:
 
     @property
     def nbytes(self) -> int:
-        """Of the tables that layers alone read."""
+        """Size of the tables that only layers read."""
         return sum(buffer.array.nbytes for buffer in self._own.values())
 
     def draw(
         self, surface: SurfaceInputs, owners: Buffer, tiles: int, space: CameraSpace, events: dict[str, Any]
     ) -> dict[str, Array]:
-        """Layers by name, (M, N) or (M, N, K). surface: the image's inputs. owners: (M, N) triangles."""
+        """Draw the layers: by name, (M, N) or (M, N, K). surface: the image's inputs. owners: (M, N) triangles."""
         columns, rows = space.camera.resolution
         real = self._stages.structs.real
         found: dict[str, Buffer] = {}
@@ -74,10 +74,10 @@ class Layers:
 
 
 def _put_in_the_world(points: Array, owners: Array, eye: Array, scale: float, world: Array) -> None:
-    """Eye-relative points (M, N, 3), times `scale`, to world space, float64 (M, N, 3): float32 would lose, far from the
-    origin, what they are right to. 0 where nobody owns the pixel. `world` may be `points`."""
+    """Convert eye-relative points (M, N, 3), times `scale`, to world space, float64 (M, N, 3): far from the origin
+    float32 would lose their accuracy. 0 where no triangle owns the pixel. `world` may be `points`."""
     rows = max(1, _BAND // points.shape[1])
-    for start in range(0, len(points), rows):  # so much at a time as the caches hold
+    for start in range(0, len(points), rows):  # in bands that fit the caches
         band = slice(start, start + rows)
         np.divide(points[band], scale, out=world[band], dtype=np.float64)
         world[band] += eye

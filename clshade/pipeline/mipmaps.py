@@ -1,4 +1,4 @@
-"""Mip-map levels of a texture: each half as wide and high as the one before, rounded down, to a single texel."""
+"""Mip-map levels of a texture: each half as wide and high as the previous one, rounded down, to a single texel."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from ..base.arrays import Array
 from ..scene.model import Texture
 
-BAND = 1 << 18  # values of the larger level that are halved at a time, in float64: they stay in the cache
+BAND = 1 << 18  # values of the larger level halved at a time, in float64: they stay in the cache
 
 _levels: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()
 
 
 def levels_below(texture: Texture) -> list[Array]:
-    """`smaller_levels` of a texture without its alpha; kept as long as the texture lives."""
+    """Return `smaller_levels` of a texture without its alpha; kept as long as the texture lives."""
     if texture not in _levels:
         _levels[texture] = smaller_levels(texture.image[..., :3])
     return _levels[texture]
 
 
 def smaller_levels(image: Array) -> list[Array]:
-    """The levels below an image (h, w, C), float32, from the largest, max(h // 2, 1) by max(w // 2, 1), to 1 x 1.
+    """Return the levels below an image (h, w, C), float32, from the largest, max(h // 2, 1) by max(w // 2, 1), to 1 x 1.
 
-    A texel is the mean of the area of the level before that it covers: the box filter, also where sizes are odd, as linear
-    light. Computed in float64 from level to level, rounded once, so that a constant image has constant levels.
+    A texel is the mean, in linear light, of the area of the previous level that it covers: the box filter, also for odd
+    sizes. Computed in float64 from level to level, rounded once, so that a constant image has constant levels.
     """
     values, levels = image, []
     while max(values.shape[:2]) > 1:
@@ -35,7 +35,8 @@ def smaller_levels(image: Array) -> list[Array]:
 
 
 def _half_size(values: Array) -> Array:
-    """The next level of (h, w, C), float64, in bands of rows: no copy of the whole in float64, but for the result."""
+    """Return the next level of (h, w, C), float64. Works in bands of rows, so that only the result is held whole in
+    float64."""
     height, width, channels = values.shape
     rows = max(height // 2, 1)
     half = np.empty((rows, max(width // 2, 1), channels))
@@ -48,10 +49,10 @@ def _half_size(values: Array) -> Array:
 
 
 def _halved(rows: Array, start: int, stop: int) -> Array:
-    """Rows `start` to `stop` of half as many rows, rounded down, but at least one; float64.
+    """Return rows `start` to `stop` of an image with half as many rows, rounded down, but at least one; float64.
 
     Of 2m+1 rows each new one covers 2 + 1/m. The i-th has (m-i)/m of the first, all of the second and (i+1)/m of the third
-    of its three: a polyphase box filter, as the remarks on OpenGL's ARB_texture_non_power_of_two have it.
+    of its three: a polyphase box filter, as in the remarks on OpenGL's ARB_texture_non_power_of_two.
     """
     m = len(rows) // 2
     if m == 0:

@@ -1,4 +1,4 @@
-"""OpenCL programs: sources flattened to one text, built once per feature mask and device, kept."""
+"""OpenCL programs: sources flattened into one text, built once per feature mask and device, and cached."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .opencl.device import Device
 from .struct_layout import header
 from .surface_inputs import macros
 
-# Exact division and square root where the device has them optional; contraction is off by a pragma in every source.
+# Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
 
 def kernel_folder() -> Path:
-    """The folder of the kernel sources: inside an installed package, or the top-level one of a checkout."""
+    """Return the folder of the kernel sources: inside an installed package, or at the top level of a checkout."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "kernels", package.parent / "kernels"):
         if (folder / "features.clh").is_file():
@@ -39,7 +39,7 @@ def kernel_folder() -> Path:
 
 
 def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:
-    """Appends the lines of a source called `name`; each kernel file it includes is put in once, at its first place."""
+    """Append the lines of a source called `name`; each kernel file is inserted at its first #include only."""
     parts.append(f'#line 1 "{name}"')
     for number, line in enumerate(text.splitlines(), 2):
         match = _INCLUDE.match(line)
@@ -54,12 +54,12 @@ def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:
 
 @cache
 def flatten(names: tuple[str, ...]) -> str:
-    """The named kernel files with each include put in once, at its first place; #line keeps messages true."""
+    """Return the named kernel files as one text, each include inserted once; #line keeps compiler messages accurate."""
     return flatten_text("\n".join(f'#include "{name}"' for name in names))
 
 
 def flatten_text(text: str, name: str = "text") -> str:
-    """The same for a source that is no file; `name` is what messages call it."""
+    """Flatten a source that is not a file; `name` is its name in compiler messages."""
     parts: list[str] = []
     _put_in(text, name, set(), parts)
     return "\n".join(parts) + "\n"
@@ -67,11 +67,11 @@ def flatten_text(text: str, name: str = "text") -> str:
 
 @dataclass
 class Program:
-    """A built program. kernels: by name. seconds: what the build took, or the loading where it was `stored`,
-    by us or by the runtime.
+    """A built program. kernels: by name. seconds: the time to build it, or to load it if it was `stored` by us or by the
+    runtime.
 
-    lock: held while a kernel gets its arguments and is launched.
-    launched: what identifies the code of each launch that has been through (`Stages._launch`).
+    lock: held while a kernel's arguments are set and it is launched.
+    launched: identifies the code of each launch that has completed (`Stages._launch`).
     """
 
     features: Features
@@ -86,29 +86,29 @@ class Program:
         return self.kernels[name]
 
 
-SLOW = 0.5  # seconds of compiling before it is said
-LOADED = 0.02  # seconds within which a runtime finds what it has compiled before
+SLOW = 0.5  # seconds of compiling before a message
+LOADED = 0.02  # seconds within which a runtime finds what it has compiled earlier
 
 _own = threading.local()
 _said = False
 
 
 def waited() -> float:
-    """Seconds that this thread has waited so far for programs to be compiled or loaded."""
+    """Return the seconds this thread has waited so far for programs to be compiled or loaded."""
     return getattr(_own, "waited", 0.0)
 
 
 @dataclass
 class FirstUse:
-    """ran: seconds of the block that were no waiting for a compiler."""
+    """Timing of a block. ran: seconds of it that were not spent waiting for a compiler."""
 
     ran: float = 0.0
 
 
 @contextlib.contextmanager
 def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
-    """Around what makes the runtime compile a program or a kernel, or load one that it has kept (`stored`, as far as we
-    know), until that has run: counts the time, says what takes long, and watches over the cache."""
+    """Guard a block in which the runtime compiles a program or a kernel, or loads one that it has kept (`stored`, as
+    far as we know), until it has run: time it, print a message if it takes long, and protect the cache."""
     slot = environment.prepare()
     use, start = FirstUse(), time.perf_counter()
     timer = None if stored or _said else threading.Timer(max(SLOW - waited(), 0.0), _say, (device,))
@@ -124,7 +124,7 @@ def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
         taken = time.perf_counter() - start - use.ran
         _own.waited = waited() + taken
     if taken > LOADED and slot.seal() and taken > SLOW:
-        _say(device)  # what was thought to be stored
+        _say(device)  # it was thought to be stored
 
 
 def _say(device: Device) -> None:
@@ -138,21 +138,22 @@ _built: dict[tuple[Any, ...], Program] = {}
 
 
 def built() -> tuple[Program, ...]:
-    """All programs of this process, in the order in which they were built or loaded."""
+    """Return all programs of this process, in the order in which they were built or loaded."""
     return tuple(_built.values())
 
 
 def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
-    """The program of `files` for this device and feature mask; built at most once in a process.
+    """Return the program of `files` for this device and feature mask; built at most once per process.
 
-    lanes: 1, 4, 8 or 16 pixels handled together; None: what suits the device.
+    lanes: 1, 4, 8 or 16 pixels processed together; None: what suits the device.
     Raises DeviceError with the compiler's first error.
     """
     return _build(device, features, flatten(files), lanes or device.lanes)
 
 
 def build_text(device: Device, features: Features, text: str, *, lanes: int | None = None) -> Program:
-    """The same for OpenCL C of one's own, whose `#include`s name kernel files: a few lines reach any device function."""
+    """Build a program from the caller's OpenCL C, whose `#include`s name kernel files: a few lines reach any device
+    function."""
     return _build(device, features, flatten_text(text), lanes or device.lanes)
 
 
@@ -198,7 +199,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
 
 
 def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
-    """The program, built; without the warnings that some runtimes give with every build."""
+    """Build the program without the warnings that some runtimes emit at every build."""
     import pyopencl as cl
 
     with warnings.catch_warnings():
@@ -206,8 +207,8 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
         return program.build(list(options))
 
 
-# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. Where the runtime has
-# a cache of its own an empty file says that it has the program: PoCL, asked for a binary, would compile all kernels again.
+# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. If the runtime has a
+# cache of its own, an empty file notes that it has the program: PoCL, asked for a binary, would recompile all kernels.
 
 
 def _stored_at(device: Device, source: str, options: list[str]) -> Path:
@@ -218,7 +219,7 @@ def _stored_at(device: Device, source: str, options: list[str]) -> Path:
 
 
 def _load(device: Device, path: Path) -> Any:
-    """The stored program, or None where there is none that is whole and that the device takes."""
+    """Load the stored program; None if there is no intact one that the device accepts."""
     import pyopencl as cl
 
     try:
@@ -231,7 +232,7 @@ def _load(device: Device, path: Path) -> Any:
 
 
 def _store(binary: bytes, path: Path) -> None:
-    """Keeps a built program, or notes that the runtime does. A cache that can't be written costs time, nothing else."""
+    """Store a built program, or note that the runtime does. A cache that cannot be written only costs time."""
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)

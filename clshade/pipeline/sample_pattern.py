@@ -1,4 +1,4 @@
-"""Where a pixel is sampled."""
+"""The sample positions of a pixel."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ _GRID = 1 << SUBPIXEL_BITS
 
 @cache
 def positions(samples: int) -> Integers:
-    """(S, 2) int: x and y of a pixel's samples from its lower left corner, 1/256 px, nearest to the center first.
+    """Return (S, 2) int: x and y of a pixel's samples from its lower left corner, 1/256 px, nearest to the center first.
 
-    Sample i of S lies at x = (i + 1/2)/S, y = the fraction of 1/2 + (i - (S - 1)/2)/phi, phi the golden ratio, rounded to
-    the grid: Kronecker's sequence of the golden ratio, whose discrepancy is low for every S, turned so that it is symmetric
-    about the center. One sample is the center. Of samples equally near to the center the one with the smaller i is first.
+    Sample i of S lies at x = (i + 1/2)/S, y = the fractional part of 1/2 + (i - (S - 1)/2)/phi, phi the golden ratio,
+    rounded to the grid: the Kronecker sequence of the golden ratio, whose discrepancy is low for every S, shifted to be
+    symmetric about the center. One sample is the center. Of samples equally near to the center the one with the smaller i
+    is first.
     """
     i = np.arange(samples)
     x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) * GOLDEN) % 1.0

@@ -1,4 +1,4 @@
-"""All that a scene's frames read on the device, as NumPy arrays."""
+"""Everything that a scene's frames read on the device, as NumPy arrays."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .shading_tables import texture_tables
 
 @dataclass(frozen=True)
 class Packed:
-    """What stays on the device between frames. Arrays that the features leave out are None.
+    """The arrays that stay on the device between frames. Those that the features leave out are None.
 
     A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
     int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
-    reals, u and v and what rounding leaves of them. face_materials: (F,) int32. materials, textures: tables of layout's
+    reals, u and v and their rounding errors. face_materials: (F,) int32. materials, textures: tables of layout's
     structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
-    in it too. layers: what layers read besides.
+    expressed in it too. layers: further inputs of layers.
     """
 
     features: Features
@@ -51,7 +51,8 @@ class Packed:
 
 
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
-    """The arrays a render of `scene` under `settings` needs, and the features they imply; forced: see features.derive."""
+    """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
+    features.derive."""
     structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
     gatherer = Gatherer(scene, structs, forced)
     positions, faces = gatherer.positions()

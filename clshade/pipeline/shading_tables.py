@@ -1,4 +1,4 @@
-"""Materials, textures, lights and coordinates as the kernels read them, in light and lengths that float32 can hold."""
+"""Materials, textures, lights and coordinates as the kernels read them, scaled to float32's range."""
 
 from __future__ import annotations
 
@@ -24,23 +24,24 @@ _LOOKUPS = {"standard": struct_layout.CONSTANTS["LOOKUP_STANDARD"], "course": st
 
 
 def to_real(values: Array, real: Real = np.float32) -> Array:
-    """Rounded to a real; beyond its range the largest finite value, below its normal range 0."""
+    """Round to a real; saturate at the largest finite value, flush values below the normal range to 0."""
     info = np.finfo(real)
     values = np.clip(np.asarray(values, np.float64), float(info.min), float(info.max))
     return np.where(np.abs(values) < float(info.tiny), 0.0, values).astype(real)
 
 
 def split(values: Array, real: Real = np.float32) -> Array:
-    """(K, 2) float64 -> (K, 4) reals: rounded, and what that leaves. Values that are not finite become 0."""
+    """Split (K, 2) float64 into (K, 4) reals: rounded values and their rounding errors. Values that are not finite
+    become 0."""
     values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
-    # Whole numbers beyond 2^24 have no texel of their own left; keep the arithmetic finite.
+    # Beyond 2^24 float32 no longer distinguishes texels; keep the arithmetic finite.
     values = np.clip(values, -(2.0**40), 2.0**40)
     rounded = values.astype(real)
     return np.concatenate([rounded, (values - rounded).astype(real)], axis=1)
 
 
 def joined(parts: list[Array], dtype: type | None = None) -> Array:
-    """The parts behind each other, C-contiguous; a single one is not copied where it is that already."""
+    """Concatenate the parts, C-contiguous; a single contiguous part is not copied."""
     rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
     return np.ascontiguousarray(rows, dtype=dtype or rows.dtype)
 
@@ -48,7 +49,7 @@ def joined(parts: list[Array], dtype: type | None = None) -> Array:
 def material_table(
     materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = struct_layout.SINGLE
 ) -> Array:
-    """Rows of structs.Material. Coefficients beyond a real saturate."""
+    """Return rows of structs.Material. Coefficients beyond a real's range saturate."""
     table = np.zeros(len(materials), structs.Material)
     for row, material in zip(table, materials, strict=True):
         for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
@@ -62,8 +63,8 @@ def material_table(
 
 
 def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
-    """layout.SINGLE.Texture rows and the texels of all textures behind each other, (X, 4) float32; with `mipmaps` the
-    smaller levels of each follow it, opaque ones."""
+    """Return rows of layout.SINGLE.Texture and the texels of all textures, concatenated, (X, 4) float32; with `mipmaps`
+    each texture is followed by its smaller levels, which are opaque."""
     table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
     offset, parts = 0, []
     for row, texture in zip(table, textures, strict=True):
@@ -84,7 +85,7 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[A
 
 
 def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array, brightest: float) -> float:
-    """The power of two that light is counted in so that no sum of it overflows float32: 1 for all but extreme scenes.
+    """Return the unit of light, a power of two, in which no sum of light overflows float32: 1 for all but extreme scenes.
 
     intensities: (L, 3). ambient: (3,). brightest: the largest component of a surface's color.
     """
@@ -96,8 +97,8 @@ def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array
 
 
 def relative_lights(positions: Array, eye: Array, scale: float) -> Floats:
-    """Light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59 along an
-    axis) only the direction is kept."""
+    """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59
+    along an axis) only the direction is kept."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
     exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
     relative: Floats = np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
@@ -105,6 +106,6 @@ def relative_lights(positions: Array, eye: Array, scale: float) -> Floats:
 
 
 def scale_for(extent: float) -> float:
-    """The power of two that brings lengths of up to `extent` to about 1: it changes no bit of a direction, and keeps
-    squares within float32."""
+    """Return the power of two that scales lengths of up to `extent` to about 1: it changes no bit of a direction, and
+    keeps squares within float32's range."""
     return 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)

@@ -1,4 +1,4 @@
-"""One triangle, one point, one texture lookup by itself, on the kernels that draw whole scenes."""
+"""A single triangle, point or texture lookup, on the kernels that draw whole scenes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _ORIGIN = np.zeros(3)
 
 @dataclass(frozen=True)
 class PointLighting:
-    """What light reaches a point, and what its surface makes of it.
+    """The lights and the material at a point.
 
-    point, eye: (3,) world space. positions, intensities: (L, 3) of the lights. material: its ka is ka*Ia already.
+    point, eye: (3,) world space. positions, intensities: (L, 3) of the lights. material: its ka is already ka*Ia.
     """
 
     point: Floats
@@ -43,13 +43,13 @@ NOWHERE = PointLighting(_ORIGIN, _ORIGIN, np.zeros((0, 3)), np.zeros((0, 3)), Ma
 
 
 def reach(around: PointLighting) -> float:
-    """The largest coordinate of the point relative to the eye; infinite where float64 cannot hold it."""
+    """Return the largest absolute coordinate of the point relative to the eye; infinite if it overflows float64."""
     with np.errstate(over="ignore"):
         return float(np.abs(around.point - around.eye).max())
 
 
 class _Lit:
-    """The buffers that the reflection model reads, for one point; unlit lights are left out."""
+    """The buffers that the reflection model reads, for one point; lights of intensity 0 are left out."""
 
     def __init__(self, device: Device, around: PointLighting, colors: Array) -> None:
         shining = around.intensities.any(axis=1)
@@ -69,7 +69,7 @@ class _Lit:
 
 
 def _features(shader: str, around: PointLighting, bright: bool = False) -> Features:
-    """bright: see `derive_alone`."""
+    """Return the features of `derive_alone`, see there for `bright`."""
     return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()), bright)
 
 
@@ -85,7 +85,7 @@ def _four(device: Device, vectors: Array) -> Buffer:
 
 
 def unit(vectors: Array) -> Floats:
-    """(K, 3) float64 directions of any length at length 1; 0 stays 0."""
+    """Normalize (K, 3) float64 directions of any length; 0 stays 0."""
     size = np.ldexp(1.0, -np.frexp(np.abs(vectors).max(axis=1, keepdims=True))[1])
     scaled = vectors * np.minimum(size, 2.0**1000)
     length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
@@ -94,10 +94,11 @@ def unit(vectors: Array) -> Floats:
 
 
 def light_point(device: Device, around: PointLighting, normal: Floats, color: Floats) -> Floats:
-    """The light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color: (3,)."""
+    """Return the light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color:
+    (3,)."""
     stages = _light_stages(device, _features("phong", around))
     lit = _Lit(device, around, color)
-    # Every buffer keeps its name until the kernels are done: its memory goes with it.
+    # Every buffer stays referenced until the kernels are done: its memory is freed with it.
     points, normals, colors = (
         Buffer(device, lit.relative),
         _four(device, unit(normal[None])),
@@ -118,7 +119,7 @@ class Lookup:
         self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
 
     def __call__(self, uvs: Floats) -> Floats:
-        """The colors (K, 3), float64, at texture coordinates (K, 2)."""
+        """Return the colors (K, 3), float64, at texture coordinates (K, 2)."""
         device, count = self._device, len(uvs)
         colors = Buffer.empty(device, (count, 4), np.float32)
         inputs = Buffer(device, shading_tables.split(uvs)), Buffer(device, np.zeros(count, np.int32))
@@ -130,9 +131,9 @@ class Lookup:
 
 
 def _clipped(corners: Array) -> list[list[Fraction]]:
-    """The polygon that the guard band leaves of a triangle (3, 2): rows u, v and the three corners' weights.
+    """Clip a triangle (3, 2) to the guard band: rows u, v and the three corners' weights.
 
-    Sutherland and Hodgman's algorithm in rational numbers: a corner may be as far away as float64 goes.
+    Sutherland and Hodgman's algorithm in rational numbers: a corner may be as far away as float64 allows.
     """
     polygon = [[Fraction(x) for x in (*uv, *row)] for uv, row in zip(corners.tolist(), np.eye(3).tolist(), strict=True)]
     for axis in (0, 1):
@@ -151,7 +152,8 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
 
 
 def _pieces(corners: Array) -> Array:
-    """layout.SINGLE.Piece rows of a triangle (3, 2) in image coordinates: itself, or what the guard band leaves of it."""
+    """Return layout.SINGLE.Piece rows of a triangle (3, 2) in image coordinates: itself, or its parts within the guard
+    band."""
     if (np.abs(corners) <= struct_layout.GUARD_PIXELS).all():
         table = np.zeros(1, struct_layout.SINGLE.Piece)
         snapped = np.rint(corners * _SUBPIXELS)
@@ -168,7 +170,8 @@ def _pieces(corners: Array) -> Array:
 
 
 def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]:
-    """First column, first row, and the numbers of columns and rows that may be covered; not positive when none is."""
+    """Return the first column, the first row, and the numbers of columns and rows that may be covered; not positive if
+    none is."""
     half = _SUBPIXELS // 2
     bounds = []
     for name, size in (("x", columns), ("y", rows)):
@@ -181,11 +184,11 @@ def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]
 def draw_triangle(
     device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: PointLighting, image: Array
 ) -> None:
-    """Draws a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
+    """Draw a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
 
     shader: gouraud, phong or nolight. corners: (3, 2) image coordinates. normals, colors: (3, 3), rows are corners.
     around: of the whole triangle: the directions to eye and lights are those at its point. Normals of any length:
-    gouraud takes each one's direction, phong mixes them as they are.
+    gouraud uses the direction of each, phong interpolates them as they are.
     """
     pieces = _pieces(corners)
     if not len(pieces):
@@ -212,7 +215,7 @@ def _draw(
     around: PointLighting,
     resolution: tuple[int, int],
 ) -> Array | None:
-    """RGBA of the pieces alone in an image of that resolution, row 0 at the top; None if no pixel is covered."""
+    """Draw only the pieces: RGBA at that resolution, row 0 at the top; None if no pixel is covered."""
     stages = scene_stages(device, _features(shader, around, bool((np.abs(attributes[1]) > 1.0).any())))
     lit = _Lit(device, around, attributes[1])
     table = np.zeros(1, struct_layout.SINGLE.Image)
@@ -235,7 +238,7 @@ def _draw(
     lists.fill(order, made, image, visible, {})
     normals, colors = attributes
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
-    # All corners lie at the one point, so that the triangle's centroid does.
+    # All corners are at the point, and so is the triangle's centroid.
     relative = Buffer(device, np.repeat(lit.relative, 3, axis=0))
     faces = Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3))
     surface = SurfaceInputs(

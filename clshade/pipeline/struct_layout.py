@@ -1,4 +1,4 @@
-"""Structs and constants shared by host and kernels, written once; `header()` emits them as OpenCL C.
+"""Structs and constants shared by host and kernels, defined once; `header()` emits them as OpenCL C.
 
 A `real` is float32, or float64 in kernels of that precision. NumPy aligns members as C does;
 `tests/pipeline/test_layout.py` probes sizes and offsets on every device.
@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
-GUARD_PIXELS = 32767  # |u|, |v| of a vertex that need no clipping: edge steps stay below 2^24
-SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # stands for "beyond the guard band" in snapped positions
-TILE_SIZE = 16  # pixels a side
-FEW_PIXELS = 4  # a box of so many is looked at pixel by pixel, a larger one by blocks
-MOST_SAMPLES = 64  # a pixel
-MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are held to it: their squares then stay within float32
-MOST_DEPTH = 2.0**100  # scaled depths are held to it: their reciprocals then stay within float32
-MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the one before down to 1
+GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
+SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # means "beyond the guard band" in snapped positions
+TILE_SIZE = 16  # pixels per side
+FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
+MOST_SAMPLES = 64  # per pixel
+MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are clamped to it: their squares stay within float32's range
+MOST_DEPTH = 2.0**100  # scaled depths are clamped to it: their reciprocals stay within float32's range
+MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the previous down to 1
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -39,7 +39,7 @@ CONSTANTS = {
     "LOOKUP_COURSE": 1,
 }
 
-# name -> list of (C type, member, count, what it is)
+# name -> list of (C type, member, count, description)
 _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "View": [
         ("double", "eye", 3, "world space"),
@@ -163,7 +163,7 @@ _NUMPY = {"double": "<f8", "int": "<i4", "ulong": "<u8"}
 
 
 class Structs(NamedTuple):
-    """The structs' NumPy types. real: the scalar type of their members called so."""
+    """The structs' NumPy types. real: the scalar type of their members of that name."""
 
     real: type[np.floating]
     View: np.dtype
@@ -194,10 +194,10 @@ SINGLE, DOUBLE = _structs(np.float32), _structs(np.float64)
 
 
 def header(*, double_reals: bool = False, with_double: bool = True) -> str:
-    """OpenCL C of all constants and structs.
+    """Return OpenCL C of all constants and structs.
 
-    double_reals: whether a real is a double. with_double: whether the device has float64; where it has none, the bits of
-    doubles stand in their place, as ulong.
+    double_reals: whether a real is a double. with_double: whether the device has float64; if not, members of type ulong hold
+    the bits of doubles.
     """
     lines = [f"#define FP64 {int(with_double)}", f"typedef {'double' if double_reals else 'float'} real;"]
     lines += [f"#define {name} {value}" for name, value in CONSTANTS.items()]

@@ -1,4 +1,4 @@
-"""What the pixel stages read of the scene and the view: declared here for the host and, by macros, for the kernels."""
+"""The inputs of the pixel stages from scene and view: declared here for the host and, by macros, for the kernels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .buffers import Buffer
 class SurfaceInputs(NamedTuple):
     """The first arguments of the kernels that shade pixels, in their order, with their element types in OpenCL C.
 
-    F faces, C pieces of clipped ones, V vertices; those that no feature of a scene reads are None.
+    F faces, C clipped pieces, V vertices; those that no feature of a scene reads are None.
     """
 
     triangles: Annotated[Buffer, "Triangle"]  # F + C, from setup
@@ -25,7 +25,7 @@ class SurfaceInputs(NamedTuple):
     normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
     normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; with NORMAL_INDICES
     colors: Annotated[Buffer | None, "real4"] = None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB
-    uvs: Annotated[Buffer | None, "real4"] = None  # T, texture coordinates u, v and what rounding leaves of them
+    uvs: Annotated[Buffer | None, "real4"] = None  # T, texture coordinates u, v and their rounding errors
     uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; with UV_INDICES
     face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
     textures: Annotated[Buffer | None, "Texture"] = None
@@ -34,7 +34,7 @@ class SurfaceInputs(NamedTuple):
 
 @cache
 def macros() -> str:
-    """OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialise a struct of SURFACE_MEMBERS."""
+    """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
     declared = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
     return (

@@ -1,4 +1,4 @@
-"""The lists of triangles per tile: counted, summed up and written on the device, nearest first."""
+"""The lists of triangles per tile: counted, scanned and written on the device, nearest first."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .launches import Stages
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _MOST_CHUNKS = 16
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the counters: 16 MiB
-_SCAN_RUN = 1 << 13  # counters that a work-item of the scan takes at least
+_SCAN_RUN = 1 << 13  # fewest counters per work-item of the scan
 _MOST_PARTS = 64
 
 
 class TileLists:
-    """Keeps its memory from frame to frame. A frame calls `count`, then `fill`; the pixel stage follows.
+    """The tile lists, whose memory is kept from frame to frame. A frame calls `count`, then `fill`; the pixel stage follows.
 
-    starts: (tiles + 1,) where each tile's list begins. entries: the lists, one behind the other.
-    `fill` and the pixel stage do nothing where there is no room for all entries. Then, and only then, the counters tell
-    of more entries than `room`, and the caller makes room and asks again.
+    starts: (tiles + 1,) where each tile's list begins. entries: the lists, concatenated.
+    `fill` and the pixel stage do nothing if there is no room for all entries. Then, and only then, the counters show
+    more entries than `room`, and the caller makes room and calls again.
     """
 
     def __init__(self, stages: Stages) -> None:
@@ -35,13 +35,13 @@ class TileLists:
 
     @property
     def room(self) -> int:
-        """Entries that fit."""
+        """Number of entries that fit."""
         return len(self.entries.array)
 
     def count(
         self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, tiles: int, events: dict[str, Any]
     ) -> None:
-        """Counts the entries of each tile and finds where its list begins."""
+        """Count the entries of each tile and find where its list begins."""
         if len(self.starts.array) != tiles + 1:
             self.starts = self._empty(tiles + 1, np.uint32)
         if not visible:
@@ -62,13 +62,13 @@ class TileLists:
         events["bin_scan"] = self._stages.bin_scan(image, self._sums, self._counts, self.starts, made, self._chunks)
 
     def fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:
-        """Writes the lists."""
+        """Write the lists."""
         if visible:
             arguments = (order, made, image, self._counts, self.entries, self._chunk, visible)
             events["bin_fill"] = self._stages.bin_fill(*arguments)
 
     def make_room(self, entries: int) -> None:
-        """Makes the lists long enough for so many entries, with a margin for the next camera where memory allows it."""
+        """Make room for so many entries, with a margin for the next camera if memory allows it."""
         kind = self._stages.structs.Entry
         most = self._stages.device.max_allocation // kind.itemsize
         self.entries = self._empty(max(entries, min(entries + entries // 2, most)), kind)

@@ -1,1 +1,1 @@
-"""What people look at: how scenes and frames show themselves in a notebook."""
+"""Views of frames and scenes in a notebook."""

@@ -16,12 +16,12 @@ from ..images.tonemap import Operator
 from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
 
-FRAME_SIDE = 1024  # pixels of a frame's longer side in a notebook, at most: the file holds every picture that it shows
-SCENE_SIDE = 256  # of a scene, which is drawn to be shown
+FRAME_SIDE = 1024  # most pixels on a frame's longer side in a notebook: its file holds every picture that it shows
+SCENE_SIDE = 256  # of a scene, which is drawn in order to show it
 
 
 def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
-    """A PNG of uint8 (M, N, 3), reduced to means of k x k pixels where its longer side is longer than that."""
+    """Encode uint8 (M, N, 3) as PNG, reduced to means of k x k pixels if its longer side exceeds `side`."""
     from PIL import Image
 
     factor = -(-max(pixels.shape[:2]) // side)
@@ -33,7 +33,7 @@ def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
-    """MIME type -> content: a line of text, and the scene drawn small where a device is found. Never raises."""
+    """Return MIME type -> content: a line of text, and a small render of the scene if there is a device. Never raises."""
     from ..pipeline.renderer import render
 
     text = repr(scene)
@@ -42,15 +42,16 @@ def scene_bundle(scene: Scene) -> dict[str, Any]:
     try:
         small = replace(scene, camera=replace(scene.camera, resolution=(columns, rows)))
         picture = encoded(render(small, samples=1).to_png8())
-    except Exception as error:  # whatever it is, a notebook is no place for the traceback of showing something
+    except Exception as error:  # a notebook should not show the traceback of a failed preview
         return {"text/plain": f"{text}\nnot drawn: {' '.join(str(error).split()) or type(error).__name__}"}
     return {"text/plain": text, "image/png": picture}
 
 
 def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
-    """In a notebook below the cell, else in the desktop's image viewer. Raises OutputError where there is none."""
+    """Show a frame: in a notebook below the cell, else in the desktop's image viewer. Raises OutputError if there is
+    none."""
     pixels = frame.to_png8(tonemap, exposure)
-    ipython = sys.modules.get("IPython")  # is there anyway where a notebook runs
+    ipython = sys.modules.get("IPython")  # a running notebook has imported it
     shell = ipython.get_ipython() if ipython is not None else None
     if getattr(shell, "kernel", None) is not None:
         from IPython.display import display
@@ -59,7 +60,7 @@ def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
         return
     from PIL import Image, ImageShow
 
-    # The last resort of Pillow, where IPython is installed, is to print the object: that shows nothing.
+    # Pillow's last resort, if IPython is installed, is to print the object, which shows nothing.
     viewers = [each for each in ImageShow._viewers if not isinstance(each, ImageShow.IPythonViewer)]
     image, title = Image.fromarray(pixels), frame.scene.name or "clshade"
     if not any(viewer.show(image, title=title) for viewer in viewers):
@@ -67,7 +68,7 @@ def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
 
 
 def plot_layers(frame: Frame) -> Any:
-    """A matplotlib figure of a frame's image, coverage and layers."""
+    """Return a matplotlib figure of a frame's image, coverage and layers."""
     from ..images.exr import flatten
     from ..images.layer_plots import plot_thumbnails
     from ..images.thumbnails import Thumbnail, thinned, thumbnails

@@ -1,1 +1,1 @@
-"""Finds, opens and tries OpenCL devices, and keeps what was compiled for them."""
+"""Finds, tests and opens OpenCL devices, and keeps what was compiled for them."""

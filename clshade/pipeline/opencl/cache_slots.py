@@ -1,9 +1,9 @@
-"""Cache folders for one process at a time, and how a process knows that what the last one left there is whole.
+"""Cache folders for one process at a time, and how a process knows that what the previous one left there is intact.
 
-What is cached is compiled code. A damaged file of it crashes whatever runs it, or draws wrong pixels without a word. So
-each folder has a seal, the digests of its files, written anew whenever something was compiled. A process that takes the
-folder keeps only what the seal names, and nothing at all where a file is other than the seal says. While code is used for
-the first time in a process, a mark lies in the folder: a process that finds one knows that its user did not survive that.
+The cache holds compiled code. A damaged file crashes whatever runs it, or silently draws wrong pixels. So each folder
+has a seal, the digests of its files, rewritten whenever something was compiled. A process that takes the folder keeps
+only what the seal names, and nothing at all if a file differs from its digest. While code is used for the first time in
+a process, a mark lies in the folder: a process that finds one knows that its user did not survive that.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from pathlib import Path
 from ...base import interrupts
 from ...errors import DeviceError
 
-SLOTS = 256  # cache folders before a process gets a throw-away one
-LEFT_SECONDS = 24 * 3600.0  # a folder that nothing locks was left by a process that was killed
+SLOTS = 256  # cache folders before a process gets a temporary one
+LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a process that was killed
 LOCK, SEAL, MARK = "lock", "seal", "in-use"
 _OWN = {LOCK, SEAL, MARK}
-_CHANGING = "last_accessed"  # where PoCL notes when it used a program
-_UNFINISHED = "tempfile"  # begins the names of files that PoCL is writing
+_CHANGING = "last_accessed"  # in which PoCL notes when it used a program
+_UNFINISHED = "tempfile"  # prefix of files that PoCL is writing
 _DIED = "a run that began to use it ended abruptly"
 
 
 @dataclass
 class Slot:
-    """A cache folder that this process alone uses, for as long as it lives.
+    """A cache folder that only this process uses while it lives.
 
     folder: holds `pocl` (PoCL's kernel cache) and `binaries` (programs that other runtimes built).
-    lock: descriptor of the locked file; None for a throw-away folder, which needs neither seal nor mark.
-    emptied: why what an earlier process had left was thrown away, a clause; "" if it was not.
+    lock: descriptor of the locked file; None for a temporary folder, which needs neither seal nor mark.
+    emptied: why what an earlier process had left was removed, a clause; "" if it was not.
     """
 
     folder: Path
@@ -47,7 +47,7 @@ class Slot:
     _owner: int = field(default_factory=os.getpid)
     _guard: threading.RLock = field(default_factory=threading.RLock)
     _users: int = 0
-    _sealed: dict[str, tuple[str, int, int]] = field(default_factory=dict)  # name -> digest, size, time of change
+    _sealed: dict[str, tuple[str, int, int]] = field(default_factory=dict)  # name -> digest, size, modification time
 
     @property
     def pocl(self) -> Path:
@@ -55,12 +55,12 @@ class Slot:
 
     @contextlib.contextmanager
     def using(self) -> Iterator[None]:
-        """For a block that uses what is cached for the first time: if the process dies in it, the next one to take the
-        folder throws all of it away. The block ends with an exception, or an interrupt: nothing happens."""
+        """Guard a block that uses cached code for the first time: if the process dies in it, the next one to take the
+        folder removes all of it. Leaving the block by an exception or an interrupt is harmless."""
         with self._guard:
             self._users += 1
             if self._users == 1 and self.lock is not None:
-                with contextlib.suppress(OSError):  # a full disk: without the mark
+                with contextlib.suppress(OSError):  # on a full disk: without the mark
                     os.close(os.open(self.folder / MARK, os.O_WRONLY | os.O_CREAT, 0o600))
         try:
             yield
@@ -71,7 +71,7 @@ class Slot:
                     self._unmark()
 
     def release(self) -> None:
-        """Leaves the folder to other processes."""
+        """Leave the folder to other processes."""
         self._end()
         if self.lock is not None:
             os.close(self.lock)
@@ -83,7 +83,7 @@ class Slot:
                 os.unlink(self.folder / MARK)
 
     def seal(self) -> bool:
-        """Notes what the folder holds now, as whole: whether there is anything new. What cannot be noted, as on a full
+        """Seal the folder's present files as intact; return whether any is new. What cannot be sealed, as on a full
         disk, is compiled again by the next process."""
         if self.lock is None or self._owner != os.getpid():
             return False
@@ -102,13 +102,13 @@ class Slot:
         return False
 
     def _end(self) -> None:
-        """At the end of the process, even a forced one, which may come while something is compiled."""
+        """Seal the folder at the end of the process, even a forced one, which may come during a compilation."""
         self._unmark()
         if not self._users:
             self.seal()
 
     def _examine(self) -> None:
-        """Throws away what an earlier process left and cannot be relied on. Raises OSError if that is impossible."""
+        """Remove what an earlier process left if it is not reliable. Raises OSError if that is impossible."""
         self.emptied = self._fault()
         if self.emptied:
             _empty(self.folder)
@@ -122,7 +122,7 @@ class Slot:
         try:
             for name, status in _files(self.folder):
                 path = self.folder / name
-                if name not in expected:  # its process was killed before it could say that the file is whole
+                if name not in expected:  # its process was killed before it could seal the file
                     path.unlink()
                     continue
                 if not stat.S_ISREG(status.st_mode) or _digest(path) != expected[name]:
@@ -131,14 +131,14 @@ class Slot:
         except OSError as error:
             return f"{os.path.basename(error.filename or '')} cannot be read ({error.strerror})"
         other = (name for name in expected if name not in self._sealed and os.path.lexists(self.folder / name))
-        return next((f"{os.path.basename(name)} is damaged" for name in other), "")  # a folder in its place
+        return next((f"{os.path.basename(name)} is damaged" for name in other), "")  # replaced by a folder
 
 
-# What a folder holds
+# Contents of a folder
 
 
 def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
-    """Every file in the folder that does not change by itself: its name from there, and its status."""
+    """Yield every file of the folder that does not change by itself: its relative name and its status."""
 
     def refuse(error: OSError) -> None:
         raise error
@@ -160,12 +160,12 @@ def _write_seal(folder: Path, digests: dict[str, str]) -> None:
     body = os.fsencode(lines)
     made = folder / f"{SEAL}.new"
     made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-    # Not synced: where a power cut loses it, what it vouches for may be lost as well.
+    # Not synced: a power cut that loses it may lose the files it vouches for as well.
     os.replace(made, folder / SEAL)
 
 
 def _read_seal(folder: Path) -> dict[str, str] | None:
-    """Name -> digest; empty where there is none yet; None for one that is damaged."""
+    """Read the seal: name -> digest; empty if there is none yet; None if it is damaged."""
     try:
         digest, body = (folder / SEAL).read_bytes().split(b"\n", 1)
     except FileNotFoundError:
@@ -188,17 +188,17 @@ def _empty(folder: Path) -> None:
             path.unlink()
 
 
-# Taking one
+# Taking a folder
 
 
 def lock_file(path: Path) -> int | None:
-    """The descriptor of the file at `path`, locked until it is closed or the process ends. None: another has it.
+    """Return the descriptor of the file at `path`, locked until it is closed or the process ends. None: another has it.
 
-    Raises OSError where the file cannot be made, or its file system knows no locks. A forked child that closes its copy
+    Raises OSError if the file cannot be created, or its file system has no locks. A forked child that closes its copy
     leaves the lock in place; with filelock before release 4 its end took it from the parent, and importing that package
     takes a tenth of the time of a small render.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)  # not inherited by programs that are started
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)  # not inherited by child programs
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -218,7 +218,7 @@ def lock_file(path: Path) -> int | None:
 
 
 def take(folder: Path) -> Slot | None:
-    """Claims the folder for this process, made if need be; None: another process has it. Raises OSError."""
+    """Claim the folder for this process, creating it if need be; None: another process has it. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     lock = lock_file(folder / LOCK)
     if lock is None:
@@ -235,12 +235,12 @@ def take(folder: Path) -> Slot | None:
 
 
 def unusable(folder: Path, error: OSError) -> DeviceError:
-    """The error about a cache folder."""
+    """Build the error for a cache folder that cannot be used."""
     return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
 
 
 def throw_away(root: Path) -> Slot:
-    """A folder for this process only, removed when it exits. Raises DeviceError."""
+    """Return a folder for this process only, removed when it exits. Raises DeviceError."""
     try:
         slot = Slot(private_folder(root, "once-"), None)
         slot.pocl.mkdir()
@@ -250,14 +250,15 @@ def throw_away(root: Path) -> Slot:
 
 
 def claim(root: Path) -> Slot:
-    """The first folder of `slot-0`, `slot-1`, ... that no running process has and this one can use. Two processes that
-    share PoCL's cache can crash; a process on its own always gets slot-0, and so finds what the last one compiled."""
+    """Claim the first folder of `slot-0`, `slot-1`, ... that no running process has and this one can use. Two processes
+    that share PoCL's cache can crash; a process on its own always gets slot-0, and so finds what the previous one
+    compiled."""
     with contextlib.suppress(OSError):
         for number in range(SLOTS):
             try:
                 slot = take(root / f"slot-{number}")
             except (PermissionError, FileExistsError, NotADirectoryError, IsADirectoryError):
-                continue  # another user's, as after `sudo`, or no folder at all
+                continue  # another user's, as after `sudo`, or not a folder
             if slot is not None:
                 return slot
     return throw_away(root)
@@ -267,9 +268,9 @@ def claim(root: Path) -> Slot:
 
 
 def private_folder(parent: Path, prefix: str) -> Path:
-    """A new folder that is removed when this process exits. Those of processes that were killed go first.
+    """Create a folder that is removed when this process exits. Those of processes that were killed are removed first.
 
-    Raises OSError where it cannot be made.
+    Raises OSError if it cannot be created.
     """
     import tempfile
 
@@ -285,11 +286,11 @@ def private_folder(parent: Path, prefix: str) -> Path:
 
     try:
         lock = lock_file(folder / LOCK)  # held to the end
-    except OSError:  # a file system without locks: left, it is removed when it is old
+    except OSError:  # a file system without locks: if left behind, it is removed once it is old
         return folder
     if lock is not None and (folder / LOCK).is_file():
         return folder
-    return private_folder(parent, prefix)  # before it was locked another process took it for one left
+    return private_folder(parent, prefix)  # before it was locked another process took it for a leftover
 
 
 def _remove_if_left(folder: Path) -> None:
@@ -297,7 +298,7 @@ def _remove_if_left(folder: Path) -> None:
     own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
     if not (own and stat.S_ISDIR(status.st_mode)):
         return
-    if not (folder / LOCK).is_file():  # just made, or its file system knows no locks
+    if not (folder / LOCK).is_file():  # just created, or its file system has no locks
         if status.st_mtime < time.time() - LEFT_SECONDS:
             shutil.rmtree(folder, ignore_errors=True)
         return

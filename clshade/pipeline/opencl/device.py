@@ -1,4 +1,4 @@
-"""Finds an OpenCL device without asking, makes sure that it works, and opens it."""
+"""Finding an OpenCL device by itself or by name, testing that it works, and opening it."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from .probe import (
 class Device:
     """An open device.
 
-    device, context, queue: pyopencl's objects; the queue is in order.
+    device, context, queue: pyopencl's objects; the queue is in-order.
     version: the device's OpenCL version text. driver: its driver's version.
-    lanes: pixels that a work-item handles together: 16 on a CPU, 1 on a GPU and where the runtime wants it so.
-    memory, max_allocation: bytes, in all and in one buffer.
-    setup_run: faces that a work-item of the set-up takes one after the other.
+    lanes: pixels that a work-item processes together: 16 on a CPU, 1 on a GPU and where the runtime vectorizes work-items.
+    memory, max_allocation: bytes, in total and per buffer.
+    setup_run: faces that a work-item of the setup kernel processes in sequence.
     keeps_programs: whether the runtime finds programs that it has built before by their source.
     """
 
@@ -68,14 +68,14 @@ class Device:
 
 
 def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
-    """Every device found, with pyopencl's object, in the order of the ICD loader."""
+    """Return every device found, with pyopencl's object, in the order of the ICD loader."""
     environment.prepare(name)
     try:
         import pyopencl as cl
     except ImportError as error:
         advice = f"install {install_advice()}"
         raise DeviceError(f"pyopencl cannot be imported ({one_line(str(error))}): {advice}") from None
-    # Its caches lie outside of the slots, and neither is checked for damage nor needed: `programs` has one of its own.
+    # pyopencl's caches lie outside of the slots, are not checked for damage and not needed: `programs` has its own.
     if "PYOPENCL_NO_CACHE" not in os.environ:
         cl._PYOPENCL_NO_CACHE = True
     environment.starting()
@@ -106,7 +106,7 @@ def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
 
 
 def _rank(info: DeviceInfo) -> int:
-    """The order of preference: PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last."""
+    """Return the rank of preference: PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last."""
     if any(word in info.platform.lower() for word in ("fpga", "oclgrind")):
         return 4
     if is_runtime(info, "pocl"):
@@ -115,7 +115,7 @@ def _rank(info: DeviceInfo) -> int:
 
 
 def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
-    """The devices that `name` can mean, best first.
+    """Return the devices that `name` can mean, best first.
 
     name: "P:D"; or, in any case, part of a platform's name or a word of RUNTIMES; or else part of a device's name.
         Every runtime's device on an Intel CPU is called Intel: words of RUNTIMES are not looked for in CPUs' names.
@@ -135,7 +135,7 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
 
 
 def probe_child(index: str, name: str) -> None:
-    """What the probing process does: builds and runs a kernel on the device and prints whether its result was right."""
+    """Build and run a kernel on the device, in the probing process, and print whether its result was right."""
     try:
         import resource
 
@@ -178,14 +178,14 @@ def probe_child(index: str, name: str) -> None:
 def open_device(
     name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
 ) -> Device:
-    """Opens a device that works; of several that the name can mean, the first that does.
+    """Open a device that works; of several that the name can mean, the first that does.
 
     name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
         (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
     profiling: whether the queue's events carry times.
-    meanwhile: called with the device while it is tried out, which is done the first time on a machine and takes a
+    meanwhile: called with the device while it is being tested, which happens the first time on a machine and takes a
         second or two. It may build programs but not enqueue anything. It is called again with another device if the
-        first turns out broken, and not at all if nothing has to be tried out.
+        first turns out broken, and not at all if no test is needed.
 
     Raises DeviceError, with one line that says what to install or change, if there is none. What `meanwhile` raises is
     passed on, unless the device is broken.
@@ -220,7 +220,7 @@ _shared: dict[tuple[int, str, bool], Device] = {}
 def shared_device(
     name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
 ) -> Device:
-    """The same as `open_device`, but opened once in a process, so that programs built for it are found again."""
+    """Open a device as `open_device` does, but once per process, so that programs built for it are found again."""
     asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     key = (os.getpid(), asked, profiling)
     if key not in _shared:
@@ -231,11 +231,11 @@ def shared_device(
 
 
 class _Broken(DeviceError):
-    """The device does not work; another one may."""
+    """A device that does not work; another one may."""
 
 
 def _try_out(info: DeviceInfo, handle: Any, profiling: bool, meanwhile: Callable[[Device], Any] | None) -> Device:
-    """Opens the device while it is tried out."""
+    """Open the device while it is being tested."""
     probe = Probe(info)
     device, failure = None, None
     try:
@@ -276,7 +276,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         driver=info.driver,
         is_cpu=info.is_cpu,
         has_fp64=info.has_fp64,
-        lanes=16 if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa puts work-items in lanes itself
+        lanes=16 if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa vectorizes work-items itself
         compute_units=info.compute_units,
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
@@ -287,7 +287,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Every device found, tried out afresh (at the same time): `works` and `problem` are filled in. Empty without any.
+    """Return every device found, all tested afresh in parallel: `works` and `problem` are filled in. Empty if there is none.
 
     Raises DeviceError if pyopencl cannot be imported.
     """
@@ -300,7 +300,7 @@ def list_devices() -> list[DeviceInfo]:
 
 
 def format_devices(infos: Sequence[DeviceInfo]) -> str:
-    """A text for people: what was found, what works, what to install when nothing does."""
+    """Format for the terminal what was found, what works, and what to install if nothing does."""
     lines = [] if infos else ["No OpenCL device was found."]
     usable = [info for info in infos if info.works]
     default = next(iter(candidates(usable, os.environ.get("CLSHADE_DEVICE", ""))), None)

@@ -1,4 +1,4 @@
-"""What has to be in place before OpenCL starts: cache folders of this process's own, and every runtime in sight.
+"""The environment that OpenCL needs before it starts: cache folders for this process alone, and all runtimes visible.
 
 Nothing here imports pyopencl: its ICD loader and PoCL read the environment once, when OpenCL starts. `prepare` sets it
 up, and leaves alone whatever the user has set. Environment variables set here are inherited by child processes; each is
@@ -23,7 +23,7 @@ from ...errors import DeviceError
 from . import cache_slots
 from .cache_slots import Slot, unusable
 
-ROOM = 64 << 20  # bytes: PoCL ends the process, without a word, when it cannot write what it compiles
+ROOM = 64 << 20  # bytes: PoCL silently ends the process if it cannot write what it compiles
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
 
@@ -35,7 +35,7 @@ _started_in: int | None = None  # the process that started OpenCL
 
 
 def is_users(name: str) -> bool:
-    """Whether the environment variable was set by the user rather than by clshade, here or in a parent process."""
+    """Return whether the environment variable was set by the user rather than by clshade, here or in a parent process."""
     value = os.environ.get(name)
     return bool(value) and value != os.environ.get(f"CLSHADE_SET_{name}")
 
@@ -44,18 +44,18 @@ def _set(name: str, value: str) -> None:
     os.environ[name] = os.environ[f"CLSHADE_SET_{name}"] = value
 
 
-# Where the caches are
+# Location of the caches
 
 
 def _default_cache_home() -> Path:
-    """The folder that pyopencl and PoCL would use: the platform's cache folder of this user."""
+    """Return the folder that pyopencl and PoCL would use: the platform's cache folder of this user."""
     import platformdirs
 
     return Path(platformdirs.user_cache_dir())
 
 
 def _fault(home: Path) -> str:
-    """Why caches cannot be kept there; "" if they can."""
+    """Return why caches cannot be kept there; "" if they can."""
     try:
         if not home.is_absolute():
             return "not an absolute path"
@@ -72,8 +72,9 @@ def _fault(home: Path) -> str:
 
 
 def _temporary_cache_home(instead: str) -> Path:
-    """A folder in the system's temporary folder: this user's, kept for later runs; one for this process alone, removed when
-    it exits, where someone else made that or could have written to it: what is cached is code that gets loaded.
+    """Return a folder in the system's temporary folder: this user's, kept for later runs; or, if someone else created
+    that or could have written to it, one for this process alone, removed when it exits: the cache holds code that gets
+    loaded.
 
     instead: what was wrong with the other folder, for the message.
     """
@@ -101,21 +102,21 @@ def _temporary_cache_home(instead: str) -> Path:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether nobody but this user can have written to the folder, which is made if need be."""
+    """Return whether only this user can have written to the folder, which is created if need be."""
     try:
         folder.mkdir(mode=0o700)
     except FileExistsError:
         status = folder.lstat()
         if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o022:
             return False
-        if status.st_mode & 0o777 != 0o700:  # others may look into it, or it was made under an odd umask
+        if status.st_mode & 0o777 != 0o700:  # others may read it, or it was created under an unusual umask
             folder.chmod(0o700)
     return True
 
 
 def cache_home() -> Path:
-    """A writable cache folder. Where the user's own is missing, unwritable or full: one in the temporary folder, which is
-    then also set as XDG_CACHE_HOME, for the processes that this one starts."""
+    """Return a writable cache folder. If the user's own is missing, unwritable or full: one in the temporary folder,
+    which is then also set as XDG_CACHE_HOME, for child processes."""
     global _home
     with _guard:
         if _home is None:
@@ -129,7 +130,7 @@ def cache_home() -> Path:
 
 
 def cache_root() -> Path:
-    """clshade's own folder in `cache_home`; it exists."""
+    """Return clshade's own folder in `cache_home`; it exists."""
     return cache_home() / "clshade"
 
 
@@ -148,7 +149,7 @@ def _adopt(slot: Slot) -> Slot:
 
 
 def isolate_cache(folder: str | os.PathLike[str]) -> Path:
-    """Makes this process keep its caches in `folder` instead of a claimed one: for workers, before OpenCL starts.
+    """Make this process keep its caches in `folder` instead of a claimed one: for workers, before OpenCL starts.
 
     Raises DeviceError if it is too late, another running process uses the folder, or it cannot be written.
     """
@@ -172,7 +173,7 @@ def isolate_cache(folder: str | os.PathLike[str]) -> Path:
 
 
 def _forget() -> None:
-    """In a forked child: the folder is the parent's. Closing its descriptor here leaves the parent's lock in place."""
+    """Give up the parent's folder in a forked child. Closing its descriptor here leaves the parent's lock in place."""
     global _slot, _guard, _prepared
     _guard = threading.RLock()
     _prepared = False
@@ -185,18 +186,18 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 
 
-# Which runtimes the ICD loader sees
+# Runtimes visible to the ICD loader
 
 
 def intel_library() -> Path | None:
-    """Intel's CPU runtime as pip or conda install it (`intel-opencl-rt`), or None."""
+    """Return Intel's CPU runtime as pip or conda install it (`intel-opencl-rt`), or None."""
     prefixes = dict.fromkeys((sys.prefix, sys.base_prefix, site.getuserbase(), "/usr/local"))
     return next((p for p in (Path(prefix, "lib", "libintelocl.so") for prefix in prefixes) if p.is_file()), None)
 
 
 def _registered(folders: Sequence[Path]) -> dict[str, str]:
-    """The .icd files of the folders, name to library. Left out: those with the path of a library that does not exist
-    (the ones of Intel's PyPI package), and libraries named before."""
+    """Return the .icd files of the folders, name to library. Left out: those with the path of a library that does not
+    exist (the ones of Intel's PyPI package), and libraries already listed."""
     found: dict[str, str] = {}
     for folder in folders:
         for path in sorted(folder.glob("*.icd")):
@@ -211,7 +212,7 @@ def _registered(folders: Sequence[Path]) -> dict[str, str]:
 
 
 def _texts(folder: Path) -> dict[str, str]:
-    """The folder's files, name to content; empty where they cannot be read."""
+    """Return the folder's files, name to content; empty if they cannot be read."""
     try:
         return {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
     except OSError:
@@ -219,7 +220,7 @@ def _texts(folder: Path) -> dict[str, str]:
 
 
 def _write_vendors(folder: Path, files: dict[str, str]) -> None:
-    """Makes the folder with these files, in one step; in the place of one that is damaged."""
+    """Create the folder with these files atomically, replacing a damaged one."""
     import tempfile
 
     try:
@@ -239,7 +240,7 @@ def _write_vendors(folder: Path, files: dict[str, str]) -> None:
 
 
 def expose_runtimes() -> None:
-    """Makes Intel's runtime visible where it is installed, beside PoCL and the system's runtimes.
+    """Make Intel's runtime visible if it is installed, beside PoCL and the system's runtimes.
 
     The .icd files that come with it name a folder of its build machine, so OCL_ICD_VENDORS is set to a folder of
     working ones. PyPI's pyopencl adds the PoCL it carries to whatever folder that is.
@@ -264,14 +265,14 @@ def expose_runtimes() -> None:
 
 
 def prepare(name: str = "") -> Slot:
-    """Sets the environment up for OpenCL and claims this process's cache folder; later calls only return it. Call it
+    """Set up the environment for OpenCL and claim this process's cache folder; later calls only return it. Call it
     before importing pyopencl. `name`: the device asked for, as for `device.open_device`."""
     global _prepared
     with _guard:
         slot = _slot or _adopt(cache_slots.claim(cache_root()))
         if not _prepared:
             expose_runtimes()
-            # pyopencl looks this up unguarded when its cache fails; empty: it warns and goes on without the cache.
+            # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
             os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
             if "rusticl" in name.lower():
                 os.environ.setdefault("RUSTICL_ENABLE", "swrast")  # Mesa hides its CPU device otherwise
@@ -280,7 +281,7 @@ def prepare(name: str = "") -> Slot:
 
 
 def starting() -> None:
-    """Notes that OpenCL starts in this process.
+    """Note that OpenCL starts in this process.
 
     Raises DeviceError in a child forked after it had started: a runtime's threads do not survive the fork.
     """
@@ -293,9 +294,9 @@ def starting() -> None:
 
 
 def fingerprint(package: str) -> list[list[object]]:
-    """What a device's working depends on besides its driver's version, cheaply found: [path, time of change] of the
-    runtimes' libraries in pip's folders (`package`: pyopencl's folder), of `ld`, and of the C library's linker script
-    and compiler support files, which PyPI's PoCL links its kernels with."""
+    """Return what a device's working depends on besides its driver's version, at little cost: [path, modification time]
+    of the runtimes' libraries in pip's folders (`package`: pyopencl's folder), of `ld`, and of the C library's linker
+    script and compiler support files, which PyPI's PoCL links its kernels with."""
     paths = [*glob.glob(os.path.join(package, ".libs", "libpocl*")), str(intel_library() or "")]
     paths += [shutil.which("ld") or "", shutil.which("x86_64-unknown-linux-gnu-ld") or ""]
     for pattern in (

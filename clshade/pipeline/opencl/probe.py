@@ -1,4 +1,4 @@
-"""Trying a device out in a process of its own, and remembering that it works.
+"""Testing a device in a process of its own, and remembering the verdict.
 
 Some devices abort the whole process at their first kernel: PyPI's PoCL does on a machine without a linker. The verdict
 is kept on disk until the driver, or what it needs from the system, changes. Nothing here imports pyopencl.
@@ -22,12 +22,12 @@ from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
 from . import environment
 
-PROBE_SECONDS = 120.0  # a device that has not run one small kernel by then is broken
-VERDICT_VERSION = 1  # to be raised when the probe changes
-BROKEN_SECONDS = 24 * 3600.0  # for how long a device that was broken comes after the others
+PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
+VERDICT_VERSION = 1  # increment it when the probe changes
+BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
 
-# Words for runtimes, and what their platforms' names contain.
+# Words for runtimes, and substrings of their platforms' names.
 RUNTIMES = {
     "pocl": ("portable computing language", "pocl"),
     "intel": ("intel",),
@@ -43,11 +43,11 @@ GET_CONDA = "PoCL from conda-forge (`conda install -c conda-forge pyopencl pocl`
 class DeviceInfo:
     """A device that was found.
 
-    index: "P:D", the platform's and the device's number.
+    index: "P:D", the platform's and the device's index.
     platform_version: the runtime's own version text.
     memory: bytes.
     works: it ran a kernel and the result was right.
-    problem: why it does not work, one line with what to do; "" if it works.
+    problem: why it does not work, one line with the remedy; "" if it works.
     """
 
     index: str
@@ -67,7 +67,7 @@ class DeviceInfo:
 
 
 def is_runtime(info: DeviceInfo, word: str) -> bool:
-    """Whether the device's platform is the one that a word of RUNTIMES means."""
+    """Return whether the device's platform is the one that a word of RUNTIMES means."""
     return any(part in info.platform.lower() for part in RUNTIMES[word])
 
 
@@ -76,11 +76,11 @@ def one_line(text: str, length: int = 160) -> str:
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
-# What to do about it
+# Remedies
 
 
 def install_advice() -> str:
-    """What to install on this system to get an OpenCL device; one line."""
+    """Return what to install on this system to get an OpenCL device; one line."""
     import platform
 
     gpu = "for a GPU, its vendor's driver"
@@ -93,7 +93,7 @@ def install_advice() -> str:
 
 
 def device_fault(info: DeviceInfo, fault: str) -> str:
-    """One line: the device, what is wrong with it (a predicate), and what to do."""
+    """Return one line: the device, what is wrong with it (a predicate), and the remedy."""
     remedy = "update its driver or choose another device"
     if is_runtime(info, "pocl") and info.is_cpu and "first kernel" in fault:
         remedy = (
@@ -109,7 +109,7 @@ def device_fault(info: DeviceInfo, fault: str) -> str:
 
 
 def probe_command(info: DeviceInfo) -> list[str]:
-    """The command line that runs `device.probe_child`, with the module search path of this process."""
+    """Return the command line that runs `device.probe_child`, with the module search path of this process."""
     path = [*sys.path, str(Path(__file__).resolve().parents[3])]
     code = (
         f"import sys; sys.path[:] = {path!r}\n"
@@ -121,12 +121,12 @@ def probe_command(info: DeviceInfo) -> list[str]:
 
 
 def can_probe() -> bool:
-    """Whether a Python can be started: in an application with Python inside, sys.executable is something else."""
+    """Return whether a Python can be started: in an application that embeds Python, sys.executable is something else."""
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
 def _sweep(root: Path) -> None:
-    """Removes the folders of probes that were killed; another process may be doing the same."""
+    """Remove the folders of probes that were killed; another process may be doing the same."""
     with contextlib.suppress(OSError):
         for left in root.glob("probe-*"):
             with contextlib.suppress(OSError):
@@ -139,7 +139,7 @@ _running: set[Probe] = set()
 
 @interrupts.at_end
 def _abandon_all() -> None:
-    """At the end of the process: what an interrupt left running."""
+    """End, at the end of the process, the probes that an interrupt left running."""
     for probe in list(_running):
         if probe.owner == os.getpid():
             probe.abandon()
@@ -182,7 +182,7 @@ class Probe:
             raise
 
     def abandon(self) -> None:
-        """Ends the process."""
+        """End the process."""
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.communicate()
@@ -191,7 +191,7 @@ class Probe:
         _running.discard(self)
 
     def finish(self) -> str:
-        """Waits for the verdict and remembers it: "" if the device works, else what is wrong and what to do."""
+        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy."""
         from subprocess import TimeoutExpired
 
         assert self.process is not None
@@ -209,7 +209,7 @@ class Probe:
 
 
 def _fault(code: int, out: str, err: str) -> str:
-    """What a finished probe showed, as a predicate; "" if the device works."""
+    """Return what a finished probe showed, as a predicate; "" if the device works."""
     if code == 0:
         return "" if RIGHT in out.split() else "computes wrongly"
     said = ""
@@ -230,7 +230,7 @@ def _fault(code: int, out: str, err: str) -> str:
     return f"crashes at its first kernel ({name}{': ' + said if said else ''})"
 
 
-# Verdicts: a file for each device and state of the system
+# Verdicts: one file per device and state of the system
 
 
 def _verdict_file(info: DeviceInfo) -> Path:
@@ -242,7 +242,7 @@ def _verdict_file(info: DeviceInfo) -> Path:
 
 
 def remember(info: DeviceInfo, problem: str) -> None:
-    """Keeps a verdict on disk; if that fails, the device is tried out again next time."""
+    """Store a verdict on disk; if that fails, the device is tested again next time."""
     file = _verdict_file(info)
     with contextlib.suppress(OSError, OutputError):
         if not file.parent.is_dir():
@@ -254,8 +254,8 @@ def remember(info: DeviceInfo, problem: str) -> None:
 
 
 def recall(info: DeviceInfo) -> bool | None:
-    """The remembered verdict, whether the device works; None if there is none. A device that did not work is always
-    tried out again before it is refused; the verdict only says which one to try first."""
+    """Return the remembered verdict, whether the device works; None if there is none. A device that did not work is
+    always tested again before it is refused; the verdict only determines the order."""
     try:
         file = _verdict_file(info)
         works: bool = json.loads(file.read_text())["problem"] == ""
