@@ -1,1 +1,1 @@
-"""Knows nothing about rendering: validation, files, JSON, console, text tables."""
+"""Utilities independent of rendering: validation, files, JSON, console, text tables."""

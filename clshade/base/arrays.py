@@ -1,4 +1,4 @@
-"""Names for arrays in signatures, and for fields that are given as something else. Shapes stand in docstrings."""
+"""Array types for signatures, and dataclass fields that are converted. Shapes are given in docstrings."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array: TypeAlias = NDArray[Any]  # of any type: indices, tables, what a file holds
+Array: TypeAlias = NDArray[Any]  # of any type: indices, tables, file contents
 Reals: TypeAlias = NDArray[np.floating[Any]]  # float32 or float64
 Floats: TypeAlias = NDArray[np.float64]
 Floats32: TypeAlias = NDArray[np.float32]
 Bools: TypeAlias = NDArray[np.bool_]
 Integers: TypeAlias = NDArray[np.integer[Any]]
-Indices: TypeAlias = NDArray[np.intp]  # as np.flatnonzero and its like give them
-Faces: TypeAlias = NDArray[np.int32]  # (F, 3) indices of each face's corners
+Indices: TypeAlias = NDArray[np.intp]  # as from np.flatnonzero
+Faces: TypeAlias = NDArray[np.int32]  # (F, 3) vertex indices of each face
 UInt32s: TypeAlias = NDArray[np.uint32]
 Bytes: TypeAlias = NDArray[np.uint8]  # codes 0 to 255
 
@@ -24,8 +24,10 @@ Kept = TypeVar("Kept", covariant=True)
 
 
 class Converted(Generic[Given, Kept]):
-    """What type checkers know of a dataclass' field with a default that is given as one type and kept as another, which
-    `__post_init__` makes of it. There are no such objects."""
+    """The type of a dataclass field that accepts one type and keeps another, to which `__post_init__` converts.
+
+    For fields with a default, and for type checkers only; it is never instantiated.
+    """
 
     if TYPE_CHECKING:
 
@@ -35,8 +37,8 @@ class Converted(Generic[Given, Kept]):
 
 
 def kept(default: Any) -> Any:
-    """The default of a `Converted` field."""
+    """Return the default of a `Converted` field."""
     return default
 
 
-Vector: TypeAlias = Converted[ArrayLike, Floats]  # of a number or three of them
+Vector: TypeAlias = Converted[ArrayLike, Floats]  # from one number or three

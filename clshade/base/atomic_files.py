@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their target under another name, synced, then renamed."""
+"""Atomic file writes: a file is written beside its target under another name, synced, then renamed."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from . import interrupts
 
 Path = str | os.PathLike[str]
 
-LEFT_SECONDS = 3600.0  # a temporary file that has not changed for so long was left by a process that was killed
+LEFT_SECONDS = 3600.0  # a temporary file unchanged for this long was left by a killed process
 
 
 def shown(path: Path) -> str:
-    """A path as it is named in a message: as it is, or quoted where it would break the line."""
+    """Return a path for a message: as it is, or quoted where it would break the line."""
     text = os.fspath(path)
     return text if text.isprintable() and text else ascii(text)
 
 
 def write_error(path: Path, reason: str) -> OutputError:
-    """The one form of every error about a file that cannot be written."""
+    """Build the error for a file that cannot be written."""
     return OutputError(f"{shown(path)}: cannot be written: {reason}")
 
 
@@ -47,7 +47,7 @@ def _reason(error: BaseException, path: Path) -> str:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """An OSError or MemoryError of the block becomes an OutputError, one line that names `path` and the reason."""
+    """Turn an OSError or MemoryError of the block into an OutputError, one line that names `path` and the reason."""
     try:
         yield
     except OutputError:
@@ -57,17 +57,17 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def _resolved(path: Path) -> str:
-    """The file that `path` leads to, links followed."""
+    """Return the file that `path` leads to, following links."""
     try:
         if "\0" in os.fspath(path):
             raise ValueError("embedded null character")
         return os.path.realpath(path)
-    except ValueError as error:  # or what the file system's encoding does not have
+    except ValueError as error:  # a null, or a character that the file system's encoding lacks
         raise write_error(path, str(error)) from None
 
 
 def _permissions(path: Path, target: str) -> int | None:
-    """The permissions of the file that is to be replaced, None where there is none yet. `target`: links followed."""
+    """Return the permissions of the file to be replaced, or None if there is none. `target`: `path`, links followed."""
     if os.path.isdir(target) or os.fspath(path).endswith(os.sep):
         raise write_error(path, "it is a folder")
     try:
@@ -82,7 +82,7 @@ def _permissions(path: Path, target: str) -> int | None:
 
 
 def check(path: Path) -> None:
-    """Raises the OutputError that `replacing` would, as far as can be told without writing: a full disk cannot."""
+    """Raise the OutputError that `replacing` would, as far as possible without writing: a full disk goes unnoticed."""
     target = _resolved(path)
     folder = os.path.dirname(target)
     with naming(path):
@@ -96,7 +96,7 @@ _swept: set[str] = set()
 
 
 def _sweep(folder: str) -> None:
-    """Removes temporary files of this user that killed processes left there; once in a process for each folder."""
+    """Remove temporary files of this user left there by killed processes; once per process and folder."""
     if folder in _swept:
         return
     _swept.add(folder)
@@ -117,12 +117,12 @@ def _beside(target: str) -> str:
     return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
 
 
-_folders: list[str] = []  # made for files that are not there yet
+_folders: list[str] = []  # created for files that do not exist yet
 
 
 @interrupts.at_end
 def _remove_folders() -> None:
-    """After `_abandon_all`, which empties them: what was told of last comes first."""
+    """Remove empty folders, after `_abandon_all` has emptied them: exit handlers run last in, first out."""
     for folder in reversed(list(_folders)):
         with contextlib.suppress(OSError):
             os.rmdir(folder)
@@ -130,14 +130,16 @@ def _remove_folders() -> None:
 
 @contextlib.contextmanager
 def folder_made(path: Path | None) -> Iterator[None]:
-    """The folder is there in the block, and those that it lies in; those that were made for it, and have nothing in them at
-    the end, go again. None: no folder. Raises OutputError where it cannot be made."""
+    """Create the folder and its parents for the block; those created are removed at the end if they are empty.
+
+    None: no folder. Raises OutputError if the folder cannot be created.
+    """
     made: list[str] = []
     try:
         if path is not None:
             with naming(path):
                 for folder in _missing(_resolved(path)):
-                    with contextlib.suppress(FileExistsError):  # of another process
+                    with contextlib.suppress(FileExistsError):  # created by another process
                         os.mkdir(folder)
                         made.append(folder)
                         _folders.append(folder)
@@ -150,7 +152,7 @@ def folder_made(path: Path | None) -> Iterator[None]:
 
 
 def _missing(folder: str) -> list[str]:
-    """The folder, and those that it lies in, which are not there; the outermost first."""
+    """Return the folders of the path that do not exist, outermost first."""
     found: list[str] = []
     while not os.path.lexists(folder):
         found.insert(0, folder)
@@ -163,14 +165,14 @@ _under_way: set[_Replacement] = set()
 
 @interrupts.at_end
 def _abandon_all() -> None:
-    """At the end of a process that does not wait for its threads: nothing of what they were writing stays."""
+    """Undo unfinished writes when the process ends without waiting for its threads."""
     for each in list(_under_way):
         if each.owner == os.getpid():
             each.undo()
 
 
 class _Replacement:
-    """One file under way: open, then finished (all of it on disk), then placed; or discarded, whatever came before."""
+    """One file being written: opened, finished (all of it on disk) and placed; or discarded at any point before."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.target = path, _resolved(path)
@@ -199,7 +201,7 @@ class _Replacement:
         self.file.close()
 
     def keep_earlier(self) -> None:
-        """Gives the file that is to be replaced a second name, so that `discard` can bring it back."""
+        """Link the file to be replaced under a second name, so that `undo` can restore it."""
         if os.path.lexists(self.target):
             kept = _beside(self.target)
             with contextlib.suppress(OSError):  # a file system without hard links
@@ -235,11 +237,11 @@ class _Replacement:
 
 @contextlib.contextmanager
 def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
-    """Binary files, open for writing, that take the places of `paths` when the `with` block ends without an error: all
-    of them, or, after any error, none: they are renamed once every one is on the disk, and a rename that fails undoes
-    those before it (where the file system knows hard links, or the file was new).
+    """Open binary files that replace `paths` when the `with` block ends without an error: all of them or none.
 
-    An error of the block passes unchanged: `naming` says which file it was about. Otherwise like `replacing`.
+    They are renamed once every one is on the disk, and a rename that fails undoes those before it (if the file system
+    has hard links, or the file was new). An error of the block passes unchanged: `naming` says which file it was about.
+    Otherwise like `replacing`.
     """
     with contextlib.ExitStack() as stack:
         under_way = [_Replacement(path) for path in paths]
@@ -265,21 +267,21 @@ def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A binary file, open for writing, that takes the place of `path` when the `with` block ends without an error.
+    """Open a binary file that replaces `path` when the `with` block ends without an error.
 
-    Until then the earlier file at `path` stays as it was; after any error or Ctrl-C it still does, and nothing else is
-    left in the folder. A new file gets the permissions that the umask leaves, a replaced one keeps its own; a symbolic
-    link is followed. What a killed process left in the folder goes when the next one writes there an hour later.
+    Until then, and after any error or Ctrl-C, an existing file at `path` is unchanged, and nothing else is left in the
+    folder. A new file gets the permissions that the umask allows, a replaced one keeps its own; symbolic links are
+    followed. Temporary files of a killed process are removed by the first write to the folder at least an hour later.
 
     Raises OutputError, one line naming the file and the reason, for an OSError (full disk, missing or unwritable
     folder, target is a folder or a device ...) or a MemoryError, in here or in the block. Any other exception of the
-    block, KeyboardInterrupt included, passes unchanged.
+    block, including KeyboardInterrupt, passes unchanged.
     """
     with replacing_all(path) as (file,), naming(path):
         yield file
 
 
 def write_bytes(path: Path, data: bytes | bytearray | memoryview) -> None:
-    """Write `data` as the file `path`, whole or not at all. Raises OutputError, see `replacing`."""
+    """Write `data` to the file `path` atomically. Raises OutputError, see `replacing`."""
     with replacing(path) as file:
         file.write(data)

@@ -1,6 +1,6 @@
-"""What goes to standard error besides errors and warnings: how far something slow is, and details for who wants them.
+"""Messages on standard error besides errors and warnings: progress of slow work, and details on request.
 
-Standard output is left to results. The command line sets the level: `--quiet`, `--verbose`.
+Standard output is reserved for results. The command line sets the level: `--quiet`, `--verbose`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _level = NORMAL
 
 @contextlib.contextmanager
 def at_level(level: int) -> Iterator[None]:
-    """In the block this process tells so much."""
+    """Set the verbosity within the block."""
     global _level
     before, _level = _level, level
     try:
@@ -27,36 +27,36 @@ def at_level(level: int) -> Iterator[None]:
 
 
 def quiet() -> bool:
-    """Whether bars of progress are left out, too."""
+    """Return whether progress bars are hidden, too."""
     return _level < NORMAL
 
 
 def _is_worker() -> bool:
-    """Whether multiprocessing started this process: lines of many would mix with what their parent shows."""
+    """Return whether multiprocessing started this process: output of many would mix with that of their parent."""
     module = sys.modules.get("multiprocessing.process")
     return module is not None and module.parent_process() is not None
 
 
 def warning(text: str) -> None:
-    """A line about what is other than was meant, unless quiet or in a worker."""
+    """Print a one-line warning, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
         _print(f"warning: {text}")
 
 
 def progress(text: str) -> None:
-    """A line that says what takes long, unless quiet or in a worker."""
+    """Print a line about slow work, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
         _print(text)
 
 
 def detail(text: str) -> None:
-    """A line about what was done and how long it took, where details are wanted."""
+    """Print a line on what was done and how long it took, at the level VERBOSE."""
     if _level >= VERBOSE:
         _print(text)
 
 
 def error(text: str) -> None:
-    """The line about what ends a command, or a part of it."""
+    """Print the line on an error that ends a command, or a part of it."""
     _print(text)
 
 
@@ -65,20 +65,22 @@ def _print(text: str) -> None:
 
 
 def in_one_line(text: str) -> str:
-    """A message whatever it names: runs of white space are a blank, and nothing in it moves or colors a terminal."""
+    """Return a message in one line: white space collapsed, and no character that moves or colors a terminal."""
     return printable(" ".join(text.split()))
 
 
 def printable(text: str, encoding: str = "utf-8") -> str:
-    r"""Lines without control characters, and without what the encoding lacks: as `\x1b`, `\u2026`. A byte of a file's
-    name that is no UTF-8 is one of these, as Python has it: 0xe9 is `\udce9`."""
+    r"""Escape control characters, and characters that the encoding lacks, as `\x1b` or `\u2026`; line ends are kept.
+
+    A byte of a file name that is not UTF-8 is a surrogate in Python, and shown as such: 0xe9 as `\udce9`.
+    """
     if not text.replace("\n", "").isprintable():
         text = "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 class Printable:
-    """A text stream on which everything can be printed, see `printable`. The rest is the stream's own."""
+    """A text stream that can print any text, see `printable`; otherwise the stream it wraps."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream

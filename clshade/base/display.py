@@ -1,4 +1,4 @@
-"""Where scenes and frames find what shows them in a notebook, though neither may import it: the root says it here."""
+"""Access to the notebook renderer for scenes and frames, which may not import it: the package root installs it here."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _notebook: Callable[[], Any] | None = None
 
 
 def install(notebook: Callable[[], Any]) -> None:
-    """Set what `notebook` returns: the module that draws for notebooks, imported when it is first needed."""
+    """Set the function that imports and returns the notebook module when it is first needed."""
     global _notebook
     _notebook = notebook
 
 
 def notebook() -> Any:
-    """The module `clshade.view.notebook`."""
+    """Return the module `clshade.view.notebook`."""
     assert _notebook is not None, "clshade/__init__.py installs it"
     return _notebook()

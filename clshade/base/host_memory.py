@@ -1,4 +1,4 @@
-"""How much memory this process may still take: asked before something is made that a file of a few KB may claim."""
+"""Free host memory, checked before allocating what a file of a few KB may claim."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-# The files of a control group in the kernel's two versions: what it may take, what it has taken, and of that the cached
-# files, which go when memory is needed.
+# Files of a control group (cgroup v2, v1): limit, usage, and the part of it that is cached files, which the kernel drops
+# when memory is needed.
 _GROUP_FILES = (
     ("memory.max", "memory.current", "inactive_file"),
     ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
@@ -18,8 +18,11 @@ _GROUP_FILES = (
 
 
 def available(root: Path = Path("/")) -> float:
-    """Bytes: what is free on this machine, and what the process's control groups (a container's) and its own limit
-    leave of it; swap is not counted. Infinity where the system does not say. root: of /proc and /sys."""
+    """Return the bytes that this process may still allocate; infinity if the system does not say.
+
+    The least of the free memory of the machine, and what the limits of the process and of its control groups (those
+    of a container) leave; swap is not counted. root: of /proc and /sys.
+    """
     return max(min(_of_machine(root), _of_groups(root), _of_process(root)), 0.0)
 
 
@@ -28,7 +31,7 @@ def _of_machine(root: Path) -> float:
         found = re.search(r"^MemAvailable:\s*(\d+) kB$", (root / "proc/meminfo").read_text(), re.MULTILINE)
         if found:
             return int(found[1]) * 1024.0
-    with contextlib.suppress(AttributeError, ValueError, OSError):  # no Linux: what there is in all
+    with contextlib.suppress(AttributeError, ValueError, OSError):  # not Linux: the total
         pages = os.sysconf("SC_PHYS_PAGES")
         return float(pages) * os.sysconf("SC_PAGE_SIZE") if pages > 0 else math.inf
     return math.inf
@@ -39,14 +42,14 @@ def _of_groups(root: Path) -> float:
 
 
 def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
-    """The control groups that the process is in, each with those around it."""
+    """Yield the control groups that the process is in, each followed by its parents."""
     with contextlib.suppress(OSError):
         for line in (root / "proc/self/cgroup").read_text().splitlines():
             _, kinds, name = line.split(":", 2)
             if kinds and "memory" not in kinds.split(","):
                 continue
             top = root / "sys/fs/cgroup" / ("memory" if kinds else "")
-            inner = top / name.strip("/")  # not there where a container sees its own group as the top
+            inner = top / name.strip("/")  # missing in a container that sees its own group as the root
             for folder in (inner, *inner.parents):
                 yield folder, _GROUP_FILES[bool(kinds)]
                 if folder == top:

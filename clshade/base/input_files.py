@@ -1,4 +1,4 @@
-"""Files as input: the one form of a file_error about a file, reading with limits, and what a scene may refer to."""
+"""Input files: their errors, reading with limits, and references from a scene file to others."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from .atomic_files import Path, shown
 
 
 def file_error(owner: str, field: str, expected: str, found: str) -> InputError:
-    """An InputError of one line, `owner: field: expected ..., found ...`; unprintable characters are escaped."""
+    """Build an InputError of one line, `owner: field: expected ..., found ...`, with unprintable characters escaped."""
     text = f"{owner}: {field}: expected {expected}, found {found}"
     return InputError(text if text.isprintable() else text.encode("unicode_escape").decode("ascii"))
 
 
 def quoted(text: str | bytes, most: int = 48) -> str:
-    """Text from a file as it is shown in a message: in quotes, printable, at most about `most` characters."""
+    """Return text from a file for a message: in quotes, printable, at most about `most` characters."""
     if isinstance(text, bytes):
         text = text[: most + 1].decode("utf-8", "replace")
     return repr(text) if len(text) <= most else repr(text[:most]) + "..."
 
 
 def reason_of(error: BaseException) -> str:
-    """What a decoder says, in one line, at most 160 characters, without the objects that it names by their addresses."""
-    if type(error).__name__ == "UnidentifiedImageError":  # Pillow's, which names nothing but such an object
+    """Return a decoder's message in one line of at most 160 characters, without the addresses of objects."""
+    if type(error).__name__ == "UnidentifiedImageError":  # Pillow's, which only names such an object
         return "something else"
     text = re.sub(r"\s*<[^<>]* object at 0x[0-9a-fA-F]+>", "", str(error))
     return " ".join(text.split())[:160]
@@ -38,7 +38,7 @@ def reason_of(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def within(owner: str) -> Iterator[None]:
-    """Every InputError of the block names `owner`, the file that led to it, first."""
+    """Prefix every InputError of the block with `owner`, the file that led to it."""
     try:
         yield
     except InputError as error:
@@ -47,7 +47,7 @@ def within(owner: str) -> Iterator[None]:
 
 
 def size_of(path: Path) -> int:
-    """Bytes in a regular, non-empty file, which is not opened. Raises InputError, one line, for anything else."""
+    """Return the size in bytes of a regular, non-empty file, without opening it. Raises InputError for others."""
     owner = shown(path)
     try:
         status = os.stat(path)
@@ -65,7 +65,7 @@ def size_of(path: Path) -> int:
 
 
 def read_file(path: Path, most: int) -> bytes:
-    """The content of a regular, non-empty file of at most `most` bytes.
+    """Return the content of a regular, non-empty file of at most `most` bytes.
 
     Raises InputError, one line, for a missing or unreadable file, a folder, a device or pipe (which is never opened),
     an empty file and one that is too large.
@@ -84,10 +84,10 @@ def read_file(path: Path, most: int) -> bytes:
 
 
 def beside(root: str, folder: str, reference: str, owner: str, field: str) -> str | None:
-    """The path of a file that a scene file refers to, or None when there is none of that name.
+    r"""Return the path of a file that a scene file refers to, or None if there is no such file.
 
-    root: folder of the scene file: nothing outside of it is opened. folder: of the referring file, inside root.
-    reference: relative path with / or \\ between its parts. owner, field: the referring file and line, for messages.
+    root: folder of the scene file: nothing outside it is opened. folder: of the referring file, inside root.
+    reference: relative path with / or \ between its parts. owner, field: the referring file and line, for messages.
 
     Raises InputError for an absolute path, a path with `..`, a link that leads out of root, and a folder or device.
     """
@@ -109,9 +109,9 @@ def beside(root: str, folder: str, reference: str, owner: str, field: str) -> st
 
 
 def runs(data: bytes, start: int, count: int, stride: int, kind: np.dtype, width: int) -> Array:
-    """(count, width) values of type `kind`: a run of `width` of them every `stride` bytes from byte `start` on.
+    """Return (count, width) values of type `kind`: `width` consecutive ones every `stride` bytes from byte `start` on.
 
-    Copied run by run, which is several times as fast as value by value, and in this machine's byte order.
+    They are copied run by run, several times as fast as value by value, and converted to native byte order.
     """
     native = kind.newbyteorder("=")
     if not width or not count:

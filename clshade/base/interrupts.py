@@ -1,4 +1,4 @@
-"""Ctrl-C while a compiler or a kernel runs: Python notices when it returns, which can take seconds."""
+"""Ctrl-C while a compiler or a kernel runs: Python handles it only when that returns, which can take seconds."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ import sys
 import threading
 import time
 
-TYPE_CHECKING = False  # `typing` takes long to import, and an interrupt meanwhile goes unnoticed
+TYPE_CHECKING = False  # `typing` is slow to import, and an interrupt meanwhile would be lost
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
     from typing import NoReturn
 
 INTERRUPTED = 130  # exit code
-GRACE = 0.3  # seconds that Python has to end the process in its own way
-CLEARING = 1.0  # seconds that it may then take to say so and to remove what is temporary
+GRACE = 0.3  # seconds for Python to end the process normally
+CLEARING = 1.0  # seconds for the message and the removal of temporary files after that
 
 _told = threading.Lock()
-_stderr: int | None = None  # standard error as it was at first: what prints by itself is kept from it at times (exr.py)
+_stderr: int | None = None  # a copy of standard error: images/exr.py redirects the original at times
 _at_end: list[Callable[[], None]] = []
 _late = threading.Event()
 
 
 def at_end(clear: Callable[[], None]) -> Callable[[], None]:
-    """Has `clear` called when the process ends, even if an interrupt ends it that its main thread cannot handle.
+    """Register `clear` to be called when the process ends, even by an interrupt that its main thread cannot handle.
 
-    For what would stay on the disk otherwise. It may be called twice, and in another thread while the main one goes on;
-    where it fails there is nobody left to tell.
+    For what would otherwise remain on the disk. It may be called twice, and in another thread while the main one
+    runs; its exceptions are ignored.
     """
 
     def quietly() -> None:
@@ -44,7 +44,7 @@ def at_end(clear: Callable[[], None]) -> Callable[[], None]:
 
 
 def tell() -> None:
-    """Says so, in one line on standard error; once in a process."""
+    """Report the interrupt in one line on standard error; once per process."""
     if not _told.acquire(blocking=False):
         return
     if _stderr is None:
@@ -55,8 +55,10 @@ def tell() -> None:
 
 
 def leave_soon(*, quiet: bool = False) -> None:
-    """From now on an interrupt ends the process even if its main thread does not get to handle it. For the main thread
-    of a process that runs a command, before it starts others. quiet: another process says so."""
+    """Let an interrupt end the process even if its main thread cannot handle it.
+
+    For the main thread of a process that runs a command, before it starts others. quiet: another process reports it.
+    """
     global _stderr
     if quiet:
         _told.acquire(blocking=False)
@@ -65,21 +67,21 @@ def leave_soon(*, quiet: bool = False) -> None:
     signal.signal(signal.SIGINT, _raise)
     if not hasattr(signal, "pthread_sigmask"):
         return
-    # For a thread that waits for it, as nobody else may see the signal: LLVM, which compiles for some runtimes, handles it
-    # by removing the file that it is writing, and then complains of the loss.
+    # Blocked in all threads but the one that waits for it: LLVM, the compiler of some runtimes, handles the signal by
+    # removing the file that it is writing, and then reports it as missing.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # Both started now: a process that is ending can't start threads.
+    # Both start now, because a process that is ending cannot start threads.
     threading.Thread(target=_wait, daemon=True).start()
     threading.Thread(target=_end_by_force, daemon=True).start()
 
 
 def ignore() -> None:
-    """From now on interrupts do nothing."""
+    """Ignore interrupts from now on."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
-    """As Python does, but not during an import: one of a module in C may abort the process where it gets an exception."""
+    """Raise KeyboardInterrupt, but not during an import: a C extension may abort the process on an exception."""
     while frame is not None:
         if frame.f_globals.get("__name__") == "importlib._bootstrap":
             return
@@ -101,7 +103,7 @@ def _wait() -> NoReturn:
 
 
 def _end_by_force() -> NoReturn:
-    """Ends the process where clearing up waits for something, a full pipe or a folder that does not answer."""
+    """End the process when cleaning up is blocked, by a full pipe or a folder that does not respond."""
     _late.wait()
     time.sleep(CLEARING)
     os._exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""Values for JSON and for the terminal, whatever a file may hold."""
+"""Conversion of arbitrary values for JSON and the terminal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-_MOST = 500  # characters of a value in a line
+_MOST = 500  # characters of a value in one line
 
 
 def plain(value: Any, *, words: bool = False) -> Any:
-    """A value as JSON takes it. It has no NaN and no infinity: null; or with `words` the texts nan, inf and -inf."""
+    """Convert a value for JSON, which has no NaN or infinity: null, or with `words` the strings nan, inf and -inf."""
     if isinstance(value, dict):
         return {str(key): plain(each, words=words) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -27,7 +27,7 @@ def plain(value: Any, *, words: bool = False) -> Any:
 
 
 def in_line(value: Any) -> str:
-    """A value as a part of one line: what cannot be printed is escaped, what is long is cut off."""
+    """Format a value as part of one line: unprintable characters are escaped, long text is truncated."""
     if isinstance(value, (list, tuple, np.ndarray)):
         items = plain(np.asarray(value, object).reshape(-1)[:_MOST], words=True)
         text = ", ".join(f"{each:.7g}" if isinstance(each, float) else str(each) for each in items)
@@ -38,5 +38,5 @@ def in_line(value: Any) -> str:
 
 
 def named_values(values: Mapping[str, Any]) -> str:
-    """Names and values as a part of one line."""
+    """Format names and values as part of one line."""
     return ", ".join(f"{in_line(name)} {value!s}" for name, value in values.items())

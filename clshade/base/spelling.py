@@ -1,17 +1,17 @@
-"""The nearest right name to one that is not known."""
+"""Suggestions for misspelled names."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-_ALIKE = 0.54  # how alike names have to be, 1 for equal ones (`difflib.get_close_matches`)
+_ALIKE = 0.54  # least similarity of names, 1 if equal (`difflib.get_close_matches`)
 
 
 def nearest(given: str, allowed: Iterable[str], words: Mapping[str, str] | None = None) -> str:
-    """The allowed name that is most like the given one, or that `words` has for it; "" where nothing is near.
+    """Return the allowed name closest to the given one, or the one that `words` has for it; "" if none is close.
 
-    Letters' case makes no difference. words: what others call it, in small letters with _ between words -> a name.
+    Case is ignored. words: names used elsewhere, in lower case with _ between words -> an allowed name.
     """
     names = {name.lower(): name for name in allowed}
     key = given.strip().lower()
@@ -32,9 +32,9 @@ def hint(
     *,
     remarks: Mapping[str, str] | None = None,
 ) -> str:
-    """What a message adds to a wrong name: `: did you mean 'Z'?`, what `remarks` says of that name, or "".
+    """Return the end of a message about a wrong name: `: did you mean 'Z'?`, the remark on that name, or "".
 
-    words: see `nearest`. remarks: names in small letters -> a few words.
+    words: see `nearest`. remarks: names in lower case -> a few words.
     """
     if not isinstance(given, str):
         return ""

@@ -1,4 +1,4 @@
-"""JSON from users: read with limits, and without what JSON does not have."""
+"""JSON from users: parsed with limits, and without Python's extensions to JSON."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any
 
 from .input_files import file_error, quoted
 
-MAX_DIGITS = 1000  # of a whole number: float64 has none of more than 309; reading digits takes time as their square
-MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of what it becomes
+MAX_DIGITS = 1000  # of an integer: float64 holds none of more than 309, and parsing time is quadratic in the digits
+MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of the parsed value
 
 
 def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> Any:
-    """The value that a JSON text stands for.
+    """Parse a JSON text.
 
-    owner, form: the file, and what it should be, for messages. unique: refuse objects that have a key twice.
-    Raises InputError for what is no JSON in UTF-8, holds NaN or infinity, is nested too deeply, or has too many values.
+    owner, form: the file, and its expected content, for messages. unique: refuse objects with a duplicate key.
+    Raises InputError for text that is not JSON in UTF-8, holds NaN or infinity, is nested too deeply, or has too many
+    values.
     """
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise file_error(owner, "JSON", f"at most {MAX_VALUES} values", "more")
@@ -35,7 +36,7 @@ def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> A
 
 
 def found_text(value: Any) -> str:
-    """A value as it is shown in a message."""
+    """Return a value as shown in a message."""
     if value is None:
         return "none"
     return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")

@@ -1,4 +1,4 @@
-"""Rows of texts as a table for the terminal, as CSV and as Markdown; and the folder that files go to."""
+"""Rows of text as tables for the terminal, CSV and Markdown; and the output folder."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ..errors import OutputError
 from .atomic_files import shown
 
 Row = Sequence[str]
-WIDTH = 100  # columns of a terminal that tables fit into
-TIED = "\xa0"  # a blank at which `wrapped` ends no line
+WIDTH = 100  # terminal columns that tables fit into
+TIED = "\xa0"  # a non-breaking space, for `wrapped`
 _GAP = "  "
 
 
 def digits(value: float | None, count: int = 3) -> str:
-    """A number with so many digits; a dash for none."""
+    """Format a number with `count` significant digits; a dash for None."""
     return "-" if value is None else f"{value:.{count}g}"
 
 
 def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
-    """The rows with columns of equal width; the first `left` are aligned to the left, the others to the right.
+    """Return the rows with aligned columns: the first `left` to the left, the others to the right.
 
-    No line is longer than WIDTH: the table goes on below with the columns that are left, the first ones repeated.
+    No line is longer than WIDTH: the table continues below with the remaining columns, repeating the first ones.
     Texts that leave no room for others are cut in the middle.
     """
     columns = [list(column) for column in zip(header, *rows, strict=True)]
@@ -50,13 +50,13 @@ def _widest(column: Sequence[str]) -> int:
 
 
 def _cut(column: Sequence[str], most: int) -> list[str]:
-    """Texts of at most `most` characters, with dots in the middle of longer ones."""
+    """Return texts of at most `most` characters, with dots in the middle of longer ones."""
     end = (most - 3) // 2
     return [text if len(text) <= most else f"{text[: most - 3 - end]}...{text[-end:]}" for text in column]
 
 
 def wrapped(text: str, indent: int = 0) -> str:
-    """A paragraph in lines of at most WIDTH, the further ones indented; words, such as paths, stay whole."""
+    """Wrap a paragraph at WIDTH, indenting all lines but the first; words, such as paths, stay whole."""
     further = " " * indent
     lines = textwrap.wrap(text, WIDTH, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
     return "\n".join(lines).replace(TIED, " ")
@@ -69,14 +69,14 @@ def as_csv(header: Row, rows: Iterable[Row]) -> str:
 
 
 def as_markdown(header: Row, rows: Iterable[Row]) -> list[str]:
-    """Lines; vertical bars inside of texts are escaped."""
+    """Return the lines of a Markdown table; vertical bars in texts are escaped."""
     body = (f"| {' | '.join(text.replace('|', chr(92) + '|') for text in row)} |" for row in (header, *rows))
     first, *others = body
     return [first, "| --- " * len(header) + "|", *others]
 
 
 def create_folder(path: str | Path, option: str = "--out") -> Path:
-    """The folder, made where there is none. Raises OutputError where it cannot be."""
+    """Create the folder if it is missing. Raises OutputError if that fails."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)

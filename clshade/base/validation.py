@@ -24,12 +24,12 @@ def _describe(value: Any) -> str:
 
 
 def value_error(owner: str, name: str, expected: str, found: Any, remark: str = "") -> InputError:
-    """The one form of every error about a value: owner, field, expected, found; and what to write instead."""
+    """Build the error for a refused value: owner, field, expected, found, and a remark on what to write instead."""
     return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}{remark}")
 
 
 def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: Any) -> str:
-    """One of the allowed texts. Another is answered with the nearest; others: what `spelling.hint` knows besides."""
+    """Return one of the allowed texts; the error for another suggests the closest. others: for `spelling.hint`."""
     allowed = tuple(allowed)
     if not isinstance(value, str) or value not in allowed:
         raise value_error(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **others))
@@ -37,8 +37,7 @@ def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: 
 
 
 def known(owner: str, given: Iterable[str], allowed: Iterable[str], **others: Any) -> None:
-    """Raises InputError for the first of the given keywords that is not allowed, with the nearest that is; others: what
-    `spelling.hint` knows besides."""
+    """Raise InputError for the first keyword not allowed, suggesting the closest. others: for `spelling.hint`."""
     allowed = tuple(allowed)
     for name in given:
         if name not in allowed:
@@ -55,21 +54,21 @@ def text(owner: str, name: str, value: Any) -> str:
 
 
 def path(owner: str, name: str, value: Any) -> str:
-    """A file's name, text or a path object, as text. No bytes, and no open file."""
+    """Return a file name, text or a path object, as text. Refuses bytes and open files."""
     if not isinstance(value, (str, os.PathLike)) or isinstance(os.fspath(value), bytes):
         raise value_error(owner, name, "a path (text)", value)
     return os.fspath(value)
 
 
 def flag(owner: str, name: str, value: Any) -> bool:
-    """True or False, of Python or NumPy: any other value, "no" and 0 too, may mean either."""
+    """Return a bool of Python or NumPy as bool; any other value, such as "no" or 0, is ambiguous and refused."""
     if not isinstance(value, (bool, np.bool_)):
         raise value_error(owner, name, "True or False", value)
     return bool(value)
 
 
 def sequence(value: Any) -> tuple[Any, ...] | None:
-    """The items of what can be iterated over; None for anything else."""
+    """Return the items of an iterable as a tuple, or None for anything else."""
     try:
         return tuple(value)
     except TypeError:
@@ -87,7 +86,7 @@ def floats(owner: str, name: str, value: Any, expected: str) -> Array:
 
 
 def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
-    """A 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
+    """Return a 3-vector given as (3,), (1,3) or (3,1), as a read-only (3,) float64 array."""
     expected = "three finite numbers" if finite else "three numbers"
     array = floats(owner, name, value, expected)
     if array.shape not in _VECTOR_SHAPES:
@@ -100,7 +99,7 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
 
 
 def coefficient(owner: str, name: str, value: Any) -> Floats:
-    """A scalar or 3-vector coefficient, as a read-only (3,) float64 array (one value per channel)."""
+    """Return a scalar or 3-vector coefficient as a read-only (3,) float64 array (one value per channel)."""
     expected = "a number or three finite numbers"
     array = floats(owner, name, value, expected)
     if array.dtype.kind == "b" or (array.ndim and array.shape not in _VECTOR_SHAPES):
@@ -111,7 +110,7 @@ def coefficient(owner: str, name: str, value: Any) -> Floats:
 def number(
     owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
 ) -> float:
-    """A finite real number above `above` and not below `least`, as a Python float; no array of one, and no bool."""
+    """Return a finite real number above `above` and not below `least` as a float; refuses arrays and bools."""
     if not expected:
         expected = "a finite number"
         expected += f" above {above:g}" if above > -math.inf else ""
@@ -137,7 +136,7 @@ def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
 
 
 def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Reals:
-    """A (K, width) array of reals in its own precision (float32 or float64), contiguous and read-only."""
+    """Return a (K, width) array of reals in its own precision (float32 or float64), contiguous and read-only."""
     expected = f"an array of shape (K, {width}) of {'finite ' if finite else ''}numbers"
     array = floats(owner, name, value, expected)
     if array.ndim != 2 or array.shape[1] != width or array.shape[0] < least:
@@ -154,7 +153,7 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
 
 
 def indices(owner: str, name: str, value: Any, count: int) -> Faces:
-    """An (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
+    """Return an (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
     expected = "an array of shape (F, 3) of whole numbers"
     array = floats(owner, name, value, expected)
     if array.size == 0:

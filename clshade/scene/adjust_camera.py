@@ -1,4 +1,4 @@
-"""Moves a camera by the numbers a person thinks in: angles around what is looked at, a view angle, a position."""
+"""Adjust a camera by angles around its target, a view angle or a position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .geometry import camera_axes
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
-    """`offset` turned about the unit vector `axis` (Rodrigues' formula), counter-clockwise seen against it."""
+    """Rotate `offset` about the unit vector `axis` (Rodrigues' formula), counter-clockwise seen against it."""
     angle = math.radians(degrees)
     along = axis * (axis @ offset)
     turned: Floats = along + math.cos(angle) * (offset - along) + math.sin(angle) * np.cross(axis, offset)
@@ -33,14 +33,14 @@ def adjusted(
     view_angle: float | None = None,
     orthographic: bool = False,
 ) -> Camera:
-    """The camera with some of its numbers changed, in this order.
+    """Return the camera with some of its parameters changed, in this order.
 
     position, focal_point, up: 3-vectors, world space, in place of eye, lookat and up.
-    azimuth, elevation: degrees by which the eye goes round the focal point: to its right about `up`, and upwards
+    azimuth, elevation: degrees by which the eye rotates around the focal point: to its right about `up`, and upwards
         (elevation stays short of the poles: the sum with the camera's own must lie between -90 and 90).
     view_angle: vertical field of view, degrees from 1e-6 to less than 180; pixels become square.
     orthographic: parallel projection of what the perspective camera sees at the focal point's distance.
-    Raises InputError for refused numbers.
+    Raises InputError for values out of range.
     """
     who = "camera"
     lookat = camera.lookat if focal_point is None else vector(who, "focal point", focal_point)

@@ -1,4 +1,4 @@
-"""A camera as the header of an OpenEXR file describes it."""
+"""Camera attributes for the header of an OpenEXR file."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .geometry import camera_axes
 
 
 def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:
-    """(worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
+    """Return (worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
 
-    As OpenEXR's ImfStandardAttributes.h defines them: camera space is left-handed, the eye at the origin, +x right,
+    As defined in OpenEXR's ImfStandardAttributes.h: camera space is left-handed, the eye at the origin, +x right,
     +y up, +z the viewing direction, in scene units: the camera frame of this renderer. NDC, after division by w, has
     (0, 0) at the upper left and (1, 1) at the lower right corner of the display window, y DOWN: the pixel in column c
     and row r from the top has its center at ((c+0.5)/N, (r+0.5)/M). OpenEXR leaves z open; here it is 1 - focal/depth:
@@ -36,7 +36,7 @@ def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:
 
 
 def camera_metadata(camera: Camera) -> dict[str, Any]:
-    """Header attributes of a camera: worldToCamera, worldToNDC (float32) and pixelAspectRatio (width / height)."""
+    """Return header attributes of a camera: worldToCamera, worldToNDC (float32), pixelAspectRatio (width / height)."""
     to_camera, to_ndc = camera_matrices(camera)
     (height, width), (columns, rows) = camera.plane, camera.resolution
     aspect = (width / columns) / (height / rows)

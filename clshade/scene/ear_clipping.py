@@ -1,7 +1,7 @@
-"""Plane polygons cut by ear clipping (mapbox-earcut), and its cuts made whole: every corner and every edge in use.
+"""Ear clipping of plane polygons (mapbox-earcut), completed such that every corner and every edge is used.
 
-Ear clipping drops corners that are collinear or coincide, also such that other triangles already use. Their neighbors
-would not meet there, and a crack could open. And where a polygon crosses itself, it gives up. What is missing then has a
+Ear clipping drops corners that are collinear or coincide, even if other triangles use them. Their neighbors would not
+meet there, and a crack could open. And it gives up where a polygon intersects itself. The missing region has a
 boundary, the edges that no triangle uses; it is closed by fans, and triangles without area among these are flipped.
 """
 
@@ -13,24 +13,24 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
 
-_ALWAYS = 64  # corners of a polygon that is cut whatever it costs
-_UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it crosses itself
+_ALWAYS = 64  # corners of a polygon that is cut at any cost
+_UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it intersects itself
 _MOST = 1 << 16  # corners of a polygon that is cut at all
-_PAIRS = 1 << 25  # of edges, looked at to find out whether a large polygon crosses itself: a second or two
-# What a polygon costs as a multiple of the square of its corners, a third of a nanosecond each: where all goes well, and
-# where not, because edges cross over and over. What it costs to look at a pair of edges.
+_PAIRS = 1 << 25  # of edges, tested for intersections of a large polygon with itself: a second or two
+# Cost of a polygon as a multiple of the square of its corners, a third of a nanosecond each: usually, and with edges that
+# intersect many times. Cost of testing a pair of edges.
 _CLEAN, _TANGLED, _PAIR = 1, 512, 128
-_WORK = 1 << 34  # of that, for all polygons of more than _ALWAYS corners: several seconds
+_WORK = 1 << 34  # total cost of all polygons of more than _ALWAYS corners: several seconds
 _BLOCK = 1 << 16  # pairs of edges whose temporary arrays stay in the cache
-_FLAT = 2.0**-44  # of the square of the longest edge: a triangle with less area has none
-_SAME_AREA = 2.0**-40  # of the square of a polygon's size: triangles with less between them and the polygon fill it
+_FLAT = 2.0**-44  # times the square of the longest edge: a triangle with less area is degenerate
+_SAME_AREA = 2.0**-40  # times the square of a polygon's size: triangles that differ less in area from it fill it
 
 
 class Cutter:
-    """Cuts the polygons of a file. left: how many were not cut, because that could take too long.
+    """Ear clipping for the polygons of a file. left: how many were not cut, because that could take too long.
 
-    Ear clipping takes a time that grows with the square of the corners; some hundred times that where edges cross. What
-    is left out depends on the polygons alone, so that a file always gives the same triangles.
+    The time of ear clipping is quadratic in the corners; some hundred times more where edges intersect. Which polygons
+    are left depends on the polygons alone, so that a file always gives the same triangles.
     """
 
     def __init__(self) -> None:
@@ -38,10 +38,10 @@ class Cutter:
         self._work = 0
 
     def cut(self, polygons: Floats) -> Array:
-        """(P, n - 2, 3) triangles of corner numbers of polygons with corners (P, n, 2), counter-clockwise, of size 1.
+        """Return (P, n - 2, 3) triangles of corner numbers of counter-clockwise polygons (P, n, 2) of size 1.
 
-        Fewer triangles are made up to n - 2 by some without area. Those of a polygon that crosses itself may overlap.
-        A polygon that is left out is a fan.
+        Fewer triangles are padded to n - 2 by degenerate ones. Those of a self-intersecting polygon may overlap.
+        A polygon that is not cut is a fan.
         """
         from mapbox_earcut import triangulate_float64
 
@@ -101,7 +101,7 @@ def _doubled_areas(points: Floats, triangles: Integers) -> Floats:
 
 
 def _flat(points: Floats, triangles: Integers) -> Bools:
-    """(F,) whether a triangle has as good as no area."""
+    """Return (F,) whether each triangle is degenerate."""
     edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
     longest = (edges * edges).sum(axis=2).max(axis=1, initial=0.0)
     flat: Bools = np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest
@@ -109,20 +109,23 @@ def _flat(points: Floats, triangles: Integers) -> Bools:
 
 
 def _whole(points: Floats, triangles: Integers) -> Array:
-    """(n - 2, 3): the triangles, and those that are missing."""
+    """Return (n - 2, 3): the triangles, and those that are missing."""
     count = len(points)
     missing = [_fan(cycle) for cycle in _cycles(_unused(count, triangles.tolist())) if len(cycle) > 2]
     found = np.concatenate([triangles, *missing])
-    if len(found) > count - 2:  # they overlap in such a way that their boundary does not say what is missing
+    if len(found) > count - 2:  # they overlap such that their boundary does not show what is missing
         return _fan(range(count))
     found = _Flips(points, found).triangles()
-    # Cycles that touch themselves in a corner close with fewer; a triangle of one corner keeps the count.
+    # Cycles that touch themselves in a corner need fewer triangles; degenerate ones keep the count.
     return np.concatenate([found, np.zeros((count - 2 - len(found), 3), np.intp)])
 
 
 def _unused(count: int, triangles: list[list[int]]) -> Counter[tuple[int, int]]:
-    """The directed edges that are missing for every edge of a triangle to be one of the polygon, or to be met by another
-    triangle in the opposite direction, and for every edge of the polygon to be in use."""
+    """Return the directed edges that are missing for the triangles to fill the polygon.
+
+    Then every edge of a triangle is one of the polygon or is shared with a triangle in the opposite direction, and
+    every edge of the polygon is used.
+    """
     needed = Counter((k, (k + 1) % count) for k in range(count))
     for a, b, c in triangles:
         for start, end in ((a, b), (b, c), (c, a)):
@@ -134,7 +137,7 @@ def _unused(count: int, triangles: list[list[int]]) -> Counter[tuple[int, int]]:
 
 
 def _cycles(edges: Counter[tuple[int, int]]) -> list[list[int]]:
-    """Directed edges, of which as many start as end in every corner, as cycles without a corner that comes twice."""
+    """Split directed edges, of which as many start as end in every corner, into cycles that visit no corner twice."""
     follow: dict[int, list[int]] = {}
     for start, end in sorted(edges.elements(), reverse=True):
         follow.setdefault(start, []).append(end)
@@ -155,8 +158,10 @@ def _cycles(edges: Counter[tuple[int, int]]) -> list[list[int]]:
 
 
 class _Flips:
-    """Flips the longest edges of triangles without area, where the triangle beyond has some: a corner in the middle of
-    an edge then parts that triangle."""
+    """Flips of the longest edges of degenerate triangles whose neighbor there is not degenerate.
+
+    A corner in the middle of an edge then splits that neighbor.
+    """
 
     def __init__(self, points: Floats, triangles: Integers) -> None:
         self.points = points.tolist()
@@ -174,7 +179,7 @@ class _Flips:
         return np.array(self.found, np.intp)
 
     def _flipped(self, number: int) -> tuple[int, ...]:
-        """The two triangles that were changed, if any."""
+        """Flip an edge of the triangle if possible, and return the two triangles that changed."""
         if not self.flat[number]:
             return ()
         a, b, c = self.found[number]
@@ -210,8 +215,10 @@ def _edges(a: int, b: int, c: int) -> tuple[tuple[int, int], ...]:
 
 
 def _crosses(points: Floats) -> tuple[bool, int]:
-    """Whether two edges of a polygon (n, 2) cross each other in a point inside of both, and how many pairs of edges were
-    looked at. True, too, where more than _PAIRS overlap along both axes, and the answer would take long."""
+    """Return whether two edges of a polygon (n, 2) intersect in a point inside of both, and how many pairs were tested.
+
+    Also True if the bounds of more than _PAIRS pairs overlap along both axes, which would take too long to test.
+    """
     ends = np.roll(points, -1, axis=0)
     low, high = np.minimum(points, ends), np.maximum(points, ends)
     orders = [np.argsort(low[:, axis], kind="stable") for axis in range(2)]
@@ -237,7 +244,7 @@ def _crosses(points: Floats) -> tuple[bool, int]:
 
 
 def _side(a: tuple[Floats, Floats], b: tuple[Floats, Floats], c: tuple[Floats, Floats]) -> Floats:
-    """Positive where c is to the left of the line from a to b; 0 exactly where it is one of these."""
+    """Return a positive number if c is to the left of the line from a to b; exactly 0 if it equals one of these."""
     x, y = a
     u, v, s, t = b[0] - x, b[1] - y, c[0] - x, c[1] - y
     side: Floats = u * t - v * s

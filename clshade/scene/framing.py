@@ -1,4 +1,4 @@
-"""A camera and lights for meshes that come without: chosen from the bounding box, the same for every format."""
+"""Default camera and lights for meshes that have none: chosen from the bounding box, the same for every format."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .model import Mesh, PointLight, Scene
 FOV = 35.0  # degrees, vertical
 MARGIN = 1.05  # of the bounding sphere
 RESOLUTION = (800, 600)
-AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 unless they say otherwise
+AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 by default
 BACKGROUND = 0.05
 # The camera's right, up and backward axes for each axis that may point up, each a rotation of those of y.
 Up: TypeAlias = Literal["y", "z", "x", "-y", "-z", "-x"]
@@ -48,12 +48,12 @@ def framed(
     lights: tuple[PointLight, ...] = (),
     sphere: tuple[Array, float] | None = None,
 ) -> Scene:
-    """A `standard` scene of the meshes in a three-quarter view, their bounding sphere inside the image.
+    """Return a `standard` scene of the meshes in a three-quarter view, with their bounding sphere inside the image.
 
     resolution: (N, M), default RESOLUTION. up: one of UPS, the axis of world space that points up in the image.
-    camera, lights: used in place of the chosen ones. sphere: see bounding_sphere, where it is known.
-    The chosen lights, key, fill and rim, stand fixed to the camera's first position.
-    Raises InputError where the positions leave the range of float64.
+    camera, lights: used instead of the default ones. sphere: see bounding_sphere, if known.
+    The default lights, key, fill and rim, are placed relative to the camera.
+    Raises InputError where positions leave the range of float64.
     """
     center, radius = sphere or bounding_sphere(meshes)
     if camera is None:
@@ -61,14 +61,14 @@ def framed(
     if not lights:
         right, upward, forward = geometry.camera_axes(camera)
         axes = np.stack([right, upward, -forward])
-        with np.errstate(over="ignore"):  # PointLight refuses what comes of it
+        with np.errstate(over="ignore"):  # PointLight refuses an overflow
             places = [center + radius * (np.array(place) @ axes) for place, _ in _LIGHTS]
         lights = tuple(PointLight(at, np.array(light)) for at, (_, light) in zip(places, _LIGHTS, strict=True))
     return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
 
 
 def _camera(center: Array, radius: float, up: Up, resolution: tuple[int, int]) -> Camera:
-    """The three-quarter view."""
+    """Return the camera of the three-quarter view."""
     axes = np.array(UPS[up], np.float64)
     towards = (np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)) @ axes
     camera = Camera.from_fov(center + towards * radius, center, axes[1], FOV, resolution)
@@ -78,7 +78,7 @@ def _camera(center: Array, radius: float, up: Up, resolution: tuple[int, int]) -
 
 
 def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
-    """Center and radius of the sphere round the bounding box; a radius of 0 becomes one that can be looked at."""
+    """Return center and radius of the sphere around the bounding box; a radius of 0 is replaced by a positive one."""
     eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
     unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
     low, high = geometry.bounding_box(unframed)

@@ -18,16 +18,16 @@ from ..errors import InputError
 from .camera import Camera
 from .model import Scene
 
-_CANCELED = 2.0**-40  # of the faces' sizes: a sum below it has no direction left
+_CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
 
 
 def _exponent(values: Array) -> int:
-    """The e for which the largest magnitude of `values` is in [2^(e-1), 2^e); 0 when all are zero."""
+    """Return the e for which the largest magnitude of `values` is in [2^(e-1), 2^e); 0 if all are zero."""
     return int(np.frexp(max(values.max(initial=0.0), -values.min(initial=0.0)))[1])
 
 
 def _normalized(vectors: Floats) -> Floats:
-    """(K, 3) float64 vectors of any finite length to unit length; the zero vector stays."""
+    """Normalize (K, 3) float64 vectors of any finite length; the zero vector is kept."""
     x, y, z = vectors.T
     exponent = np.frexp(np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z)))[1]
     x, y, z = (np.ldexp(column, -exponent) for column in (x, y, z))
@@ -37,13 +37,13 @@ def _normalized(vectors: Floats) -> Floats:
 
 
 def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
-    """Unit normals at the vertices of a mesh: the sum of the faces' cross products, normalized.
+    """Return unit normals at the vertices of a mesh: the sum of the faces' cross products, normalized.
 
     verts: (V, 3) finite positions. faces: (F, 3) indices into verts; counter-clockwise seen from outside.
-    Returns (V, 3) float64; a vertex whose faces cancel (to 2^-40 of their sizes: what is left is rounding), or without
-    faces, gets 0.
+    Returns (V, 3) float64; 0 at a vertex without faces, or whose faces cancel (to 2^-40 of their sizes: the remainder
+    is rounding error).
 
-    The cross product of a face is (b-a) x (c-a), so a face counts by its area. Any scale from 1e-150 to 1e150 (within
+    The cross product of a face is (b-a) x (c-a), so faces are weighted by area. Any scale from 1e-150 to 1e150 (within
     a mesh, faces 1e-150 times smaller in area than the largest fade to 0) and any offset.
     """
     verts = np.asarray(verts, np.float64)
@@ -72,7 +72,7 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
 
 
 def _cross(edges: Array, axis: int) -> Floats:
-    """One component of the cross products of edges (2, 3, F)."""
+    """Return one component of the cross products of edges (2, 3, F)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     u, v = edges
     component: Floats = u[j] * v[k] - u[k] * v[j]
@@ -80,7 +80,7 @@ def _cross(edges: Array, axis: int) -> Floats:
 
 
 def _edges(verts: Array, faces: Array) -> Floats:
-    """(2, 3, F) half of b-a and c-a of each face, by axis; halves, so that they cannot overflow."""
+    """Return (2, 3, F) half of b-a and c-a of each face, by axis; halves, so that they cannot overflow."""
     columns = np.multiply(verts.T, 0.5, order="C")
     edges = np.empty((2, 3, len(faces)))
     for block in _blocks(len(faces)):
@@ -93,15 +93,16 @@ def _edges(verts: Array, faces: Array) -> Floats:
 
 
 def _blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
-    """Slices that cover range(count): pieces whose temporary arrays stay in the cache."""
+    """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 
 def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
-    """The axes of a camera in world space: (3, 3) float64, rows x (right), y (up), z (viewing direction), orthonormal.
+    """Return the axes of a camera in world space, as the rows of an orthonormal (3, 3) float64 matrix.
 
-    eye, lookat, up: 3-vectors, world space; z = lookat - eye, y = up minus its part along z, x = z cross y, each of
-    unit length. A point p has the camera coordinates look_at(...) @ (p - eye).
+    The rows are x (right), y (up) and z (viewing direction). eye, lookat, up: 3-vectors, world space; z = lookat - eye,
+    y = up minus its part along z, x = z cross y, each of unit length. A point p has the camera coordinates
+    look_at(...) @ (p - eye).
 
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
@@ -110,12 +111,12 @@ def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
 
 
 def camera_axes(camera: Camera) -> Floats:
-    """`look_at` of a camera."""
+    """Return `look_at` of a camera."""
     return np.array(_axes(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
 
 
 def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple[float, ...], ...]:
-    """The rows of `look_at`. Plain floats: a frame needs them once, and NumPy's calls would cost ten times as much."""
+    """Return the rows of `look_at`. Plain floats: for one camera NumPy's overhead would make it ten times as slow."""
     z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
     if not any(z):
         raise value_error("look_at", "lookat", "a point other than eye", lookat)
@@ -131,7 +132,7 @@ def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple
 
 
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """`_normalized` of one vector."""
+    """Return `_normalized` of one vector."""
     exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
     x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
     length = math.sqrt(x * x + y * y + z * z) or 1.0
@@ -139,7 +140,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
-    """Lowest and highest corner, two (3,) float64 arrays, of all vertices that faces refer to, in world space.
+    """Return the lowest and highest corner, (3,) float64 each, of all vertices that faces refer to, in world space.
 
     Every instance counts. Both are 0 for a scene without faces. Raises InputError where a position overflows.
     """
@@ -162,7 +163,7 @@ def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
 
 
 def _in_use(verts: Array, faces: Array) -> Array:
-    """The vertices (V, 3) that faces refer to; all of them where those at the ends of the axes are in use."""
+    """Return the vertices (V, 3) that faces refer to; all of them if the extreme ones along the axes are in use."""
     ends = np.unique(_ends(verts))
     seen = np.zeros(len(ends), bool)
     corners = faces.reshape(-1)
@@ -177,7 +178,7 @@ def _in_use(verts: Array, faces: Array) -> Array:
 
 
 def _ends(points: Array) -> list[int]:
-    """Indices of points (V, 3) with the lowest and the highest coordinate along each axis."""
+    """Return the indices of points (V, 3) with the lowest and the highest coordinate along each axis."""
     whole = len(points) // 64
     wide = points[: whole * 64].reshape(whole, 192)  # NumPy searches long rows far faster than columns of three
     found = []
@@ -193,7 +194,7 @@ def _ends(points: Array) -> list[int]:
 
 
 def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
-    """Lowest and highest corner, (3,) float64 each, of points (V, 3) under placements (K, 4, 4)."""
+    """Return the lowest and highest corner, (3,) float64 each, of points (V, 3) under placements (K, 4, 4)."""
     if (placements == np.eye(4)).all():
         ends = points[_ends(points)].astype(np.float64)
         return ends.min(axis=0) + 0.0, ends.max(axis=0) + 0.0
@@ -207,7 +208,7 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
 
 
 def half_diagonal(low: Floats, high: Floats) -> float:
-    """Half the distance of two corners (3,), which may be as far apart as float64 allows."""
+    """Return half the distance of two corners (3,), which may be as far apart as float64 allows."""
     half = high / 2 - low / 2
     exponent = _exponent(half)
     with np.errstate(over="ignore"):

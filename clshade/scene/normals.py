@@ -1,4 +1,4 @@
-"""Normals with sharp edges, equal positions welded, and faces against their normals; all by whole arrays."""
+"""Normals with creases, welding of vertices, and orientation of faces by normals; vectorized."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .geometry import _blocks, _exponent, _normalized
 
 
 def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
-    """Unit normals for the corners of a mesh whose edges of more than `degrees` between their faces are sharp.
+    """Return unit normals for the corners of a mesh whose edges with more than `degrees` between their faces are sharp.
 
     verts: (V, 3) finite positions; vertices at the same position count as one. faces: (F, 3) indices into verts.
     degrees: 0 to 180; at 0 every face is flat.
     Returns normals (K, 3) float64 and normal_faces (F, 3) int32 indices into them. Corners at a vertex that are
-    connected by edges that are not sharp share a normal: the sum of their faces' cross products, normalized; 0 where
-    the faces have no area.
+    connected by smooth edges share a normal: the sum of their faces' cross products, normalized; 0 where the faces
+    have no area.
 
-    Raises InputError where degrees is no number from 0 to 180.
+    Raises InputError unless degrees is a number from 0 to 180.
     """
     degrees = crease_angle("crease_normals", "degrees", degrees)
     verts, faces = np.asarray(verts, np.float64), np.asarray(faces, np.int32)
@@ -41,7 +41,7 @@ def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[
 
 
 def crease_angle(owner: str, name: str, value: Any) -> float:
-    """A crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
+    """Return a crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
     expected = "degrees from 0 to 180"
     angle = number(owner, name, value, least=0.0, expected=expected)
     if angle > 180.0:
@@ -50,7 +50,7 @@ def crease_angle(owner: str, name: str, value: Any) -> float:
 
 
 def _crosses(verts: Array, faces: Array) -> Array:
-    """(F, 3) cross products of the faces' edges, times a power of two that keeps them in range."""
+    """Return (F, 3) cross products of the faces' edges, times a power of two that keeps them in range."""
     a, b, c = (verts[faces[:, corner]] * 0.5 for corner in range(3))
     b -= a
     c -= a
@@ -59,8 +59,11 @@ def _crosses(verts: Array, faces: Array) -> Array:
 
 
 def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Array]:
-    """Corners (numbered 3 * face + corner) that share a normal: at both ends of each edge between two faces whose
-    unit `normals` (F, 3) have a cosine of at least `least`. An edge of more faces joins neighbours in their order."""
+    """Return pairs of corners (numbered 3 * face + corner) that share a normal, at both ends of each smooth edge.
+
+    An edge is smooth if the unit `normals` (F, 3) of its two faces have a cosine of at least `least`. If more faces
+    share an edge, consecutive ones are paired.
+    """
     start = faces.reshape(-1)
     end = np.roll(faces, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -72,7 +75,7 @@ def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Ar
     cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3])
     smooth = (cosine >= least - 1e-12) & (low[one] != high[one])
     one, two = one[smooth], two[smooth]
-    # The corner at each edge's lower vertex, and the one at its higher vertex.
+    # The corner at the vertex of each edge with the lower index, and the one at the other.
     low_ends, high_ends = [], []
     for edge in (one, two):
         after = np.where(edge % 3 == 2, edge - 2, edge + 1)
@@ -83,7 +86,7 @@ def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Ar
 
 
 def _components(count: int, first: Array, second: Array) -> Array:
-    """(count,) int32: for each node the lowest one that it is connected with by the links first[i], second[i]."""
+    """Return (count,) int32: for each node the lowest one connected with it by the links first[i], second[i]."""
     labels = np.arange(count, dtype=np.int32)
     while len(first):
         one, two = labels[first], labels[second]
@@ -101,7 +104,7 @@ def _components(count: int, first: Array, second: Array) -> Array:
 
 
 def _mixed(values: Array) -> Array:
-    """64-bit mixing, the finalizer of MurmurHash3, in place; uint64."""
+    """Mix 64-bit integers in place with the finalizer of MurmurHash3."""
     for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
         values ^= values >> np.uint64(33)
         values *= np.uint64(factor)
@@ -110,10 +113,10 @@ def _mixed(values: Array) -> Array:
 
 
 def welded(verts: Array) -> tuple[Array, Array]:
-    """Vertices with equal positions made one (-0.0 equals 0.0).
+    """Merge vertices at equal positions (-0.0 equals 0.0).
 
-    verts: (V, 3) finite. Returns kept (W,), ascending indices of the first of each position, and which (V,) int32,
-    the row among these for every vertex.
+    verts: (V, 3) finite. Returns kept (W,), ascending indices of the first vertex at each position, and which (V,)
+    int32, the row among these for every vertex.
     """
     bits = (np.ascontiguousarray(verts) + 0.0).view(np.uint32 if verts.dtype == np.float32 else np.uint64)
     hashed = np.zeros(len(verts), np.uint64)
@@ -121,7 +124,7 @@ def welded(verts: Array) -> tuple[Array, Array]:
         hashed = _mixed(hashed * np.uint64(0x9E3779B97F4A7C15) + column)
     _, first, which = np.unique(hashed, return_index=True, return_inverse=True)
     which = which.reshape(-1)
-    if not (bits[first[which]] == bits).all():  # two positions with one hash
+    if not (bits[first[which]] == bits).all():  # a hash collision
         _, first, which = np.unique(bits, axis=0, return_index=True, return_inverse=True)
         which = which.reshape(-1)
     rank = np.argsort(first)
@@ -131,10 +134,11 @@ def welded(verts: Array) -> tuple[Array, Array]:
 
 
 def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Array) -> Array:
-    """(F,) bool: the faces that run clockwise as their normals see them.
+    """Return (F,) bool: the faces that are clockwise as seen along their normals.
 
-    verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is held
-    against the sum of its corners' normals; a face without area, and one that is at a right angle to it, is not against.
+    verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is
+    compared with the sum of the normals at its corners; a face without area, or perpendicular to that sum, is not
+    against it.
     """
     against = np.empty(len(faces), bool)
     with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not against

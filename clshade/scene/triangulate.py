@@ -1,4 +1,4 @@
-"""Polygons, strips and fans of vertex indices as triangles, by whole arrays."""
+"""Triangulation of polygons, strips and fans of vertex indices, vectorized."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from .ear_clipping import Cutter
 
-CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # what Cuts.left is, in words
+CUT_AS_FANS = "concave polygons of very many corners (cut as fans)"  # description of Cuts.left
 _BLOCK = 1 << 14  # corners whose temporary arrays stay in the cache
-_TINY = 2.0**-800  # of the square of a normal, where the mesh is of size 1: not far from underflow
-_NO_AREA = 2.0**-40  # of a polygon of size 1: what is left of its area is rounding
-_ROUNDING = 2.0**-46  # of a triangle's part in the square of the normal of a polygon of size 1
+_TINY = 2.0**-800  # squared normal, in a mesh of size 1: not far from underflow
+_NO_AREA = 2.0**-40  # of a polygon of size 1: a smaller area is rounding error
+_ROUNDING = 2.0**-46  # rounding error of a triangle's part in the squared normal of a polygon of size 1
 _NO_OTHER = np.zeros(0, np.intp), np.zeros((0, 3), np.intp)
 
 
 @dataclass(frozen=True)
 class Cuts:
-    """Polygons cut into triangles, in the polygons' order: as fans round their first corner, but for the triangles with
-    the numbers `other` (T,), which have the corners `places` (T, 3).
+    """Polygons cut into triangles, in the order of the polygons.
 
-    counts: (P,) corners of each polygon. left: the number of polygons that are fans, right or not, because a better cut
-    would take too long.
+    They are fans around the first corner, except for the triangles with the numbers `other` (T,), which have the
+    corners `places` (T, 3). counts: (P,) corners of each polygon. left: the number of polygons that are fans, right or
+    not, because a better triangulation would take too long.
     """
 
     counts: Array
@@ -39,7 +39,7 @@ class Cuts:
         return numbers if (self.counts == 3).all() else np.repeat(numbers, self.counts - 2)
 
     def triangles(self, values: Array) -> Array:
-        """(F, 3, ...) what the triangles' corners have of values (C, ...) of all corners; may be a view of them."""
+        """Return (F, 3, ...) the values (C, ...) of all corners at the corners of the triangles; may be a view."""
         count = int(self.counts.max(initial=3))
         if len(values) == count * len(self.counts):
             found = _fans(values.reshape(-1, count, *values.shape[1:]))
@@ -51,15 +51,15 @@ class Cuts:
 
 
 def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
-    """Cut polygons into triangles that keep their winding; each polygon of n corners gives n - 2.
+    """Cut polygons into triangles with the same winding; each polygon of n corners gives n - 2.
 
-    verts: (V, 3) finite positions. corners: (C,) indices into verts, one polygon after the other. counts: (P,) corners of
-    each, at least 3.
+    verts: (V, 3) finite positions. corners: (C,) indices into verts, one polygon after the other. counts: (P,) corners
+    of each, at least 3.
 
-    A polygon is a fan round its first corner unless a triangle of the fan would be turned over, as seen along the
+    A polygon becomes a fan around its first corner unless a triangle of the fan would be inverted as seen along the
     polygon's own normal (Newell's); convex polygons, collinear corners and zero-area polygons are therefore fans. A
-    quadrilateral is then cut at its other diagonal, any other polygon by ear clipping in the plane of its normal,
-    provided that this turns over less area than the fan (a polygon that crosses itself may have no cut without).
+    quadrilateral is then cut along its other diagonal, any other polygon by ear clipping in the plane of its normal,
+    provided that this inverts less area than the fan (a self-intersecting polygon may have no cut without).
     Positions of any magnitude, and polygons far smaller than their mesh, are cut alike.
     """
     if (counts == 3).all():
@@ -83,7 +83,7 @@ def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
 
 
 def _fans(polygons: Array) -> Array:
-    """(P * (n - 2), 3, ...): the fans of polygons with corners (P, n, ...)."""
+    """Return (P * (n - 2), 3, ...), the fans of polygons with corners (P, n, ...)."""
     count, rest = polygons.shape[1], polygons.shape[2:]
     if count == 3:
         return polygons
@@ -95,7 +95,7 @@ def _fans(polygons: Array) -> Array:
 
 
 def _mixed_fans(counts: Array) -> Array:
-    """(F, 3) the numbers of the corners of polygons' fans. counts: (P,) corners of each."""
+    """Return (F, 3) the corner numbers of the fans of polygons. counts: (P,) corners of each."""
     triangles = counts - 2
     polygon = np.repeat(np.arange(len(counts)), triangles)
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
@@ -104,7 +104,7 @@ def _mixed_fans(counts: Array) -> Array:
 
 
 def _unit_size(verts: Array) -> Array:
-    """(3, V) float64: positions, by coordinate, times the power of two, which is exact, that brings the largest to 1."""
+    """Return (3, V) float64 positions, by coordinate, scaled by the power of two that brings the largest to 1: exact."""
     exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
     if abs(exponent) < 1000:
         scaled: Floats = np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
@@ -113,7 +113,7 @@ def _unit_size(verts: Array) -> Array:
 
 
 def _by_count(counts: Array) -> Iterator[Array]:
-    """The indices of the polygons that have the same number of corners, ascending, for each number."""
+    """Yield, for each number of corners, the ascending indices of the polygons that have it."""
     if (counts == counts[0]).all():
         return iter([np.arange(len(counts))])
     order = np.argsort(counts, kind="stable")
@@ -126,9 +126,9 @@ def _blocks(rows: int, width: int) -> Iterator[slice]:
 
 
 def _turned(columns: Array, corners: Array, counts: Array) -> Array:
-    """The polygons, ascending, whose fan may turn a triangle over. columns: (3, V) float64 positions of unit size.
+    """Return the polygons, ascending, whose fan may invert a triangle. columns: (3, V) float64 positions of unit size.
 
-    Only a first look: the fan of one that is very small or has no area, or almost collinear corners, may be right.
+    A conservative test: the fan of a polygon that is very small, has no area, or almost collinear corners may be right.
     """
     start = np.cumsum(counts) - counts
     found = []
@@ -146,8 +146,11 @@ def _turned(columns: Array, corners: Array, counts: Array) -> Array:
 
 
 def _fan_areas(x: Array, y: Array, z: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Twice the vector areas of P polygons, (n, P) by coordinate: three (P,). Before them (n - 2, P), the scalar products
-    with these of the triangles of each polygon's fan, negative where one is turned over."""
+    """Return the signed parts of the triangles of P fans, and twice the vector areas of their polygons.
+
+    x, y, z: (n, P) coordinates. parts: (n - 2, P) scalar products of each triangle with the vector area of its polygon,
+    negative where it is inverted. The vector areas: three (P,).
+    """
     x, y, z = x[1:] - x[0], y[1:] - y[0], z[1:] - z[0]
     one = y[:-1] * z[1:] - z[:-1] * y[1:]
     two = z[:-1] * x[1:] - x[:-1] * z[1:]
@@ -160,7 +163,7 @@ def _fan_areas(x: Array, y: Array, z: Array) -> tuple[Array, tuple[Array, Array,
 
 
 def _recut(points: Array, cutter: Cutter) -> Array:
-    """(P, n - 2, 3) triangles of corner numbers of polygons with corners (3, P, n), whose fan may be wrong."""
+    """Return (P, n - 2, 3) triangles of corner numbers for polygons with corners (3, P, n) whose fan may be wrong."""
     points = points.transpose(1, 2, 0)
     points = points - points[:, :1]
     extent = np.abs(points).max(axis=(1, 2), initial=0.0)
@@ -182,7 +185,7 @@ def _recut(points: Array, cutter: Cutter) -> Array:
 
 
 def _in_plane(points: Array, normal: Array) -> Array:
-    """(P, n, 2) coordinates of points (P, n, 3) in planes of unit normals (P, 3), counter-clockwise seen against these.
+    """Project points (P, n, 3) to (P, n, 2) in planes of unit normals (P, 3), counter-clockwise seen against these.
 
     A normal along an axis leaves the other coordinates as they are, so that collinear corners stay collinear.
     """
@@ -196,7 +199,7 @@ def _in_plane(points: Array, normal: Array) -> Array:
 
 
 def _turned_area(points: Floats, triangles: Array) -> Floats:
-    """(P,) the area, doubled, of the triangles (P, F, 3) of polygons (P, n, 2) that run clockwise."""
+    """Return (P,) twice the area of the clockwise ones of the triangles (P, F, 3) of polygons (P, n, 2)."""
     a, b, c = (np.take_along_axis(points, triangles[:, :, [k]], axis=1) for k in range(3))
     b, c = b - a, c - a
     areas: Floats = np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1)
@@ -204,9 +207,9 @@ def _turned_area(points: Floats, triangles: Array) -> Floats:
 
 
 def strips(indices: Array) -> Array:
-    """Triangle strips as triangles, all wound as the first of their strip.
+    """Convert triangle strips to triangles, all with the winding of the first of their strip.
 
-    indices: (N,) whole numbers; -1 ends a strip. Returns (F, 3) of the same type; a strip of less than 3 gives none.
+    indices: (N,) integers; -1 ends a strip. Returns (F, 3) of the same type; a strip of less than 3 gives none.
     """
     if len(indices) < 3:
         return np.zeros((0, 3), indices.dtype)
@@ -220,6 +223,6 @@ def strips(indices: Array) -> Array:
 
 
 def single_fan(indices: Array) -> Array:
-    """One fan round indices[0] as glTF orders it: (N,) -> (N-2, 3), each i+1, i+2, 0."""
+    """Convert one fan around indices[0] to triangles in glTF's order: (N,) -> (N-2, 3), each i+1, i+2, 0."""
     middle = np.stack([indices[1:-1], indices[2:]], axis=1)
     return np.concatenate([middle, np.broadcast_to(indices[:1], (len(middle),))[:, None]], axis=1)

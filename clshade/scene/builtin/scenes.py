@@ -241,7 +241,7 @@ def _knot_frame(angle: Array, p: int, q: int) -> tuple[Array, Array, Array]:
 
 
 def _knot_cells(triangles: int, ratio: float) -> tuple[int, int]:
-    """Return segments and sides, at least 3: 2*segments*sides nearest `triangles`, then segments/sides nearest `ratio`."""
+    """Return segments and sides, at least 3: 2*segments*sides nearest `triangles`, then their ratio nearest `ratio`."""
     ideal = math.sqrt(triangles / (2.0 * ratio))
     sides = np.arange(max(3, int(0.5 * ideal)), max(3, int(2.0 * ideal)) + 2)
     segments = np.clip(np.rint(triangles / (2.0 * sides)).astype(np.int64), 3, MAX_FACES // (2 * sides))

@@ -1,4 +1,4 @@
-"""Course scenes: the .npy files of the seed course, read (`read_course`) and written (`save_course`)."""
+"""Course scenes: reading (`read_course`) and writing (`save_course`) the .npy files of the seed course."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .inert_pickle import paused_collection
 from .texture import as_texture
 
 MAX_BYTES = 1 << 31  # of a course file
-MAX_LIGHTS = 1 << 15  # each takes longer to make than the few bytes that it may take in a file to read
+MAX_LIGHTS = 1 << 15  # a light takes far longer to create than its few bytes take to read
 _NAMES = {
     "verts": "verts",
     "colors": "vertex_colors",
@@ -32,7 +32,7 @@ _NAMES = {
 
 
 class _Fields:
-    """The checked values of one file; each method raises InputError `file: key: expected ..., found ...`."""
+    """Checked values of one file; each method raises InputError `file: key: expected ..., found ...`."""
 
     def __init__(self, content: safe_pickle.Content, owner: str) -> None:
         self.content, self.owner = content, owner
@@ -53,14 +53,14 @@ class _Fields:
 def read_course(
     path: Path, *, texture: Any = None, focal: Any = None, resolution: tuple[int, int] | None = None
 ) -> Scene:
-    """The scene in a course file.
+    """Read a course file.
 
     texture: path of an image (value/255, not decoded from sRGB), array or Texture; it replaces the vertex colors.
-    focal: distance of the image plane in place of the file's; needed for a file without one.
+    focal: distance of the image plane, in place of the file's; required for a file without one.
     resolution: (N, M) in place of the file's; the image plane keeps its height.
 
-    A file's fields are checked even where an option replaces them. Unknown keys, `depth` among them, are ignored.
-    `vertex_colors` may be missing where there are uvs. Raises InputError, one line, see clshade.scene.formats.load.load.
+    A file's fields are checked even where an option replaces them. Unknown keys, including `depth`, are ignored.
+    `vertex_colors` may be missing if there are uvs. Raises InputError, one line, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     content = safe_pickle.unpack(read_file(path, MAX_BYTES), owner)
@@ -93,7 +93,7 @@ def _mesh(fields: _Fields, name: str) -> Mesh:
 def _camera(fields: _Fields, focal: Any) -> Camera:
     pose = [fields.get(f"cam_{name}") for name in ("eye", "lookat", "up")]
     size, plane = (fields.get("M"), fields.get("N")), (fields.get("H"), fields.get("W"))
-    # The file's own is checked even where it is replaced.
+    # The file's value is checked even if it is replaced.
     distance = fields.number("focal") if "focal" in fields.content or focal is None else None
     if focal is not None:
         distance = number("load", "focal", focal, above=0.0)
@@ -152,7 +152,7 @@ def save_course(scene: Scene, path: Path) -> None:
 
 
 def only_mesh(scene: Scene, owner: str) -> Mesh:
-    """The mesh of a scene that is drawn as the course does. Raises InputError for any other scene."""
+    """Return the mesh of a scene that the course's functions can draw. Raises InputError for any other scene."""
     if scene.preset != "course":
         raise value_error(owner, "scene.preset", "course", scene.preset)
     if len(scene.meshes) != 1:

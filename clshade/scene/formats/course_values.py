@@ -1,6 +1,6 @@
-"""What course files and the course's functions share: meshes, lights, cameras, checked under the names each uses.
+"""Checks shared by course files and the course's functions: meshes, lights, cameras, under the names each uses.
 
-Every refusal is an `InputError` of the form `owner: name: expected ..., found ...`.
+Every error is an `InputError` of the form `owner: name: expected ..., found ...`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _WIDTHS = {"verts": 3, "colors": 3, "faces": 3, "uvs": 2, "uv_faces": 3}
 def mesh_fields(
     owner: str, names: Mapping[str, str], given: Mapping[str, Any], *, finite_uvs: bool = True
 ) -> dict[str, Any]:
-    """The arrays of a Mesh by field, contiguous, a row per item, from arrays that are all 3xN (2xN) or all Nx3.
+    """Return the arrays of a Mesh by field, contiguous, one row per item, from arrays all 3xN (2xN) or all Nx3.
 
-    given: verts and faces, colors or not, uvs and uv_faces or not. names: what each is called in messages.
+    given: verts and faces, optionally colors, optionally uvs and uv_faces. names: of each in messages.
     verts, colors and uvs are float32 or float64 as given, indices int32 in range.
     """
     found = dict(zip(given, _upright(owner, names, given), strict=True))
@@ -46,7 +46,7 @@ def mesh_fields(
 
 
 def _upright(owner: str, names: Mapping[str, str], given: Mapping[str, Any]) -> list[Array]:
-    """The arrays with a row per item, as views. Those that are not square show how all lie; if none does, 3xN."""
+    """Return the arrays with one row per item, as views. Those that are not square show the layout of all; default 3xN."""
     shown_by: dict[bool, str] = {}  # whether 3xN, and the first array that shows it
     for field, array in given.items():
         width = _WIDTHS[field]
@@ -61,7 +61,7 @@ def _upright(owner: str, names: Mapping[str, str], given: Mapping[str, Any]) -> 
 
 
 def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any) -> tuple[Floats, Floats]:
-    """Positions and intensities, (L, 3) float64 each. names: what the two are called in messages."""
+    """Return positions and intensities, (L, 3) float64 each. names: of the two in messages."""
     places, powers = _per_light(owner, names[0], positions), _per_light(owner, names[1], intensities)
     if len(places) != len(powers):
         raise value_error(owner, names[1], f"one row per light of {names[0]} ({len(places)})", f"{len(powers)} rows")
@@ -69,7 +69,7 @@ def lights(owner: str, names: tuple[str, str], positions: Any, intensities: Any)
 
 
 def _is_vector(value: Any) -> bool:
-    """Three numbers, (3,) or (3, 1): no list of 3-vectors has that shape."""
+    """Return whether the value is three numbers, (3,) or (3, 1): no list of 3-vectors has that shape."""
     try:
         found = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -78,7 +78,7 @@ def _is_vector(value: Any) -> bool:
 
 
 def _per_light(owner: str, name: str, value: Any) -> Floats:
-    """(L, 3) float64 from an array of L rows, a list of L 3-vectors, or one 3-vector; without any element L is 0."""
+    """Return (L, 3) float64 from an array of L rows, a list of L 3-vectors, or one 3-vector; L is 0 if it is empty."""
     if _is_vector(value):
         only: Floats = vector(owner, name, value)[None].copy()
         return only
@@ -99,7 +99,7 @@ def _per_light(owner: str, name: str, value: Any) -> Floats:
 def camera(
     owner: str, pose: Sequence[Any], focal: Any, size: tuple[Any, Any], plane: tuple[Any, Any], *, prefix: str = ""
 ) -> Camera:
-    """The camera of eye, lookat and up, of (M, N) rows and columns and an image plane (H, W).
+    """Return the camera with (eye, lookat, up), (M, N) rows and columns and an image plane (H, W).
 
     prefix: of the names eye, lookat and up in messages.
     """
@@ -115,7 +115,7 @@ def camera(
 
 
 def exponent(owner: str, value: Any) -> float:
-    """n, 0 to 1e9."""
+    """Return the specular exponent n, 0 to 1e9."""
     found = number(owner, "n", value, least=0.0, expected="a number from 0 to 1e9")
     if found > 1e9:
         raise value_error(owner, "n", "a number from 0 to 1e9", value)

@@ -1,8 +1,8 @@
 """Scenes from glTF 2.0 files, .gltf and .glb.
 
-Own code on NumPy, because trimesh 5.2 loses what a picture needs: wrap modes, texture transforms, alpha masks, which
-sides are drawn, vertex colors beside a texture, cameras and lights, and the order of the file; it accepts indices out
-of range and infinite positions.
+Own code on NumPy, because trimesh 5.2 loses wrap modes, texture transforms, alpha masks, double-sidedness, vertex
+colors next to a texture, cameras and lights, and the order of the file; and it accepts indices out of range and
+infinite positions.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .gltf_materials import Materials, Surface
 from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
 from .options import Options, warn_ignored
 
-# Extensions that are rendered, and those that only hold what a renderer may leave out.
+# Extensions that are rendered, and those that a renderer may ignore.
 RENDERED = (
     "KHR_lights_punctual",
     "KHR_materials_unlit",
@@ -37,13 +37,13 @@ _SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
 
 
 def read_gltf(path: Path, options: Options) -> Scene:
-    """The scene in a glTF file. Every triangle primitive of a mesh is a Mesh with all its placements.
+    """Read a glTF file. Every triangle primitive of a mesh becomes a Mesh with all its placements.
 
     Rendered: node transforms, base color (factor, texture, vertex colors, which are linear), metallic and roughness
-    factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, which sides are drawn (two-sided materials
-    are lit on both), wrap modes, KHR_texture_transform, strips, fans and sparse accessors, the first camera, point and
-    directional lights. Faces without normals are flat, as glTF says, unless options.crease is given. What else the
-    file asks for is named in Scene.ignored and in one warning.
+    factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, double-sidedness (two-sided materials are lit
+    on both sides), wrap modes, KHR_texture_transform, strips, fans and sparse accessors, the first camera, point and
+    directional lights. Faces without normals are flat, as glTF specifies, unless options.crease is given. Other
+    features of the file are listed in Scene.ignored and in one warning.
 
     Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
     """
@@ -74,8 +74,10 @@ def read_gltf(path: Path, options: Options) -> Scene:
 
 
 def _check_asset(document: Item) -> list[str]:
-    """What of the file's extensions and contents is not rendered. Raises InputError for another version, and for an
-    extension that is required and unknown."""
+    """Return the extensions and contents of the file that are not rendered.
+
+    Raises InputError for another version, and for an extension that is required and unknown.
+    """
     asset = document.item("asset")
     version = "" if asset is None else asset.text("version")
     if version.split(".")[0] != "2":
@@ -96,7 +98,7 @@ def _names(document: Item, key: str) -> list[str]:
 
 
 class _Builder:
-    """Makes the meshes of a document; the arrays of an accessor are shared between them."""
+    """Converts the meshes of a document; the arrays of an accessor are shared between them."""
 
     def __init__(
         self, document: Item, buffers: Buffers, materials: Materials, options: Options, ignored: list[str]
@@ -107,7 +109,7 @@ class _Builder:
         self._checked: dict[tuple[int, bool], Array] = {}
 
     def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
-        """All primitives of the meshes that are placed, in the order of the file."""
+        """Return all primitives of the placed meshes, in the order of the file."""
         found = []
         for index in sorted(nodes.meshes):
             for primitive in self.document.entry("meshes", index).items("primitives"):
@@ -123,7 +125,7 @@ class _Builder:
         return tuple(found)
 
     def _count(self, item: Item, placements: int) -> None:
-        """Add up triangles and placements before anything is made of them. Raises InputError for too many."""
+        """Count triangles and placements before any is created. Raises InputError for too many."""
         attributes = item.item("attributes")
         index = item.reference("indices", "accessors")
         if index is None and attributes is not None:
@@ -138,7 +140,7 @@ class _Builder:
             raise file_error(item.owner, item.where, expected, "more")
 
     def _mesh(self, item: Item) -> Mesh | None:
-        """A primitive without its placements, None when it has no triangles that can be seen."""
+        """Return a primitive without its placements, or None if it has no visible triangles."""
         attributes = item.item("attributes")
         if attributes is None:
             raise item.error("attributes", "an object", "none")
@@ -154,13 +156,13 @@ class _Builder:
         faces = self._triangles(item, len(verts))
         if not len(faces):
             return None
-        if len(verts) > 6 * len(faces):  # a share of a large array
+        if len(verts) > 6 * len(faces):  # a small part of a large array
             used, inverse = np.unique(faces, return_inverse=True)
             return self._assembled(attributes, surface, verts, inverse.reshape(faces.shape).astype(np.int32), used)
         return self._assembled(attributes, surface, verts, faces, None)
 
     def _assembled(self, attributes: Item, surface: Surface, verts: Array, faces: Array, used: Array | None) -> Mesh:
-        """used: (V,) the rows that are kept of each attribute, None for all."""
+        """Assemble a Mesh. used: (V,) the rows that are kept of each attribute, None for all."""
 
         def rows(name: str, *widths: int) -> Array | None:
             values = self._attribute(attributes, name, *widths, count=len(verts))
@@ -182,7 +184,7 @@ class _Builder:
         return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material)
 
     def _attribute(self, attributes: Item, name: str, *widths: int, count: int | None = None) -> Array | None:
-        """(V, width) float32 values of an attribute, finite but for texture coordinates; None where it is absent."""
+        """Return (V, width) float32 values of an attribute, finite except for texture coordinates; None if missing."""
         index = attributes.reference(name, "accessors")
         if index is None:
             return None
@@ -201,7 +203,7 @@ class _Builder:
         return self._checked[index, any_value]
 
     def _triangles(self, item: Item, count: int) -> Array:
-        """(F, 3) int32 indices below `count`. Raises InputError for others, and for a number that fits no triangles."""
+        """Return (F, 3) int32 indices below `count`. Raises InputError for others, and for an incomplete triangle."""
         index, mode = item.reference("indices", "accessors"), item.integer("mode", 4)
         if mode not in (4, 5, 6):
             raise item.error("mode", "a number from 0 to 6", str(mode))

@@ -1,4 +1,4 @@
-"""The bytes of a glTF file: its container, buffers and accessors, each checked against what is there."""
+"""The binary data of a glTF file: container, buffers and accessors, each checked against the bytes that are there."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .gltf_json import Item, parse
 
 MAX_BYTES = 1 << 31  # of a file
 MAX_ROWS = 1 << 26  # of an accessor
-MAX_EMPTY = 1 << 24  # rows of an accessor without data, which is all zeros
+MAX_EMPTY = 1 << 24  # rows of an accessor without data, which means zeros
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -26,7 +26,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 
 
 def open_gltf(path: Path) -> tuple[Item, Buffers]:
-    """A glTF file's JSON and what gives its bytes. Raises InputError for a broken container."""
+    """Open a glTF file and return its JSON and its buffers. Raises InputError for a broken container."""
     owner = shown(path)
     data = read_file(path, MAX_BYTES)
     binary = None
@@ -41,7 +41,7 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
 
 
 def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
-    """The JSON chunk of a GLB file and its binary chunk, if it has one."""
+    """Return the JSON chunk of a GLB file and its binary chunk, if any."""
     if len(data) < 20:
         raise file_error(owner, "GLB header", "at least 20 bytes", f"{len(data)} bytes")
     _, version, length = struct.unpack_from("<4sII", data)
@@ -64,7 +64,7 @@ def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
 
 
 class Buffers:
-    """The bytes behind a glTF document: buffers, buffer views and accessors by index; each is read when asked for.
+    """Buffers, buffer views and accessors of a glTF document by index; each is read on first use.
 
     document: its JSON. root: its folder, outside of which nothing is opened. binary: the binary chunk of a GLB file.
     """
@@ -76,7 +76,7 @@ class Buffers:
         self._arrays: dict[tuple[int, bool], Array] = {}
 
     def resource(self, item: Item, text: str) -> memoryview | str | None:
-        """What a URI leads to: the bytes of a data URI, the path of a file in the folder, None where there is none.
+        """Resolve a URI: the bytes of a data URI, the path of a file in the folder, or None if there is no such file.
 
         Raises InputError for any other kind of URI, and a path that leads out of the folder.
         """
@@ -121,7 +121,7 @@ class Buffers:
         return found
 
     def view(self, index: int) -> tuple[memoryview, int]:
-        """The bytes of a buffer view, and its stride or 0."""
+        """Return the bytes of a buffer view, and its stride or 0."""
         item = self.document.entry("bufferViews", index)
         buffer = item.reference("buffer", "buffers")
         if buffer is None:
@@ -134,9 +134,9 @@ class Buffers:
         return data[offset : offset + length], item.integer("byteStride", 0)
 
     def array(self, index: int, *, normalized: bool = True) -> Array:
-        """(count, width) numbers of an accessor, as they are stored, in this machine's byte order; read-only.
+        """Return (count, width) numbers of an accessor, as they are stored, in native byte order; read-only.
 
-        normalized: turn whole numbers that stand for [0, 1] or [-1, 1] into float32.
+        normalized: convert normalized integers, which stand for [0, 1] or [-1, 1], to float32.
         Raises InputError for an accessor that reaches beyond its bytes, or of an unknown type.
         """
         if (index, normalized) not in self._arrays:
@@ -173,7 +173,7 @@ class Buffers:
         return np.dtype(name)
 
     def _strided(self, item: Item, view: int, count: int, width: int, dtype: np.dtype) -> Array:
-        """(count, width) numbers copied out of a buffer view."""
+        """Return (count, width) numbers copied from a buffer view."""
         data, stride = self.view(view)
         size, offset = width * dtype.itemsize, item.integer("byteOffset", 0)
         stride = stride or size
@@ -186,7 +186,7 @@ class Buffers:
         return rows.astype(dtype.newbyteorder("="), order="C")
 
     def _put(self, sparse: Item, values: Array, dtype: np.dtype) -> None:
-        """Replace the rows that a sparse accessor names."""
+        """Replace the rows that a sparse accessor lists."""
         count, parts = sparse.integer("count", least=1), []
         if count > len(values):
             raise sparse.error("count", f"at most {len(values)}", str(count))

@@ -1,4 +1,4 @@
-"""The JSON of a glTF file, read field by field: every value is checked where it is used."""
+"""The JSON of a glTF file; every value is checked where it is used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...errors import InputError
 
 @dataclass(frozen=True)
 class Item:
-    """A JSON object, and where in the file it is: `where` is a path such as meshes[0].primitives[1]."""
+    """A JSON object and its place in the file: `where` is a path such as meshes[0].primitives[1]."""
 
     value: dict[str, Any]
     where: str
@@ -25,12 +25,12 @@ class Item:
     owner: str
 
     def error(self, key: str, expected: str, found: str) -> InputError:
-        """The file_error about a field of this object."""
+        """Build the error for a field of this object."""
         where = f"{self.where}.{key}" if self.where and key else self.where or key
         return file_error(self.owner, where, expected, found)
 
     def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
-        """A whole number. Raises InputError for anything else, and for none where there is no default."""
+        """Return an integer. Raises InputError for anything else, and if it is missing without a default."""
         value = self.value.get(key, default)
         if isinstance(value, float) and value.is_integer():
             value = int(value)
@@ -39,7 +39,7 @@ class Item:
         return value
 
     def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
-        """A finite number. Raises InputError for anything else, and for none where there is no default."""
+        """Return a finite number. Raises InputError for anything else, and if it is missing without a default."""
         value = self.value.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
             expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
@@ -47,7 +47,7 @@ class Item:
         return float(value)
 
     def numbers(self, key: str, length: int, default: Any = None) -> Array:
-        """(length,) finite float64 numbers."""
+        """Return (length,) finite float64 numbers."""
         value = self.value.get(key, default)
         expected = f"{length} finite numbers"
         if not isinstance(value, (list, tuple)) or len(value) != length:
@@ -64,14 +64,14 @@ class Item:
         return value.encode("utf-8", "replace").decode("utf-8")
 
     def item(self, key: str) -> Item | None:
-        """The object of that name, None when there is none."""
+        """Return the object of that name, or None if there is none."""
         if key not in self.value:
             return None
         where = f"{self.where}.{key}" if self.where else key
         return self._at(self.value[key], where)
 
     def items(self, key: str) -> Iterator[Item]:
-        """The objects of a list, which may be absent."""
+        """Yield the objects of a list, which may be missing."""
         where = f"{self.where}.{key}" if self.where else key
         for index, value in enumerate(self._list(self.value, key, self.where)):
             yield self._at(value, f"{where}[{index}]")
@@ -81,7 +81,7 @@ class Item:
         return None if extensions is None else extensions.item(name)
 
     def reference(self, key: str, kind: str) -> int | None:
-        """The index, in range, that a field holds into the file's list `kind`; None when there is no such field."""
+        """Return the index, in range, that a field holds into the file's list `kind`; None if the field is missing."""
         if key not in self.value:
             return None
         index, count = self.integer(key), len(self._list(self.root, kind, ""))
@@ -90,7 +90,7 @@ class Item:
         return index
 
     def references(self, key: str, kind: str) -> list[int]:
-        """The indices, in range, of a field that holds a list of them."""
+        """Return the indices, in range, of a field that holds a list of them."""
         count = len(self._list(self.root, kind, ""))
         found = self._list(self.value, key, self.where)
         for index in found:
@@ -99,11 +99,11 @@ class Item:
         return found
 
     def entry(self, kind: str, index: int) -> Item:
-        """The object at an index that is in range of the file's list `kind`."""
+        """Return the object at an index that is in range of the file's list `kind`."""
         return self._at(self.root[kind][index], f"{kind}[{index}]")
 
     def count(self, kind: str) -> int:
-        """The length of one of the file's lists."""
+        """Return the length of one of the file's lists."""
         return len(self._list(self.root, kind, ""))
 
     def _at(self, value: Any, where: str) -> Item:
@@ -119,10 +119,10 @@ class Item:
 
 
 def parse(text: bytes, owner: str) -> Item:
-    """The top object of a glTF file's JSON.
+    """Parse the JSON of a glTF file and return its top object.
 
-    Raises InputError for what is no JSON object, holds NaN or infinity, has a key twice (which glTF forbids), is nested too
-    deeply, or has too many values.
+    Raises InputError for text that is not a JSON object, holds NaN or infinity, has a duplicate key (which glTF
+    forbids), is nested too deeply, or has too many values.
     """
     value = parse_text(text, owner, "a glTF document", unique=True)
     if not isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Materials and textures of glTF files as Phong's."""
+"""Materials and textures of glTF files, converted to the Phong model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .gltf_json import Item
 from .mtl import MAX_PIXELS
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_SMALLEST_ALPHA = 1.0 / 512.0  # of a pixel that blending would show
+_SMALLEST_ALPHA = 1.0 / 512.0  # the least that is visible with blending
 _MAPS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
@@ -31,32 +31,33 @@ _MAPS = {
 
 @dataclass(frozen=True)
 class Surface:
-    """A material, and which texture coordinates its texture takes.
+    """A material, and the texture coordinates of its texture.
 
-    coordinates: the number of the TEXCOORD set. transform: (2, 3) for (u, v, 1), or None. visible: False where its
-    alpha is too low everywhere. alpha_counts: whether what alpha there is decides where it is seen.
+    coordinates: the number of the TEXCOORD set. transform: (2, 3) for (u, v, 1), or None. visible: False if its alpha
+    is too low everywhere. alpha_counts: whether alpha decides where it is seen.
     """
 
     material: Material
-    coordinates: int = 0
-    transform: Array | None = None
-    visible: bool = True
-    alpha_counts: bool = False
+    coordinates: int
+    transform: Array | None
+    visible: bool
+    alpha_counts: bool
 
 
 def phong(metallic: float, roughness: float, base: float) -> tuple[float, float, float]:
-    """Phong's kd, ks and n for metallic-roughness, under a surface color that multiplies all of them.
+    """Return Phong's kd, ks and n for metallic-roughness, under a surface color that multiplies all of them.
 
-    metallic, roughness: 0 to 1. base: mean of the base color, which ks is divided by, as clshade's color also tints
-    the highlight. Returns (kd, ks, n).
+    metallic, roughness: 0 to 1. base: mean of the base color, by which ks is divided, because the color of a Material
+    also tints the highlight. Returns (kd, ks, n).
 
     The microfacet model of glTF 2.0 (appendix B) has alpha = roughness^2, and 2/alpha^2 - 2 is the exponent of the
     half vector whose lobe is as wide (Blinn's form of Beckmann's distribution). The mirrored direction moves twice as
-    fast as the half vector, so Phong's own is a quarter of that: n = (1/alpha^2 - 1) / 2, at least 1 and, as a
+    fast as the half vector, so Phong's exponent is a quarter of that: n = (1/alpha^2 - 1) / 2, at least 1 and, as a
     roughness below 0.1 counts as 0.1, at most 4999.5. A normalized lobe beside a diffuse term of 1/pi has the peak
-    F0 * (n+2)/2 with F0 = 0.04 + metallic * (base - 0.04); it is held to 1, the brightness of a white diffuse surface.
-    Diffuse is 1 - metallic of the base color; metals keep 0.4 of it for the surroundings that they would mirror, and
-    that a scene of point lights does not have.
+    F0 * (n+2)/2 with F0 = 0.04 + metallic * (base - 0.04); it is limited to 1, the brightness of a white diffuse
+    surface.
+    Diffuse is 1 - metallic of the base color; metals keep 0.4 of it, for the environment that they would reflect and
+    that a scene of point lights lacks.
     """
     alpha = max(roughness * roughness, 1e-2)
     exponent = max((1.0 / (alpha * alpha) - 1.0) / 2.0, 1.0)
@@ -66,9 +67,9 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
 
 
 class Materials:
-    """The materials of a glTF file by index. Images are decoded when they are first asked for.
+    """The materials of a glTF file by index. Images are decoded on first use.
 
-    own: a texture in place of the file's. ignored: gets a few words for each thing that is not rendered.
+    own: a texture in place of the file's. ignored: collects a few words for each feature that is not rendered.
     Raises InputError for broken fields and images, references out of the folder, and more than MAX_PIXELS pixels.
     """
 
@@ -80,7 +81,7 @@ class Materials:
         self._pixels = 0
 
     def surface(self, index: int | None) -> Surface:
-        """The material with that index; None is glTF's default material."""
+        """Return the material with that index; None is glTF's default material."""
         if index not in self._surfaces:
             empty = Item({}, "material", self.document.root, self.document.owner)
             item = empty if index is None else self.document.entry("materials", index)
@@ -109,7 +110,7 @@ class Materials:
             sides="both" if double else "front",
             two_sided=double,
         )
-        if item.extension("KHR_materials_unlit") is not None:  # the color itself, whatever the lights are
+        if item.extension("KHR_materials_unlit") is not None:  # the color itself, independent of the lights
             material = replace(material, ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
         visible, alpha_counts = True, cutoff is not None and cutoff > 0.0
         if cutoff is not None and cutoff > 0.0:
@@ -128,7 +129,7 @@ class Materials:
             self.ignored.append("metallic-roughness textures")
 
     def _cutoff(self, item: Item) -> float | None:
-        """The alpha below which nothing is drawn, None for an opaque material."""
+        """Return the alpha below which nothing is drawn, or None for an opaque material."""
         mode = item.text("alphaMode", "OPAQUE")
         if mode == "OPAQUE":
             return None
@@ -140,7 +141,7 @@ class Materials:
         return item.number("alphaCutoff", 0.5)
 
     def _texture(self, item: Item | None, alpha: bool) -> tuple[Texture | None, int, Array | None]:
-        """A texture, the number of its coordinates and their transform. alpha: whether that channel is wanted."""
+        """Return a texture, the number of its coordinates and their transform. alpha: whether to keep that channel."""
         if self.own is not None:
             return self.own, 0 if item is None else item.integer("texCoord", 0), None
         if item is None:
@@ -183,7 +184,7 @@ class Materials:
         return found[0], found[1]
 
     def _image(self, index: int) -> Array | None:
-        """(h, w, 3 or 4) float32, linear, row 0 at the top; None, with a warning, where there is no such file."""
+        """Return (h, w, 3 or 4) float32, linear, row 0 at the top; None, with a warning, if there is no such file."""
         if index not in self._images:
             image = self._decoded(self.document.entry("images", index))
             self._pixels += 0 if image is None else image.shape[0] * image.shape[1]
@@ -212,7 +213,7 @@ class Materials:
 
 
 def _transform(item: Item) -> Array | None:
-    """(2, 3) of a KHR_texture_transform: scale, then rotation, then offset; None for the identity."""
+    """Return (2, 3) of a KHR_texture_transform: scale, then rotation, then offset; None for the identity."""
     (su, sv), (du, dv) = item.numbers("scale", 2, (1.0, 1.0)), item.numbers("offset", 2, (0.0, 0.0))
     angle = item.number("rotation", 0.0)
     cosine, sine = math.cos(angle), math.sin(angle)

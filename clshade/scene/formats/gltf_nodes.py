@@ -1,4 +1,4 @@
-"""The node tree of a glTF file: where meshes, cameras and lights are placed in the world."""
+"""The node hierarchy of a glTF file: placements of meshes, cameras and lights in the world."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ _FAR = 1e6  # distance of a directional light, in bounding radii
 
 @dataclass
 class Placed:
-    """What the scene's nodes hold, in the order of the tree: meshes by index, with a (4, 4) matrix for each placement;
-    cameras and lights as pairs of index and matrix."""
+    """The contents of the scene's nodes, in depth-first order.
+
+    meshes: by index, with a (4, 4) matrix for each placement. cameras, lights: pairs of index or object, and matrix.
+    """
 
     meshes: dict[int, list[Array]] = field(default_factory=dict)
     cameras: list[tuple[int, Array]] = field(default_factory=list)
@@ -28,10 +30,10 @@ class Placed:
 
 
 def placed(document: Item, ignored: list[str]) -> Placed:
-    """The content of the file's scene: the one it names, else its first, else all nodes that have no parent; in a file
-    without nodes each mesh once.
+    """Return the contents of the file's scene: the one it names, else its first, else all nodes that have no parent.
 
-    Raises InputError for more than MAX_NODES nodes, one that is reached twice, and broken fields.
+    In a file without nodes each mesh is placed once. Raises InputError for more than MAX_NODES nodes, one that is
+    reached twice, and broken fields.
     """
     if document.count("nodes") > MAX_NODES:
         raise document.error("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
@@ -89,7 +91,7 @@ def _collect(node: Item, matrix: Array, found: Placed, ignored: list[str]) -> No
 
 
 def _matrix(node: Item) -> Array:
-    """(4, 4) of a node in its parent."""
+    """Return the (4, 4) matrix of a node in its parent."""
     if "matrix" in node.value:
         matrix: Floats = node.numbers("matrix", 16).reshape(4, 4).T.copy()
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
@@ -121,11 +123,11 @@ def _unit(vector: Array) -> Array | None:
 def camera_of(
     document: Item, found: Placed, sphere: tuple[Array, float], resolution: tuple[int, int] | None
 ) -> Camera | None:
-    """The first camera of the scene, None when there is none or its node has no direction.
+    """Return the first camera of the scene, or None if there is none or its node has no direction.
 
-    sphere: center and radius of the meshes; the camera looks at the point of its axis that is nearest to the center.
+    sphere: center and radius of the meshes; the camera looks at the point of its axis nearest the center.
     resolution: (N, M); default: 600 rows and the camera's aspect ratio, or framing.RESOLUTION. Pixels are square; an
-    image of another shape shows all of the view, and more beside it or above and below.
+    image with another aspect ratio shows the whole view, and more beside it or above and below.
     """
     if not found.cameras:
         return None
@@ -161,11 +163,11 @@ def camera_of(
 
 
 def lights_of(found: Placed, sphere: tuple[Array, float], ignored: list[str]) -> tuple[PointLight, ...]:
-    """The point and directional lights of the scene (KHR_lights_punctual); spot lights are told in `ignored`.
+    """Return the point and directional lights of the scene (KHR_lights_punctual); spot lights are added to `ignored`.
 
-    sphere: center and radius of the meshes. A scene here has no exposure and its lights no attenuation: each light
-    gets its color times the illuminance that it has at the center (intensity / distance^2, the distance at least the
-    radius), and all are scaled so that the strongest one has 1. A directional light becomes a point far away.
+    sphere: center and radius of the meshes. A clshade scene has no exposure and its lights no attenuation: each light
+    gets its color times its illuminance at the center (intensity / distance^2, the distance at least the radius), and
+    all are scaled so that the strongest one has 1. A directional light becomes a point far away.
     """
     center, radius = sphere
     places, strengths = [], []

@@ -1,11 +1,11 @@
-"""Pickles of NumPy's arrays as inert records: nothing that a pickle says is run, and no pickle takes long.
+"""Pickles of NumPy arrays as inert records: nothing in a pickle is executed, and none takes long.
 
 An interpreter of the opcodes that NumPy writes (protocols 3 and 4), and of no others. The only names that a pickle can
 refer to are those of NumPy's arrays and data types, which stand for records here: `unpickle` calls nothing of NumPy.
 
-Each opcode takes time and memory in proportion to its own bytes. The memo can make of a few bytes a tree of 2^60 leaves,
-so no value is hashed, compared, copied or shown as a whole; keys of dicts are short text. Whoever walks the result has to
-count. It is Python, not the C of `pickle.Unpickler`: Ctrl-C works.
+Each opcode takes time and memory in proportion to its own bytes. With the memo a few bytes can describe a tree of 2^60
+leaves, so no value is hashed, compared, copied or printed as a whole; keys of dicts are short text. Code that walks the
+result has to count. Unlike `pickle.Unpickler` it is written in Python, not C: Ctrl-C works.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...base.input_files import quoted
 
 MAX_OPCODES = 1 << 20
 MAX_KEY = 64  # characters of a dict's key
-MAX_ARGUMENTS = 8  # of a call and in a state; NumPy's have up to 8
+MAX_ARGUMENTS = 8  # of a call and in a state; NumPy uses up to 8
 
 _NAMES = {
     ("numpy.core.multiarray", "_reconstruct"),
@@ -32,13 +32,16 @@ _NAMES = {
 
 
 class Refused(Exception):
-    """What was found in the file and is not taken."""
+    """Content of the file that is not accepted; the message says what was found."""
 
 
 @contextmanager
 def paused_collection() -> Iterator[None]:
-    """Pause Python's cyclic garbage collector: a million small records would make it walk all objects of the process
-    again and again, and none of them is garbage."""
+    """Pause Python's cyclic garbage collector.
+
+    A million small records would make it traverse all objects of the process again and again, and none of them is
+    garbage.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -49,7 +52,7 @@ def paused_collection() -> Iterator[None]:
 
 
 class PickledArray:
-    """An array. state: (shape, dtype, whether Fortran order, data), not looked at; None where it has none."""
+    """An array. state: (shape, dtype, whether Fortran order, data), unchecked; None without one."""
 
     __slots__ = ("state",)
 
@@ -58,7 +61,7 @@ class PickledArray:
 
 
 class PickledDtype:
-    """A data type: its name, such as `f4`, and its byte order; not looked at."""
+    """A data type: its name, such as `f4`, and its byte order; unchecked."""
 
     __slots__ = ("name", "order")
 
@@ -76,7 +79,7 @@ class _Name:
 
 
 class _Machine:
-    """stack: what lies above the last mark. below: the stacks under the marks, the innermost last."""
+    """The state of the interpreter. stack: above the last mark. below: the stacks under the marks, innermost last."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -100,20 +103,21 @@ class _Machine:
         return int.from_bytes(self.data[at : at + width], "little")
 
     def take_marked(self) -> list[Any]:
-        """What lies above the last mark, which goes with it."""
+        """Pop the last mark and return what lies above it."""
         found, self.stack = self.stack, self.below.pop()
         return found
 
 
-_Step = Callable[[_Machine, int], int]  # does what an opcode says; from where its argument begins to where that ends
+_Step = Callable[[_Machine, int], int]  # executes an opcode; start of its argument -> end of it
 _STEPS: dict[int, _Step] = {}
 
 
 def unpickle(data: bytes, start: int = 0) -> Any:
-    """The value of the pickle that begins at byte `start`: None, bool, int, float, text, bytes, tuple, list, dict,
-    PickledArray and PickledDtype, nested and shared in any way, cycles included.
+    """Return the value of the pickle that begins at byte `start`.
 
-    Raises Refused for what NumPy would not write, and anything else for what is damaged.
+    None, bool, int, float, text, bytes, tuple, list, dict, PickledArray and PickledDtype, nested and shared in any way,
+    including cycles. Raises Refused for content that NumPy would not write, and exceptions of any type for damaged
+    data.
     """
     return _Machine(data).run(start)
 
@@ -158,7 +162,7 @@ def _number(code: bytes, form: str) -> None:
 
 
 def _sized(code: bytes, width: int, made: Callable[[bytes], Any]) -> None:
-    """Bytes after their number, which takes `width` bytes."""
+    """Register an opcode for bytes preceded by their number, which takes `width` bytes."""
 
     @_opcode(code)
     def step(machine: _Machine, at: int) -> int:
@@ -276,8 +280,11 @@ def _set_items(machine: _Machine, at: int) -> int:
 
 
 def _updated(machine: _Machine, items: list[Any], at: int) -> int:
-    """Keys are looked at before they are hashed: that of a nested tuple may take forever, and those of integers can be
-    chosen so that all of them collide. Those of text cannot, see PYTHONHASHSEED."""
+    """Set items of a dict. Keys are checked before they are hashed.
+
+    Hashing a nested tuple may take forever, and integers can be chosen such that all of them collide. Text cannot, see
+    PYTHONHASHSEED.
+    """
     changed = machine.stack[-1]
     if not isinstance(changed, dict) or len(items) % 2:
         raise Refused("items for what is no dict")
@@ -328,8 +335,10 @@ def _reduce(machine: _Machine, at: int) -> int:
 
 @_opcode(pickle.BUILD)
 def _build(machine: _Machine, at: int) -> int:
-    """An array's state is (version, shape, dtype, whether Fortran order, data), a data type's (version, byte order,
-    parts ...), where a plain one has no parts."""
+    """Set the state of an array, (version, shape, dtype, whether Fortran order, data), or of a data type.
+
+    That of a data type is (version, byte order, parts ...); a plain one has no parts.
+    """
     state, built = machine.stack.pop(), machine.stack[-1]
     if not isinstance(state, tuple) or not 5 <= len(state) <= MAX_ARGUMENTS:
         raise Refused("a state of an unknown form")

@@ -1,8 +1,8 @@
-"""Wavefront MTL libraries as Phong's coefficients.
+"""Wavefront MTL libraries, converted to Phong coefficients.
 
 The color of MTL's own formula, Ka*Ia + sum_l Ip_l*(Kd*(N.L) + Ks*(R.V)^Ns), is kept: ka = Ka, kd = Kd, ks = Ks and
 n = Ns, as most viewers read it; the surface color stays white, so that Kd does not tint the highlight. A material
-without Ka gets its Kd. illum 0 shows Kd whatever the lights are, illum 1 has no highlight.
+without Ka gets its Kd. illum 0 shows Kd independent of the lights, illum 1 has no highlight.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .text_tokens import numbers
 MAX_BYTES = 1 << 24  # of a library
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
 _COLORS = {"ka": "ka", "kd": "kd", "ks": "ks"}
-# A material that an MTL file defines: nothing shines unless it says so.
+# Defaults of a material in an MTL file: no highlight.
 DEFAULTS = {"kd": 0.8, "ks": 0.0, "n": 20.0}
 # What is not rendered, by keyword.
 _IGNORED = {
@@ -41,9 +41,9 @@ _IGNORED = {
     **dict.fromkeys(("disp", "map_disp", "decal"), "displacement and decals"),
     "refl": "reflection maps",
 }
-# Options of a map: how many arguments each has; -1: one to three numbers.
+# Options of a map -> number of arguments; -1: one to three numbers.
 _OPTIONS = {
-    **dict.fromkeys(("-s", "-o", "-t"), -1),
+    **dict.fromkeys(("-s", "-o", "-t"), 0),  # up to three numbers
     **dict.fromkeys(("-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"), 1),
     "-mm": 2,
 }
@@ -63,7 +63,7 @@ class _Map:
 
 @dataclass
 class _Found:
-    """What a library says of one material. image, mask: its map_Kd and map_d."""
+    """The statements of a library on one material. image, mask: its map_Kd and map_d."""
 
     values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
     image: _Map | None = None
@@ -73,13 +73,13 @@ class _Found:
 
 
 class Library:
-    """The materials that the mtllib lines of an OBJ file lead to. Images are decoded when they are first asked for.
+    """The materials of the libraries named by the mtllib lines of an OBJ file. Images are decoded on first use.
 
     path: of the OBJ file. references: (line number, text after mtllib). No file outside the OBJ file's folder is
-    opened. A file that is not there is left out with a warning.
+    opened. A missing file is skipped with a warning.
 
-    Raises InputError for a reference that leads out of the folder, for numbers that are none, and for images of more
-    than MAX_PIXELS pixels in all.
+    Raises InputError for a reference that leads out of the folder, for malformed numbers, and for images of more than
+    MAX_PIXELS pixels in all.
     """
 
     def __init__(self, path: str, references: list[tuple[int, str]]) -> None:
@@ -135,7 +135,7 @@ class Library:
             material.ignored.append(_IGNORED[keyword])
 
     def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
-        """A map's image and those of its options that are rendered; None, with a warning, where there is no image."""
+        """Return a map's image and those of its options that are rendered; None, with a warning, without an image."""
         name, options = _split_options(text, material.ignored, shown(library), where)
         path = beside(self.root, os.path.dirname(library) or ".", name, shown(library), where)
         if path is None:
@@ -144,8 +144,10 @@ class Library:
         return _Map(path, **options)
 
     def material(self, name: str, textured: bool) -> tuple[Material, Array | None] | None:
-        """The material of that name, and (2, 2) scale and offset of its texture coordinates or None; None when no
-        library has it. textured: whether its image is wanted."""
+        """Return the material of that name, and (2, 2) scale and offset of its texture coordinates or None.
+
+        None if no library has it. textured: whether to load its image.
+        """
         found = self.found.get(name)
         if found is None:
             return None
@@ -168,7 +170,7 @@ class Library:
         return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
 
     def _texture(self, found: _Found) -> tuple[Texture, bool]:
-        """The texture of map_Kd, with map_d as its alpha, and whether it has one."""
+        """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d."""
         source = found.image or found.mask
         wrap: Wrap = "clamp" if source is not None and source.clamp else "repeat"
         image = None if found.image is None else self._decoded(found.image.path, True)
@@ -186,7 +188,7 @@ class Library:
         return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
 
     def _alpha(self, path: str) -> Array:
-        """(h, w) of a map_d: its alpha channel, or its mean color where it has none."""
+        """Return (h, w) of a map_d: its alpha channel, or its mean color if it has none."""
         image = self._decoded(path, False)
         return image[:, :, 3] if image.shape[2] == 4 else image.mean(axis=2)
 
@@ -201,7 +203,7 @@ class Library:
 
 
 def _is_default(keyword: str, rest: str) -> bool:
-    """Whether a statement that is not rendered changes nothing."""
+    """Return whether a statement that is not rendered has its default value."""
     value = {"d": 1.0, "tr": 0.0, "ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}.get(
         keyword
     )
@@ -210,7 +212,7 @@ def _is_default(keyword: str, rest: str) -> bool:
 
 
 def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tuple[str, dict[str, Any]]:
-    """The file's name, with the blanks in it, after a map's options, and those options that are rendered.
+    """Return the file name after the options of a map, which may contain blanks, and those options that are rendered.
 
     Raises InputError for a number that float64 cannot hold.
     """
@@ -218,7 +220,7 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
     place = 0
     while (word := _WORD.match(text, place)) and word.group().lower() in _OPTIONS:
         name, place = word.group().lower(), word.end()
-        count, numbers_only = _OPTIONS[name], _OPTIONS[name] < 0
+        count, numbers_only = _OPTIONS[name], _OPTIONS[name] == 0
         values: list[str] = []
         while len(values) < (3 if numbers_only else count):
             found = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
@@ -248,7 +250,7 @@ def _floats(text: str, owner: str, where: str, allowed: tuple[int, ...], expecte
 
 
 def _color(text: str, owner: str, where: str) -> list[float]:
-    """Three channels from three numbers or one; spectral and xyz colors are not known."""
+    """Return three channels from three numbers or one; spectral and xyz colors are not supported."""
     values = _floats(text, owner, where, (1, 3), "one or three finite numbers")
     return values * 3 if len(values) == 1 else values
 

@@ -1,4 +1,4 @@
-"""Scenes from mesh files that hold no camera or lights: Wavefront OBJ."""
+"""Scenes from Wavefront OBJ files, which have no camera or lights."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from .options import Options, warn_ignored
 
 MAX_BYTES = 1 << 31  # of a mesh file
 
-DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # of faces whose material the file does not give
+DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # for faces without a material in the file
 
 
 def read_obj(path: Path, options: Options) -> Scene:
-    """The scene in a Wavefront OBJ file: its faces in the file's order, with a camera and lights by `framing.framed`.
+    """Read a Wavefront OBJ file: its faces in the file's order, with a camera and lights by `framing.framed`.
 
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
     are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
-    without normals get those of the whole file's faces, so that no seam shows between meshes; edges above
-    options.crease are sharp, and all where the file's only smoothing group is `s off`. Faces that run clockwise as the
-    file's normals see them are turned round. Both sides are lit. A material or image that is not there is left out,
-    with a warning. See `obj_text.parse_obj` and `mtl_files`.
+    without normals get those computed from all faces of the file, so that no seam shows between meshes; edges above
+    options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise as
+    seen along the file's normals are reversed. Both sides are lit. A missing material or image is ignored with a
+    warning. See `obj_parser.parse_obj` and `mtl`.
 
     Raises InputError, one line, see clshade.scene.formats.load.load.
     """
@@ -56,14 +56,14 @@ def read_obj(path: Path, options: Options) -> Scene:
 
 
 def _turn_to_normals(text: ObjText) -> None:
-    """Turn round the faces that run clockwise as the file's normals see them: these say which side is the front."""
+    """Reverse the faces that are clockwise as seen along the file's normals, which define the front."""
     given = np.flatnonzero(text.indices[:, 0, 2] >= 0)
     against = given[against_normals(text.verts, text.indices[given, :, 0], text.normals, text.indices[given, :, 2])]
     text.indices[against] = text.indices[against][:, [0, 2, 1]]
 
 
 def _flipped(uvs: Array) -> Array:
-    """(T, 2) uvs with v = 0 at the bottom of the image, as OBJ has them, to v = 0 at row 0, as all of clshade has."""
+    """Flip (T, 2) uvs from v = 0 at the bottom of the image, as in OBJ, to v = 0 at row 0, as in all of clshade."""
     return np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
 
 
@@ -78,7 +78,7 @@ def _finite_colors(colors: Array | None, owner: str) -> Array | None:
 
 
 def _meshes(text: ObjText, library: Library, options: Options, name: str, owner: str) -> tuple[Mesh, ...]:
-    """The file's faces as meshes, each of one object and one material, in the order of the file."""
+    """Return the file's faces as meshes, each of one object and one material, in the order of the file."""
     parts = _parts(text)
     whole = len(parts) == 1
     computed = _normals(text, options, whole)
@@ -94,7 +94,7 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
-            with np.errstate(over="ignore", invalid="ignore"):  # such coordinates are texel 0
+            with np.errstate(over="ignore", invalid="ignore"):  # overflowing coordinates mean texel 0
                 flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
         arrays = _arrays(text, flipped[moment], slice(run.first, end), computed, whole)
         meshes.append(Mesh(**arrays, material=material, name=run.object or run.group or name))
@@ -102,8 +102,10 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
 
 
 def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array | None] | None:
-    """Normals (K, 3) for faces that have none, and indices (F, 3) into them or None for the vertices' own; None to
-    leave the normals to the mesh."""
+    """Return normals (K, 3) for faces that have none, and indices (F, 3) into them, or None for those of the vertices.
+
+    None in place of both leaves the normals to the mesh.
+    """
     if text.indices[:, 0, 2].min() >= 0:
         return None
     faces = text.indices[:, :, 0]
@@ -113,7 +115,7 @@ def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array
 
 
 def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
-    """Where a mesh begins, as a run, and the face after its last one."""
+    """Return where each mesh begins, as a run, and the face after its last one."""
     has = text.indices[:, 0, 1:] >= 0
     cuts = set((np.flatnonzero((has[1:] != has[:-1]).any(axis=1)) + 1).tolist())
     firsts = [run.first for run in text.runs]
@@ -129,7 +131,7 @@ def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
 def _arrays(
     text: ObjText, uvs: Array, chosen: slice, computed: tuple[Array, Array | None] | None, whole: bool
 ) -> dict[str, Any]:
-    """The arrays of a Mesh of the chosen faces: the file's own where these are the `whole`, else what is used.
+    """Return the arrays of a Mesh of the chosen faces: the file's own if these are the `whole`, else the rows in use.
 
     uvs: (T, 2), used in place of the file's. computed: see _normals.
     """
@@ -155,7 +157,7 @@ def _arrays(
 
 
 def _used(indices: Array) -> tuple[Array, Array]:
-    """The values that occur in (F, 3) indices, ascending, and the indices into these."""
+    """Return the values that occur in (F, 3) indices, ascending, and the indices into these."""
     used, inverse = np.unique(indices, return_inverse=True)
     return used, inverse.reshape(indices.shape)
 
@@ -163,7 +165,7 @@ def _used(indices: Array) -> tuple[Array, Array]:
 def _material(
     library: Library, name: str | None, textured: bool, texture: Texture | None, owner: str
 ) -> tuple[Material, Array | None]:
-    """A material, and what moves its texture coordinates: rows scale and offset of u and v, or None."""
+    """Return a material, and scale and offset (rows) of its texture coordinates u and v, or None."""
     found = None
     if name is not None:
         found = library.material(name, textured and texture is None)

@@ -1,9 +1,9 @@
-"""The text of Wavefront OBJ files to arrays, a few megabytes at a time, with every line checked.
+"""Parser of Wavefront OBJ text into arrays, a few megabytes at a time, with every line checked.
 
-Own code, because trimesh 5.2 does not read OBJ right: it resolves relative indices against the whole file instead of
-the lines so far (another mesh, silently), moves the faces of a material together and the materials into another
-order, gives wrong texture coordinates at seams with `maintain_order` and torn normals without, and accepts index 0,
-indices out of range and NaN.
+Own code, because trimesh 5.2 does not read OBJ correctly: it resolves relative indices against the whole file instead
+of the lines so far (another mesh, silently), regroups the faces by material and reorders the materials, gives wrong
+texture coordinates at seams with `maintain_order` and torn normals without, and accepts index 0, indices out of range
+and NaN.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _COUNTS = {
     VN: ((3,), "3 numbers"),
 }
 _MAX_INDEX = (1 << 31) - 2
-# Statements that draw something which is not rendered.
+# Statements for primitives that are not rendered.
 _IGNORED = {
     b"l": "lines",
     b"p": "points",
@@ -35,7 +35,7 @@ _IGNORED = {
 
 
 class FaceRun(NamedTuple):
-    """What holds from face `first` on: the names of the last `o`, `g` and `usemtl`; None where there was none."""
+    """The state from face `first` on: the names of the last `o`, `g` and `usemtl`; None if there was none."""
 
     first: int
     object: str | None
@@ -47,12 +47,12 @@ class FaceRun(NamedTuple):
 class ObjText:
     """The content of an OBJ file.
 
-    verts: (V, 3) float64. colors: (V, 3) float64, ones where a vertex has none, may be NaN or infinite; or None.
+    verts: (V, 3) float64. colors: (V, 3) float64, ones for a vertex without, may be NaN or infinite; or None.
     uvs: (T, 2) float64, v = 0 at the bottom, may be NaN or infinite. normals: (K, 3) float64, finite.
-    indices: (F, 3, 3) int32 from 0: face, corner, and which of verts, uvs and normals. In the latter two all corners of
-        a face without hold -1.
+    indices: (F, 3, 3) int32 from 0: face, corner, and which of verts, uvs and normals; -1 at all corners of a face
+        without uvs or normals.
     runs: in order of their first face. libraries: of each mtllib, (line number, text after the keyword).
-    smoothing: the groups that `s` statements name, `off` for none. ignored: what is not rendered, a few words each.
+    smoothing: the groups that `s` statements name, `off` for none. ignored: features not rendered, a few words each.
     """
 
     verts: Array
@@ -68,8 +68,11 @@ class ObjText:
 
 @dataclass
 class _Reader:
-    """Everything read so far. offset: of the current chunk in the file. corners: of polygons, (C, 3), see ObjText.indices.
-    corner_counts: (P,) of each polygon. places: (P,) of each polygon's line."""
+    """Everything read so far.
+
+    offset: of the current chunk in the file. corners: of polygons, (C, 3), see ObjText.indices. corner_counts: (P,) of
+    each polygon. places: (P,) of each polygon's line.
+    """
 
     data: bytes
     owner: str
@@ -87,25 +90,25 @@ class _Reader:
     ignored: list[str] = field(default_factory=list)
 
     def line(self, place: int) -> int:
-        """The number of the line that holds byte `place` of the file."""
+        """Return the number of the line that holds byte `place` of the file."""
         return self.data.count(b"\n", 0, place) + 1
 
     def line_error(self, lines: Lines, token: int, keyword: str, expected: str, found: str) -> InputError:
-        """About a token of the current chunk."""
+        """Build the error for a token of the current chunk."""
         number = self.line(self.offset + int(lines.starts[token]) - 1)
         return file_error(self.owner, f"line {number}: {keyword}", expected, found)
 
 
 def parse_obj(data: bytes, owner: str) -> ObjText:
-    """The content of an OBJ file's bytes. owner: the file's name, for messages.
+    """Parse the bytes of an OBJ file. owner: the file's name, for messages.
 
-    Read: v (also with w, which is left out, or a color), vt, vn, f (any number of corners, see
-    `triangulation.triangulated`; relative indices), o, g, s, usemtl, mtllib, comments, continued lines, a byte order
-    mark, line ends of any kind. Other statements are skipped. Vertices, uvs and normals that no face uses stay.
+    Read: v (also with w, which is ignored, or a color), vt, vn, f (any number of corners, see
+    `triangulate.triangulated`; relative indices), o, g, s, usemtl, mtllib, comments, continued lines, a byte order
+    mark, line ends of any kind. Other statements are skipped. Vertices, uvs and normals that no face uses are kept.
 
-    Raises InputError with the line number for: a line that is no OBJ statement, wrong counts, text where a number is
-    due, v or vn that is NaN or infinite, indices 0 or out of range, a face with less than three corners or with vt or
-    vn at some corners only; and for a file without faces or with more than MAX_FACES triangles.
+    Raises InputError with the line number for: a line that is not an OBJ statement, wrong counts, text in place of a
+    number, v or vn that is NaN or infinite, indices 0 or out of range, a face with less than three corners or with vt
+    or vn at some corners only; and for a file without faces or with more than MAX_FACES triangles.
     """
     if data.startswith(b"\xef\xbb\xbf"):
         data = b"   " + data[3:]
@@ -122,7 +125,7 @@ def parse_obj(data: bytes, owner: str) -> ObjText:
 
 
 def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
-    """Lines that are not of numbers. first_triangle: (face lines + 1,) index of each face line's first triangle."""
+    """Read the lines without numbers. first_triangle: (face lines + 1,) index of each face line's first triangle."""
     is_face = lines.kind == F
     upcoming = first_triangle[np.cumsum(is_face) - is_face]
     for index in np.flatnonzero(lines.kind == 0):
@@ -153,7 +156,7 @@ def _read_names(reader: _Reader, lines: Lines, first_triangle: Array) -> None:
 
 
 def _read_numbers(reader: _Reader, lines: Lines) -> None:
-    """The v, vt and vn lines of a chunk."""
+    """Read the v, vt and vn lines of a chunk."""
     for kind, (allowed, expected) in _COUNTS.items():
         wrong = np.flatnonzero((lines.kind == kind) & ~np.isin(lines.count, allowed))
         if len(wrong):
@@ -183,7 +186,7 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
 
 
 def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expected: str) -> InputError:
-    """The file_error about the first token in the chosen lines that is not a number, or not a corner of a face."""
+    """Build the error for the first token in the chosen lines that is not a number, or not a corner of a face."""
     for index in chosen:
         first, count = int(lines.first[index]), int(lines.count[index])
         for token in range(first + 1, first + 1 + count):
@@ -196,7 +199,7 @@ def _bad_token(reader: _Reader, lines: Lines, chosen: Array, dtype: type, expect
 
 
 def _read_faces(reader: _Reader, lines: Lines) -> Array:
-    """The f lines of a chunk. Returns (face lines + 1,) the index in the file of each one's first triangle."""
+    """Read the f lines of a chunk. Returns (face lines + 1,) the index in the file of each one's first triangle."""
     chosen = np.flatnonzero(lines.kind == F)
     count = lines.count[chosen]
     if len(chosen) and count.min() < 3:
@@ -214,7 +217,7 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
 
 
 def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
-    """(C, 3) int64: the numbers v/vt/vn as written in each corner of the chosen f lines, 0 where there is none."""
+    """Return (C, 3) int64: the numbers v/vt/vn as written in each corner of the chosen f lines, 0 if missing."""
     text = arguments(lines, chosen)
     blank, slash = is_blank(text), np.frombuffer(text, np.uint8) == ord("/")
     slashes = np.cumsum(slash, dtype=np.int32)
@@ -239,7 +242,7 @@ def _corners(reader: _Reader, lines: Lines, chosen: Array) -> Array:
 
 
 def _corner_token(lines: Lines, chosen: Array, corner: int) -> int:
-    """The token of a corner, counted over the chosen f lines."""
+    """Return the token of a corner, counted over the chosen f lines."""
     before = np.cumsum(lines.count[chosen])
     line = int(np.searchsorted(before, corner, side="right"))
     index = chosen[line]
@@ -247,7 +250,7 @@ def _corner_token(lines: Lines, chosen: Array, corner: int) -> int:
 
 
 def _resolved(reader: _Reader, lines: Lines, chosen: Array, table: Array) -> Array:
-    """(C, 3) int32 indices from 0, or -1, of the corners with the numbers `table` (see _corners)."""
+    """Return (C, 3) int32 indices from 0, or -1, of the corners with the numbers `table` (see _corners)."""
     count = lines.count[chosen]
     start = np.cumsum(count) - count
     result = np.empty(table.shape, np.int32)

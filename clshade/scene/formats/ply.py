@@ -1,6 +1,6 @@
 """Scenes from PLY files, ascii and binary.
 
-Own code on NumPy, because trimesh 5.2 returns no faces for triangle strips, in silence, accepts NaN, infinity and
+Own code on NumPy, because trimesh 5.2 silently returns no faces for triangle strips, accepts NaN, infinity and
 indices out of range, doubles the precision of every position, and opens the textures that a comment names.
 """
 
@@ -34,15 +34,14 @@ _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
 
 
 def read_ply(path: Path, options: Options, material: Material) -> Scene:
-    """The scene in a PLY file: one Mesh of its faces and then its triangle strips. Polygons are cut by
-    `triangulation.triangulated`.
+    """Read a PLY file: one Mesh of its faces, followed by its triangle strips.
 
-    Rendered: positions (as float32, or float64 where the file has double or text), normals, colors of vertices or of
-    faces, texture coordinates of vertices or of the corners of faces (v = 0 is the bottom), and the image that a
-    comment `TextureFile` names, in the file's folder. Colors of whole numbers are value/255 (65535) and decoded from
-    sRGB, those of floats are linear. Faces of one color each get vertices of their own. Without normals the surface is
-    smooth, but for edges above options.crease; faces that run clockwise as the file's normals see them are turned
-    round. Both sides are lit. What else the faces hold is named in Scene.ignored.
+    Polygons are cut by `triangulate.triangulated`. Rendered: positions (as float32, or float64 where the file has
+    double or text), normals, colors of vertices or of faces, texture coordinates of vertices or of the corners of faces
+    (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Integer colors are
+    value/255 (65535) and decoded from sRGB, float colors are linear. Faces with a color each get vertices of their own.
+    Without normals the surface is smooth, except for edges above options.crease; faces that are clockwise as seen along
+    the file's normals are reversed. Both sides are lit. Other properties of the faces are listed in Scene.ignored.
 
     Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
     """
@@ -74,7 +73,7 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
 
 
 def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bool = True) -> Array | None:
-    """(rows, len(names)) values of single-value properties, float32 or float64; None unless all are there."""
+    """Return (rows, len(names)) values of scalar properties, float32 or float64; None unless all are there."""
     columns = [element.columns.get(name) for name in names]
     if any(column is None or isinstance(column, tuple) for column in columns):
         return None
@@ -92,8 +91,10 @@ def _columns(element: Element, names: tuple[str, ...], owner: str, *, finite: bo
 def _faces(
     elements: dict[str, Element], verts: Array, ignored: list[str], owner: str
 ) -> tuple[Array, Array, Cuts | None]:
-    """(F, 3) int32 indices into verts, the (F,) row of element face of each, -1 for those of strips, and how the
-    polygons are cut, where there are no triangles of strips."""
+    """Return (F, 3) int32 indices into verts, the (F,) row in element face of each, and how the polygons are cut.
+
+    The row is -1 for triangles of strips; the cuts are None if there are any.
+    """
     faces, polygons, cuts, count = [], [], None, len(verts)
     face, strip = elements.get("face"), elements.get("tristrips")
     for element in (face, strip):
@@ -145,14 +146,14 @@ def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array,
 
 
 def _shade(arrays: dict[str, Any], options: Options) -> None:
-    """Normals by the crease angle, where the file has none and one is asked for."""
+    """Compute normals by the crease angle, if the file has none and one is given."""
     if arrays["normals"] is None and options.crease is not None:
         normals, normal_faces = crease_normals(arrays["verts"], arrays["faces"], options.crease)
         arrays.update(normals=normals, normal_faces=normal_faces)
 
 
 def _turn_to_normals(arrays: dict[str, Any]) -> None:
-    """Turn round the faces that run clockwise as the file's normals see them: these say which side is the front."""
+    """Reverse the faces that are clockwise as seen along the file's normals, which define the front."""
     normal_faces = arrays.get("normal_faces")
     normal_faces = arrays["faces"] if normal_faces is None else normal_faces
     against = against_normals(arrays["verts"], arrays["faces"], arrays["normals"], normal_faces)
@@ -162,7 +163,7 @@ def _turn_to_normals(arrays: dict[str, Any]) -> None:
 
 
 def _linear(element: Element, owner: str) -> Array | None:
-    """(rows, 3) linear colors of an element, None when it has none."""
+    """Return (rows, 3) linear colors of an element, or None if it has none."""
     for names in _COLORS:
         values = _columns(element, names, owner)
         if values is not None:
@@ -177,7 +178,7 @@ def _linear(element: Element, owner: str) -> Array | None:
 def _color(
     arrays: dict[str, Any], elements: dict[str, Element], polygon: Array, ignored: list[str], owner: str
 ) -> None:
-    """Colors of the vertices or, where these have none, of the faces, whose corners then get vertices of their own."""
+    """Set the colors of the vertices or, if they have none, of the faces, whose corners then get their own vertices."""
     arrays["colors"] = _linear(elements["vertex"], owner)
     face = elements.get("face")
     colors = None if face is None or not face.rows else _linear(face, owner)
@@ -205,7 +206,7 @@ def _texture(
     faces: Array,
     cuts: Cuts | None,
 ) -> Texture | None:
-    """The texture, and its coordinates in `arrays`; None where the file has no coordinates or no image.
+    """Return the texture, and set its coordinates in `arrays`; None if the file has no coordinates or no image.
 
     faces: (F, 3) indices into the file's vertices. cuts: see _faces.
     """
@@ -233,7 +234,7 @@ def _texture(
 
 
 def _uvs(elements: dict[str, Element], cuts: Cuts | None, owner: str) -> tuple[Array | None, Array | None]:
-    """(T, 2) coordinates, and for those of corners their (F, 3) indices."""
+    """Return (T, 2) coordinates, and for those of corners their (F, 3) indices."""
     face = elements.get("face")
     listed = face.columns.get("texcoord") if face is not None else None
     if face is not None and isinstance(listed, tuple) and cuts is not None:

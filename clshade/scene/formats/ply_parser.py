@@ -1,4 +1,4 @@
-"""PLY files as columns: the header, then the rows of every element, ascii or binary, each checked."""
+"""Parser of PLY files: the header, then the rows of every element as columns, ascii or binary, each checked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CHUNK = 1 << 20  # bytes of ascii text taken at once
 
 @dataclass(frozen=True)
 class Property:
-    """kind: type of the values, such as f4. count: type of a list's length, empty for a single value."""
+    """A property. kind: type of the values, such as f4. count: type of a list's length, empty for a scalar."""
 
     name: str
     kind: str
@@ -34,7 +34,7 @@ class Property:
 
 @dataclass
 class Element:
-    """rows: their number. columns: by property, (rows,) values, or for a list (values, lengths), row after row."""
+    """An element. rows: their number. columns: by property, (rows,) values, or (values, lengths) of lists, row after row."""
 
     name: str
     rows: int
@@ -44,7 +44,7 @@ class Element:
 
 @dataclass
 class Header:
-    """order: `<`, `>`, or empty for ascii. size: bytes of the header."""
+    """The header. order: `<`, `>`, or empty for ascii. size: bytes of the header."""
 
     order: str
     elements: list[Element]
@@ -54,9 +54,9 @@ class Header:
 
 
 def read_ply_rows(data: bytes, owner: str) -> tuple[dict[str, Element], list[str]]:
-    """The elements of a PLY file by name, and its comments. Values keep the file's types; those of ascii are float64.
+    """Return the elements of a PLY file by name, and its comments. Values keep the file's types; ascii gives float64.
 
-    Raises InputError naming the line of the header, or the element and row, for anything that does not fit together.
+    Raises InputError naming the line of the header, or the element and row, for any inconsistency.
     """
     header = _header(data, owner)
     if header.order:
@@ -115,7 +115,7 @@ def _header_line(header: Header, line: str, owner: str, where: str) -> None:
 
 
 def _property(element: Element, words: list[str]) -> bool:
-    """Add a property; whether its words make one, of a new name."""
+    """Add a property; return whether its words define one, with a new name."""
     single = len(words) == 2 and words[0] in _TYPES
     listed = len(words) == 4 and words[0] == "list" and words[1] in _TYPES and words[2] in _TYPES
     listed = listed and _TYPES[words[1]][0] in "iu"
@@ -142,7 +142,7 @@ def _binary(data: bytes, header: Header, owner: str) -> None:
 
 
 def _binary_rows(data: bytes, place: int, element: Element, order: str, owner: str) -> int:
-    """Fill in an element's columns. Returns the place after its rows."""
+    """Fill in an element's columns. Returns the position after its rows."""
     lengths = _first_lengths(data, place, element, order)
     starts, size = [], 0
     for item, length in zip(element.properties, lengths, strict=True):
@@ -162,14 +162,14 @@ def _binary_rows(data: bytes, place: int, element: Element, order: str, owner: s
         if item.count:
             values = runs(data, start, element.rows, size, kind, length).reshape(-1)
             element.columns[item.name] = values, np.broadcast_to(np.int64(length), element.rows)
-        else:  # in its place in the data: the one copy is made where the column is used
+        else:  # a view of the data: the only copy is made where the column is used
             single: Array = np.ndarray((element.rows,), kind, data, start, (size,))
             element.columns[item.name] = single.astype(kind.newbyteorder("="), copy=False)
     return place + element.rows * size
 
 
 def _first_lengths(data: bytes, place: int, element: Element, order: str) -> list[int]:
-    """The lengths of the lists in the first row, 0 for a single value or where the data ends."""
+    """Return the lengths of the lists in the first row, 0 for a scalar or where the data ends."""
     lengths = []
     for item in element.properties:
         size, count = np.dtype(item.kind).itemsize, 0
@@ -188,7 +188,7 @@ def _length(text: bytes, order: str, signed: bool) -> int:
 
 
 def _ragged_rows(data: bytes, place: int, element: Element, order: str, owner: str) -> int:
-    """Rows of unequal length: their places are found one after the other, their values taken all at once."""
+    """Read rows of unequal length: locate them one by one, then read their values all at once."""
     steps = [
         (np.dtype(p.kind).itemsize, np.dtype(p.count).itemsize if p.count else 0, p.count[:1] == "i")
         for p in element.properties
@@ -216,7 +216,7 @@ def _ragged_rows(data: bytes, place: int, element: Element, order: str, owner: s
 
 
 def _gathered(data: bytes, start: Array, length: Array, kind: np.dtype) -> Array:
-    """The values of type `kind` in runs of `length` (R,) from the bytes `start` (R,) on, one run after the other."""
+    """Return the values of type `kind` in runs of `length` (R,) from the bytes `start` (R,) on, one after the other."""
     first, last = int(start[0]), int(start[-1] + length[-1] * kind.itemsize)
     wanted = np.zeros(last - first + 1, np.int8)
     some = length > 0
@@ -240,7 +240,7 @@ def _ascii(data: bytes, header: Header, owner: str) -> None:
 
 
 def _ascii_values(data: bytes, header: Header, owner: str) -> Array:
-    """All numbers after the header."""
+    """Return all numbers after the header."""
     parts, start = [], header.size
     while start < len(data):
         end = data.find(b"\n", start + _CHUNK) + 1 or len(data)
@@ -257,7 +257,7 @@ def _ascii_values(data: bytes, header: Header, owner: str) -> Array:
 
 
 def _ascii_rows(values: Array, place: int, element: Element, owner: str) -> int:
-    """Fill in an element's columns. Returns the place after its rows, counted in values."""
+    """Fill in an element's columns. Returns the position after its rows, counted in values."""
     listed = [bool(item.count) for item in element.properties]
     if not any(listed):
         table = values[place : place + element.rows * len(listed)].reshape(element.rows, len(listed))

@@ -1,7 +1,7 @@
-"""The .npy container of course scenes: a pickled dict in a 0-d object array, read without running what it says.
+"""The .npy container of course scenes: a pickled dict in a 0-d object array, read without executing it.
 
-`inert_pickle` gives plain objects and inert records; arrays are made of these here, under limits, for the fields that are
-asked for. What a file names many times is counted each time: time and memory stay in proportion to the file's size.
+`inert_pickle` gives plain objects and inert records; these become arrays here, under limits, for the requested fields.
+A value that a file refers to many times is counted each time: time and memory stay proportional to the file's size.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from .inert_pickle import PickledArray, PickledDtype, Refused, unpickle
 
 MAX_HEADER = 4096  # bytes; a course file's header has 118
 MAX_LISTED = 1 << 20  # numbers in all lists
-MAX_REPEATED = 1 << 18  # numbers in all lists beyond one for each byte of the file, for what it names more than once
+MAX_REPEATED = 1 << 18  # numbers in all lists beyond one per byte of the file, for values referred to repeatedly
 _MAX_PART = 16  # numbers in an array inside a list
 _MAX_DEPTH = 3
 _DTYPES = ("b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8")
 
 
 class Content:
-    """The dict in a course file. `in` tells whether it has a key, `value` gives what is there."""
+    """The dict in a course file: `in` tests for a key, `value` returns a field."""
 
     def __init__(self, fields: dict[str, Any], owner: str, size: int) -> None:
         self._fields, self._owner = fields, owner
-        self._left = min(MAX_LISTED, size + MAX_REPEATED)  # numbers that lists may still have
+        self._left = min(MAX_LISTED, size + MAX_REPEATED)  # numbers that lists may still hold
 
     def __contains__(self, name: str) -> bool:
         return name in self._fields
 
     def value(self, name: str) -> Any:
-        """A field as an array, a number or None: lists become arrays.
+        """Return a field as an array, a number or None; lists become arrays.
 
         Raises InputError for everything else: text, dicts, object arrays, ragged or very long lists.
         """
@@ -56,9 +56,9 @@ class Content:
         return array
 
     def _listed(self, packed: Any, depth: int, made: dict[int, Any]) -> Any:
-        """A list of numbers, arrays of a few numbers and such lists, with arrays in place of their records.
+        """Return a list of numbers, arrays of a few numbers and such lists, with arrays in place of their records.
 
-        made: parts so far by their records' identity: an array may be named a million times.
+        made: converted parts by identity of their records: a file may refer to an array a million times.
         """
         if not isinstance(packed, (list, tuple)):
             part = made.get(id(packed))
@@ -82,9 +82,9 @@ class Content:
 
 
 def unpack(data: bytes, owner: str) -> Content:
-    """The dict in a course file's bytes.
+    """Return the dict in a course file's bytes.
 
-    Raises InputError when the file is anything else than the pickle of a dict in a 0-d object array.
+    Raises InputError unless the file is the pickle of a dict in a 0-d object array.
     """
     expected = "a dict of arrays and numbers, pickled by numpy.save"
     start = _header_end(data, owner)
@@ -92,7 +92,7 @@ def unpack(data: bytes, owner: str) -> Content:
         top = unpickle(data, start)
     except Refused as refused:
         raise file_error(owner, "pickle", expected, str(refused)) from None
-    except Exception as error:  # a broken pickle raises anything at all
+    except Exception as error:  # a broken pickle raises exceptions of many types
         raise file_error(owner, "pickle", expected, quoted(str(error) or type(error).__name__)) from None
     content = None
     if isinstance(top, PickledArray) and top.state is not None and top.state[0] == ():
@@ -103,7 +103,7 @@ def unpack(data: bytes, owner: str) -> Content:
 
 
 def _header_end(data: bytes, owner: str) -> int:
-    """Where the .npy header, which has to announce a 0-d object array, ends."""
+    """Return the end of the .npy header, which has to announce a 0-d object array."""
     expected = "a .npy file (a dict in a 0-d object array)"
     if data[:6] != b"\x93NUMPY" or len(data) < 12:
         raise file_error(owner, "header", expected, quoted(data[:8]))
@@ -115,7 +115,7 @@ def _header_end(data: bytes, owner: str) -> int:
         header = ast.literal_eval(data[start:end].decode("latin-1").strip())
         found = f"an array of shape {header['shape']!r} and type {header['descr']!r}"
         good = header["shape"] == () and header["descr"] in ("|O", "O")
-    except Exception:  # literal_eval raises many things
+    except Exception:  # literal_eval raises exceptions of many types
         good, found = False, quoted(data[start:end])
     if not good:
         raise file_error(owner, "header", expected, found if len(found) < 120 else quoted(found))
@@ -123,7 +123,7 @@ def _header_end(data: bytes, owner: str) -> int:
 
 
 def _single(packed: Any) -> Any:
-    """What is no list: an array, a number or None."""
+    """Return an array, a number or None: anything but a list."""
     if isinstance(packed, PickledArray):
         return _array(packed)
     if packed is None or isinstance(packed, (bool, float)):
@@ -138,7 +138,7 @@ def _single(packed: Any) -> Any:
 
 
 def _array(packed: PickledArray) -> Array:
-    """The NumPy array, in native byte order, that a record describes; it may share the file's bytes."""
+    """Return the NumPy array, in native byte order, that a record describes; it may share the file's bytes."""
     if packed.state is None:
         raise Refused("an array without content")
     shape, dtype, fortran, data = packed.state

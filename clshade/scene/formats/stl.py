@@ -25,14 +25,15 @@ _NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b.*$", re.MULTILINE)
 
 
 def read_stl(path: Path, options: Options, material: Material) -> Scene:
-    """The scene in an STL file: one Mesh with three float32 vertices of its own for each facet, in the file's order.
+    """Read an STL file: one Mesh with three float32 vertices of its own for each facet, in the file's order.
 
-    Facets are flat, as the format means them; with options.crease vertices at equal positions are welded and edges up
-    to that angle smooth. The file's own normals, which many programs write wrong, are not read. Both sides are lit.
-    z is up unless options.up says otherwise, as CAD and printing have it.
+    Facets are flat, as the format intends; with options.crease vertices at equal positions are welded and edges up
+    to that angle are smooth. The file's normals, which many programs write wrong, are ignored. Both sides are lit.
+    z is up unless options.up says otherwise, as is usual in CAD and printing.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii, if it is text. Raises InputError, one line that names the file and the facet, see clshade.scene.formats.load.load.
+    ascii, if it is text. Raises InputError, one line that names the file and the facet, see
+    clshade.scene.formats.load.load.
     """
     owner = shown(path)
     if options.texture is not None:
@@ -57,7 +58,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
 
 
 def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mesh:
-    """verts: (3F, 3), corners of the facets."""
+    """Return the Mesh. verts: (3F, 3), corners of the facets."""
     count = len(verts) // 3
     if not 0 < count <= MAX_FACES:
         raise file_error(owner, "facet count", f"from 1 to {MAX_FACES}", str(count))
@@ -76,7 +77,7 @@ def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mes
 
 
 def _ascii(data: bytes, owner: str) -> Array:
-    """(3F, 3) float32 corners of an ascii file."""
+    """Return (3F, 3) float32 corners of an ascii file."""
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     start, facets, parts = 0, 0, []
     while start < len(data):
@@ -94,13 +95,13 @@ def _ascii(data: bytes, owner: str) -> Array:
 
 
 def _facet_end(data: bytes, start: int) -> int:
-    """The place after the next `endfacet`, in lower or upper case; the end of the data where there is none."""
+    """Return the position after the next `endfacet`, in lower or upper case; the end of the data if there is none."""
     found = re.compile(rb"endfacet", re.IGNORECASE).search(data, start)
     return found.end() if found else len(data)
 
 
 def _facets(text: bytes, owner: str, before: int) -> Array:
-    """(3F, 3) float32 corners of whole facets. before: facets in the file before these."""
+    """Return (3F, 3) float32 corners of whole facets. before: facets in the file before these."""
     words = _NAMES.sub(b"", text.lower()).split()
     length = len(_FACET)
     for place, word in enumerate(_FACET):
@@ -120,7 +121,7 @@ def _facets(text: bytes, owner: str, before: int) -> Array:
 
 
 def _first_fault(words: list[bytes], owner: str, before: int) -> Exception:
-    """The file_error about the first word that does not belong where it is."""
+    """Build the error for the first word that is out of place."""
     for place, word in enumerate(words):
         facet, expected = before + place // len(_FACET), _FACET[place % len(_FACET)]
         if expected is None and place % len(_FACET) > 5 and numbers(word, float, 1) is None:

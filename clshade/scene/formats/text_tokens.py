@@ -1,4 +1,4 @@
-"""Wavefront OBJ text cut into chunks, lines and tokens, and tokens turned into numbers, by whole arrays."""
+"""Wavefront OBJ text split into chunks, lines and tokens, and tokens converted to numbers, vectorized."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...base.arrays import Array
 from ...base.input_files import file_error
 
 CHUNK = 1 << 20  # bytes of text taken at once
-MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and needs 32 times as much memory for its tokens
+MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and its tokens take 32 times as much memory
 
 V, VT, VN, F = (ord(text[0]) + (ord(text[1]) << 8 if text[1:] else 0) for text in ("v", "vt", "vn", "f"))
 KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
@@ -21,13 +21,13 @@ _NUMERIC = tuple(keyword.encode() for keyword in KEYWORDS.values())
 
 
 _BLANKS = b" \t\r\n\v\f"
-# Translation tables: 1 for each blank; a space for each blank, and no ASCII for what is not printed.
+# Translation tables: 1 for each blank; a space for each blank, and 255 for other bytes that are not printable ASCII.
 _IS_BLANK = bytes(byte in _BLANKS for byte in range(256))
 _SPACED = bytes(32 if byte in _BLANKS else byte if 32 < byte < 127 else 255 for byte in range(256))
 
 
 def is_blank(text: bytes) -> Array:
-    """(len(text),) bool."""
+    """Return (len(text),) bool."""
     return np.frombuffer(text.translate(_IS_BLANK), bool)
 
 
@@ -51,9 +51,9 @@ class Lines:
 
 
 def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
-    """(offset, text) pieces of whole lines of the file; a line that goes on after a backslash is not torn.
+    """Yield (offset, text) pieces of whole lines of the file; lines continued by a backslash are not split.
 
-    Raises InputError for a line, with what continues it, of more than MAX_LINE bytes.
+    Raises InputError for a line, including its continuation, of more than MAX_LINE bytes.
     """
     start = 0
     while start < len(data):
@@ -65,7 +65,7 @@ def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _line_end(data: bytes, end: int) -> int:
-    """The first position from `end` on, or len(data), that is just after a line."""
+    """Return the first position from `end` on, or len(data), that is just after a line."""
     while True:
         end = data.find(b"\n", end - 1) + 1
         if end == 0:
@@ -76,9 +76,9 @@ def _line_end(data: bytes, end: int) -> int:
 
 
 def cleaned(chunk: bytes) -> bytes:
-    """The chunk with comments and continued line ends blanked; every other byte stays where it is.
+    """Return the chunk with comments and continued line ends blanked; every other byte keeps its position.
 
-    In a line of numbers a comment begins at a # after a blank; in a line with a name (usemtl ...) there is none.
+    In a line of numbers a comment begins at a # after a blank; a line with a name (usemtl ...) has none.
     """
     if b"#" not in chunk and b"\\" not in chunk:
         return chunk
@@ -96,7 +96,7 @@ def cleaned(chunk: bytes) -> bytes:
 
 
 def tokenized(chunk: bytes) -> Lines:
-    """The lines of a cleaned chunk."""
+    """Split a cleaned chunk into lines and tokens."""
     text = b"\n" + chunk + b"\n"
     letters, blank = np.frombuffer(text, np.uint8), is_blank(text)
     edges = np.flatnonzero(blank[1:] != blank[:-1]) + 1
@@ -114,7 +114,7 @@ def tokenized(chunk: bytes) -> Lines:
 
 
 def arguments(lines: Lines, chosen: Array) -> bytes:
-    """The text after the keyword in the lines with the indices `chosen`, that of each with blanks around it."""
+    """Return the text after the keyword in the lines with the indices `chosen`, each with blanks around it."""
     letters, first = np.frombuffer(lines.text, np.uint8), lines.first[chosen]
     if len(chosen) == len(lines.first):  # the usual case: all but the keywords
         letters = letters.copy()
@@ -129,7 +129,7 @@ def arguments(lines: Lines, chosen: Array) -> bytes:
 
 
 def numbers(text: bytes, dtype: type, count: int) -> Array | None:
-    """(count,) numbers from blank-separated text; None when it holds anything else or another number of them.
+    """Parse (count,) numbers from blank-separated text; None if it holds anything else or another number of them.
 
     `nan` and `inf` are numbers of type float. No `_`, no hexadecimal, no decimal point in a number of type int.
     """

@@ -1,4 +1,4 @@
-"""What is given for a texture: an image file's path, an array, or a Texture."""
+"""Textures from an image file's path, an array, or a Texture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..model import Lookup, Texture
 
 
 def as_texture(source: Path | ArrayLike | Texture, *, srgb: bool, lookup: Lookup = "standard") -> Texture:
-    """A Texture from an image file's path, an array (see `Texture`: taken as linear) or a Texture (as it is)."""
+    """Return a Texture from an image file's path, an array (see `Texture`: taken as linear) or a Texture (as it is)."""
     if isinstance(source, Texture):
         return source
     if isinstance(source, (str, os.PathLike)):
