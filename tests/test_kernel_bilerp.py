@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
+import subprocess
+import sys
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from devices import needs_float64
 from kernel_stages import OTHER_LANES, Probe, bits, float32, mask, split
+from processes import ROOT
 
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
@@ -251,3 +255,55 @@ def test_the_tables_hold_what_the_textures_say():
         assert np.array_equal(texels[offset : offset + rows * columns, :3], chosen.image.reshape(-1, 3))
         offset += rows * columns
     assert len(texels) == offset
+
+
+GUARDED = """
+import ctypes, mmap, sys
+import numpy as np
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.features import derive_alone
+from clshade.pipeline.launches import lookup_stages
+from clshade.pipeline.opencl.device import open_device
+from clshade.pipeline.shading_tables import split, texture_tables
+from clshade.pipeline.single_primitive import NOWHERE
+from clshade.scene.model import Texture
+
+def at_the_end(array):
+    # A copy that ends where memory ends that can be read.
+    page = mmap.PAGESIZE
+    size = -(-array.nbytes // page) * page
+    memory = mmap.mmap(-1, size + page)
+    start = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+    assert ctypes.CDLL(None).mprotect(ctypes.c_void_p(start + size), page, 0) == 0
+    found = np.frombuffer(memory, array.dtype, array.size, size - array.nbytes).reshape(array.shape)
+    found[:] = array
+    return found
+
+device = open_device(sys.argv[1])
+stages = lookup_stages(device, derive_alone("nolight", NOWHERE.material, np.ones(3), False), int(sys.argv[2]))
+table, texels = texture_tables([Texture(np.random.default_rng(1).random((3, 5, 3), np.float32))])
+uvs = split(np.random.default_rng(2).random((5, 2)))
+found = []
+for place in (np.array, at_the_end):
+    inputs = [Buffer(device, place(array)) for array in (uvs, np.zeros(5, np.int32), table, texels)]
+    colors = Buffer(device, place(np.zeros((5, 4), np.float32)))
+    stages.bilerp(*inputs, colors, 5)
+    found.append(colors.to_host().tobytes())
+print(found[0] == found[1])
+"""
+
+
+@pytest.mark.parametrize("lanes", [4, 16])
+def test_nothing_is_read_beyond_the_arrays(device, lanes):
+    """A page that cannot be read follows each array: where a CPU works in the host's memory, a step too far is a crash."""
+    if not (sys.platform == "linux" and device.is_cpu):
+        pytest.skip("memory of the host is not used")
+    done = subprocess.run(
+        [sys.executable, "-c", GUARDED, device.index, str(lanes)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr[-2000:]

@@ -19,7 +19,7 @@ from PIL import Image
 from scene_files import TRIANGLE, course_dict, png16, refusal, save_npy, write
 
 from clshade.errors import InputError
-from clshade.images import tiff
+from clshade.images import decode, tiff
 from clshade.images.decode import decode_image
 from clshade.scene.formats.load import load
 
@@ -358,3 +358,9 @@ def test_textures_of_every_kind_of_scene(tmp_path):
         assert np.array_equal(course.meshes[0].material.texture.image, linear)
     write(tmp_path / "a.ppm", b"P6 9 11 65535\n" + bytes(10))
     refusal(tmp_path / "a.obj", "a.ppm: image: expected at least 594 bytes")
+
+
+@pytest.mark.parametrize("mode", ["F", "I"])
+def test_pixels_of_other_types_are_refused(mode):
+    with pytest.raises(InputError, match=f"a.tif: image: expected 8 or 16 bits a channel.* pixels of type {mode}"):
+        decode._eight_bits(Image.new(mode, (2, 2)), "a.tif")

@@ -407,6 +407,7 @@ def test_saving_and_loading_keeps_every_bit(tmp_path, dtype):
     plain = np.load(tmp_path / "b.npy", allow_pickle=True).item()  # as the course reads it
     assert plain["verts"].shape == (3, 4)
     assert plain["face_indices"].dtype == np.int64
+    assert all(item.flags.c_contiguous for item in plain.values() if isinstance(item, np.ndarray))
     save_course(again, tmp_path / "c.npy")
     assert (tmp_path / "c.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 

@@ -399,3 +399,11 @@ def test_of_several_cameras_the_first_is_taken(tmp_path):
     scene, messages = told(document.glb(tmp_path / "a.glb"))
     assert scene.camera.eye.tolist() == [0.3, 0.3, 5.0]
     assert "cameras" in " ".join(messages)
+
+
+def test_a_sampler_that_says_nothing_repeats(tmp_path):
+    document = Gltf()
+    textured(document, RNG.integers(0, 256, (2, 2, 3), dtype=np.uint8), {})
+    document.json["textures"][0]["sampler"] = document.add("samplers", {})
+    (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
+    assert mesh.material.texture.wrap == ("repeat", "repeat")

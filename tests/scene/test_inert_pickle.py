@@ -18,6 +18,7 @@ from processes import ROOT, python
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal
 
 from clshade.errors import InputError
+from clshade.scene.formats.inert_pickle import Refused, unpickle
 from clshade.scene.formats.load import load
 
 SIZE = 1_000_000  # bytes of a worst case
@@ -314,3 +315,23 @@ while True:
         finally:
             process.kill()
     assert b"KeyboardInterrupt" in err
+
+
+def test_limits_are_what_they_say():
+    """Each at its last good value and at the first bad one."""
+    most = 1 << 20  # opcodes
+    assert unpickle(b"N" * (most - 1) + b".") is None
+    with pytest.raises(Refused, match="more than 1048576 opcodes"):
+        unpickle(b"N" * most + b".")
+    called = b"cnumpy\ndtype\n(" + text("f8")
+    assert unpickle(called + b"N" * 7 + b"tR.").name == "f8"
+    with pytest.raises(Refused, match="a call of something other"):
+        unpickle(called + b"N" * 8 + b"tR.")
+
+
+@pytest.mark.parametrize(("times", "long"), [(200, False), (300, True)])
+def test_what_a_file_names_again_may_be_a_quarter_of_a_million_numbers(tmp_path, times, long):
+    repeated = b"](" + b"K\x01" * 1000 + b"e" + put(0)
+    pickled = fields(unused=repeated, light_positions=b"](" + get(0) * times + b"e", light_intensities=b"]")
+    found = refusal(npy_of_pickle(tmp_path / "a.npy", pickled), "light_positions")
+    assert ("a list that is too long" in found) == long

@@ -227,6 +227,30 @@ def test_a_corner_on_an_edge_parts_the_triangle_that_has_it():
             assert vector_areas(np.roll(verts, shift, axis=0), triangles)[:, 2].min() > 0
 
 
+@pytest.mark.parametrize("repeated", range(5))
+def test_a_dart_with_a_corner_that_comes_twice(repeated):
+    """No triangle is turned round, as those of a fan would be, whose areas have the same sum."""
+    verts = np.insert(np.array(DART, float), repeated, DART[repeated], axis=0)
+    for shift in range(6):
+        turned = np.roll(verts, shift, axis=0)
+        triangles = cut_one(turned)
+        assert_edges_are_met(6, triangles)
+        areas = vector_areas(turned, triangles)[:, 2]
+        assert areas.min() >= 0
+        assert areas.sum() == newell(verts)[2] == 10
+
+
+def test_cycles_that_meet_in_a_corner():
+    for edges, expected in (
+        ([(0, 1), (1, 2), (2, 0), (0, 3), (3, 4), (4, 0)], [[0, 1, 2], [0, 3, 4]]),
+        ([(0, 1), (1, 2), (2, 3), (3, 1), (1, 4), (4, 0)], [[0, 1, 4], [1, 2, 3]]),
+        ([(2, 3), (3, 2)], [[2, 3]]),
+    ):
+        found = ear_clipping._cycles(Counter(edges))
+        turned = [cycle[cycle.index(min(cycle)) :] + cycle[: cycle.index(min(cycle))] for cycle in found]
+        assert sorted(turned) == expected
+
+
 def test_a_hole_joined_by_a_bridge():
     """A square with a square hole: the corners of the bridge come twice."""
     ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]]

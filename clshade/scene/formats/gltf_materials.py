@@ -38,10 +38,10 @@ class Surface:
     """
 
     material: Material
-    coordinates: int = 0
-    transform: Array | None = None
-    visible: bool = True
-    alpha_counts: bool = False
+    coordinates: int
+    transform: Array | None
+    visible: bool
+    alpha_counts: bool
 
 
 def phong(metallic: float, roughness: float, base: float) -> tuple[float, float, float]:

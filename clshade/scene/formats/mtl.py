@@ -43,7 +43,7 @@ _IGNORED = {
 }
 # Options of a map -> number of arguments; -1: one to three numbers.
 _OPTIONS = {
-    **dict.fromkeys(("-s", "-o", "-t"), -1),
+    **dict.fromkeys(("-s", "-o", "-t"), 0),  # up to three numbers
     **dict.fromkeys(("-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"), 1),
     "-mm": 2,
 }
@@ -220,7 +220,7 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
     place = 0
     while (word := _WORD.match(text, place)) and word.group().lower() in _OPTIONS:
         name, place = word.group().lower(), word.end()
-        count, numbers_only = _OPTIONS[name], _OPTIONS[name] < 0
+        count, numbers_only = _OPTIONS[name], _OPTIONS[name] == 0
         values: list[str] = []
         while len(values) < (3 if numbers_only else count):
             found = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
