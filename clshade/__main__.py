@@ -16,7 +16,7 @@ def entry() -> None:
     code = interrupts.INTERRUPTED
     try:
         interrupts.leave_soon()
-        # Threads of NumPy's BLAS would spin beside the kernels, and nothing here multiplies large matrices.
+        # NumPy's BLAS threads would busy-wait beside the kernels, and nothing here multiplies large matrices.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from .cli.main import main
 
@@ -24,7 +24,7 @@ def entry() -> None:
     except KeyboardInterrupt:
         interrupts.tell()
     if code == interrupts.INTERRUPTED:
-        interrupts.ignore()  # what is left is clearing up
+        interrupts.ignore()  # only cleanup is left
     sys.exit(code)
 
 

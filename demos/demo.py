@@ -20,7 +20,7 @@ from clshade.course.figures import Figure  # noqa: E402
 
 
 def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:
-    """The figures, and the pairs (gouraud, phong) whose difference is shown."""
+    """Return the figures, and the pairs (gouraud, phong) whose difference is shown."""
     drawn: list[Figure] = []
     for shader in ("gouraud", "phong"):
         first = len(drawn) + 1

@@ -19,7 +19,7 @@ from clshade.course.figures import Figure  # noqa: E402
 
 
 def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:
-    """The figures, and the pair (gouraud, phong) whose difference is shown."""
+    """Return the figures, and the pair (gouraud, phong) whose difference is shown."""
     drawn = [Figure(17 + k, shader, "map", mapped=True) for k, shader in enumerate(("gouraud", "phong", "nolight"))]
     return drawn, [(drawn[0], drawn[1])]
 

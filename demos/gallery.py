@@ -1,4 +1,4 @@
-"""The picture at the head of README: built-in scenes, and the layers of one of them, on a contact_sheet.
+"""The image at the head of the README: built-in scenes, and the layers of one of them, on a contact sheet.
 
 python demos/gallery.py [--out DIR]
 """
@@ -36,7 +36,7 @@ LAYERS = {
 
 
 def panels() -> list[contact_sheet.Panel]:
-    """One for each scene, then one for each layer of the first scene."""
+    """Return a panel for each scene, then one for each layer of the first scene."""
     found, first = [], next(iter(SCENES))
     layers = tuple(LAYERS)
     for name, about in SCENES.items():

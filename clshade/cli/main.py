@@ -1,4 +1,4 @@
-"""Command line: which command is meant, exit codes, one-line errors. What a command needs is imported when it runs."""
+"""The command line: command dispatch, exit codes, one-line errors. A command's modules are imported when it runs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _MODULES = {
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these arguments: only the command that they name has its options."""
+    """Return the parser for these arguments; only the command that they name gets its options."""
     from .. import __version__
 
     parser = Parser(prog="clshade", description="Render triangle meshes with OpenCL kernels to linear HDR images.")
@@ -65,10 +65,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def _general_options(parser: argparse.ArgumentParser) -> None:
-    """What every command takes, before its name and after it."""
+    """Add the options that every command takes, before or after its name."""
     group = parser.add_argument_group("general")
     either = group.add_mutually_exclusive_group()
-    # Suppressed: else a command's own default would take the place of what was given before its name.
+    # Without SUPPRESS, the subparser's default would override an option given before the command's name.
     flag: dict[str, Any] = {"action": "store_true", "default": argparse.SUPPRESS}
     either.add_argument(
         "-q", "--quiet", **flag, help="print errors alone, and what --json asks for: no summary, progress or warnings"
@@ -79,7 +79,7 @@ def _general_options(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def _told(parsed: argparse.Namespace) -> Iterator[None]:
-    """As much on standard output and error as was asked for."""
+    """Set the verbosity of standard output and error within the block."""
     with contextlib.ExitStack() as stack:
         stack.enter_context(console.at_level(parsed.verbose - parsed.quiet + console.NORMAL))
         if not parsed.debug:
@@ -91,7 +91,7 @@ def _told(parsed: argparse.Namespace) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _warnings_in_one_line(shown: bool) -> Iterator[None]:
-    """Every warning that Python's filters let through is one line on stderr, without the place in the code; or none."""
+    """Print each warning that passes Python's filters as one line on stderr, without its source location; or none."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         console.warning(str(message))
@@ -103,11 +103,11 @@ def _warnings_in_one_line(shown: bool) -> Iterator[None]:
 
 
 class _Unwritable(Exception):
-    """Standard output cannot be written; its cause says why."""
+    """Standard output cannot be written; the cause holds the reason."""
 
 
 class _Stdout(console.Printable):
-    """Standard output; an error of its own is told from the errors of files."""
+    """Standard output with an exception of its own, to distinguish its errors from those of files."""
 
     def write(self, text: str) -> int:
         try:
@@ -123,16 +123,18 @@ class _Stdout(console.Printable):
 
 
 def _discard(stream: TextIO) -> None:
-    """What the stream still holds goes nowhere: Python would try to write it once more at its end, and complain."""
+    """Redirect the stream's buffered output to the null device: Python would write it again at exit, and complain."""
     with contextlib.suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command line (default: the process's own); returns its exit code: 0 done, 1 a check failed, 2 bad usage or
-    input, 130 interrupted, 141 (as a shell counts it) when nobody reads the output any more."""
+    """Run a command line (default: the process's own) and return its exit code.
+
+    0: done. 1: a check failed. 2: bad usage or input. 130: interrupted. 141: broken pipe, as a shell reports it.
+    """
     arguments = sys.argv[1:] if arguments is None else arguments
-    stdout = sys.stdout  # None where there is none
+    stdout = sys.stdout  # may be None
     try:
         with contextlib.redirect_stdout(_Stdout(stdout) if stdout else None):
             code = _run(arguments)

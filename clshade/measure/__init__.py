@@ -1,1 +1,1 @@
-"""Everything that puts a number on an image or a run: check, report, stability, bench, fuzz."""
+"""Measurements of images and runs: check, report, stability, bench, fuzz."""

@@ -1,6 +1,6 @@
-"""How much is measured unless it is said, for those who name it before they load what measures."""
+"""Default amounts of measurement, importable without the modules that measure."""
 
-PIXELS = 4096  # that `check` computes again
-FRAMES = 15  # of each variant that `report` draws
-BENCH_FRAMES = 21  # of each workload that `bench` draws
-CREW_FRAMES = 200  # of a turntable that `bench --workers` draws with each number of workers
+PIXELS = 4096  # checked by `check`
+FRAMES = 15  # per variant of `report`
+BENCH_FRAMES = 21  # per workload of `bench`
+CREW_FRAMES = 200  # of the turntable of `bench --workers`, for each number of workers

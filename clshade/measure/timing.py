@@ -1,4 +1,4 @@
-"""Times of frames, drawn in turns so that what slows the machine down slows all of them down."""
+"""Frame times, measured in turns so that other load on the machine slows all alternatives down alike."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FEWEST = 5  # rounds, however long they take
 
 
 class Spread(NamedTuple):
-    """Median of some times, and between what the middle half of them lies."""
+    """Median and quartiles of some times."""
 
     low: float
     median: float
@@ -25,10 +25,9 @@ def spread(values: Sequence[float]) -> Spread:
 
 
 def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -> list[tuple[T, ...]]:
-    """What each draw gave in each round. A draw gets the round's number.
+    """Call every draw in each round with the round's number, and return the results by round.
 
-    rounds: how many; fewer where they take more than `seconds` altogether, but at least FEWEST of them (or `rounds`,
-        if these are fewer).
+    rounds: number of rounds; fewer if they take more than `seconds` in total, but at least min(FEWEST, rounds).
     """
     start = time.perf_counter()
     found: list[tuple[T, ...]] = []

@@ -1,4 +1,4 @@
-"""Texts of the command line to values; what several commands take."""
+"""Conversion of command-line arguments to values, and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...measure.defaults import PIXELS
 
 
 def whole(text: str) -> int:
-    """A whole number."""
+    """Parse an integer."""
     try:
         return int(text)
     except ValueError:
@@ -24,7 +24,7 @@ def whole(text: str) -> int:
 
 
 def real(text: str) -> float:
-    """A number."""
+    """Parse a number."""
     try:
         return float(text)
     except ValueError:
@@ -32,7 +32,7 @@ def real(text: str) -> float:
 
 
 def numbers(kind: type, count: int | None, form: str, separators: str = ",") -> Any:
-    """A type of options: `count` numbers, or any number of them, with one of the separators between them."""
+    """Return an option type: `count` numbers, or any number of them, with one of the separators between them."""
 
     def parse(text: str) -> tuple[Any, ...]:
         try:
@@ -50,7 +50,7 @@ resolution = numbers(int, 2, "two whole numbers such as 800,600 or 800x600", ",x
 
 
 def names(allowed: Sequence[str], **others: Any) -> Any:
-    """A type of options: names with commas between them. others: what `spelling.hint` knows besides."""
+    """Return an option type: names separated by commas. others: further names known to `spelling.hint`."""
 
     def parse(text: str) -> tuple[str, ...]:
         values = tuple(part.strip() for part in text.split(",") if part.strip())
@@ -64,14 +64,14 @@ def names(allowed: Sequence[str], **others: Any) -> Any:
 
 
 def milliseconds(text: str) -> float:
-    """A time such as 5ms, 0.005s, 200us or 5, which are milliseconds too."""
+    """Parse a time such as 5ms, 0.005s, 200us or 5 (milliseconds)."""
     found = re.fullmatch(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(s|ms|us|)\s*", text, re.IGNORECASE)
     scale = {"s": 1e3, "ms": 1.0, "us": 1e-3, "": 1.0}
     return _above_0(found and found[1], text, "a time above 0 such as 5ms or 0.005s") * scale[found[2].lower()]  # type: ignore[index]
 
 
 def tolerance(text: str) -> float:
-    """An error above 0."""
+    """Parse an error above 0."""
     return _above_0(text, text, "an error above 0 such as 1e-3")
 
 
@@ -86,12 +86,12 @@ def _above_0(number: str | None, text: str, form: str) -> float:
 
 
 def seconds(text: str) -> float:
-    """A time in seconds, above 0."""
+    """Parse a time in seconds, above 0."""
     return _above_0(text, text, "seconds above 0 such as 30")
 
 
 def limit_options(group: argparse._ArgumentGroup) -> None:
-    """--budget and --tolerance, of which one may be given."""
+    """Add --budget and --tolerance, which are mutually exclusive."""
     either = group.add_mutually_exclusive_group()
     either.add_argument(
         "--budget", type=milliseconds, metavar="TIME", help="the most exact way within 5ms, 0.005s or 5 (ms) a frame"
@@ -109,13 +109,16 @@ def device_option(parser: argparse.ArgumentParser) -> None:
 
 
 def output_name(text: str) -> str:
-    """What an option names as output: no empty name, of which a default or `.exr` would be made, and no device, pipe or
-    socket, beside which files would appear: `/dev/null` would give /dev/null.exr."""
+    """Validate an output name.
+
+    It must not be empty, which would become the default or `.exr`, nor a device, pipe or socket, beside which files
+    would appear: `/dev/null` would become /dev/null.exr.
+    """
     if not text:
         raise argparse.ArgumentTypeError("expected the name of a file or folder, found ''")
     try:
         mode = os.stat(text).st_mode
-    except (OSError, ValueError):  # new, or refused where it is written
+    except (OSError, ValueError):  # does not exist, or fails when written
         return text
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         found = f"{text!r}, a device, pipe or socket"
@@ -124,8 +127,8 @@ def output_name(text: str) -> str:
 
 
 def check_picture(output: str, inputs: Sequence[str]) -> None:
-    """Refuses, before anything is read, a picture that cannot be written, that is not called .png, or that would take the
-    place of one of the files it is made from."""
+    """Refuse, before anything is read, an output image that cannot be written, is not a .png, or would overwrite one of
+    its input files."""
     from ...base import atomic_files
 
     if not output.lower().endswith(".png"):
@@ -137,8 +140,11 @@ def check_picture(output: str, inputs: Sequence[str]) -> None:
 
 
 def with_values(arguments: Sequence[str]) -> list[str]:
-    """The arguments with `--up -x` as `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes what begins
-    with a dash, and is not one number, for an option. And `--check SCENE` as `--check=4096 SCENE`, unless it is a number."""
+    """Join options with values that argparse would misread.
+
+    `--up -x` becomes `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes any argument that begins with a
+    dash and is not a single number for an option. `--check SCENE` becomes `--check=4096 SCENE`, unless it is a number.
+    """
     joined: list[str] = []
     for argument in arguments:
         if (
@@ -146,7 +152,7 @@ def with_values(arguments: Sequence[str]) -> list[str]:
             and joined[-1] == "--check"
             and not (argument == "all" or argument.startswith("-") or _is_number(argument))
         ):
-            joined[-1] = f"--check={PIXELS}"  # what follows is the scene
+            joined[-1] = f"--check={PIXELS}"  # the next argument is the scene
             joined.append(argument)
         elif joined and re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", joined[-1]):
             joined[-1] += f"={argument}"

@@ -1,4 +1,4 @@
-"""`bench`: how fast frames are, beside other renderers."""
+"""`bench`: frame times, compared with other renderers."""
 
 from __future__ import annotations
 

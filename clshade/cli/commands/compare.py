@@ -1,4 +1,4 @@
-"""`compare`: how far an image is from another."""
+"""`compare`: the difference of two images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`devices`: what was found, and what works."""
+"""`devices`: the OpenCL devices found, and whether they work."""
 
 from __future__ import annotations
 

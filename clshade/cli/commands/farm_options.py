@@ -1,4 +1,4 @@
-"""What `turntable` and `animate` have in common: where frames go, and who draws them."""
+"""Options shared by `turntable` and `animate`: output and workers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from . import DONE
 from .arguments import device_option, output_name, seconds
 from .scene_options import chosen_saving, chosen_settings, picture_options
 
-CONNECT_SECONDS = 10.0  # until a scheduler counts as unreachable, and one without workers as idle for good
+CONNECT_SECONDS = 10.0  # timeout to reach a scheduler, and for it to have workers
 
 if TYPE_CHECKING:
     from ...scene.camera import Camera
@@ -60,7 +60,7 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
-    """Draws the frames that the options ask for, and says what came of it."""
+    """Draw the frames as the options say, and print a summary."""
     from ...farm import draw_frames
 
     found = draw_frames(

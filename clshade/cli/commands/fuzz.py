@@ -10,7 +10,7 @@ from .arguments import device_option
 
 
 def seeds(text: str) -> range:
-    """One seed, such as 7, or several, such as 1..20."""
+    """Parse one seed, such as 7, or a range, such as 1..20."""
     found = re.fullmatch(r"([0-9]{1,18})(?:\.\.([0-9]{1,18}))?", text)
     if not found or int(found[2] or found[1]) < int(found[1]):
         raise argparse.ArgumentTypeError(f"expected a whole number from 0 or a range such as 1..20, found {text!r}")

@@ -1,4 +1,4 @@
-"""`inspect`: what an image file holds."""
+"""`inspect`: the contents of an image file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parser of command lines: whatever is wrong is one line that says what to write instead."""
+"""The argument parser: each error is one line that says what to write instead."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...base.spelling import hint, nearest
 from . import REFUSED
 from .arguments import real, whole
 
-# What options are called elsewhere -> the option, where a command has it.
+# Names of options in other programs -> the option, if the command has it.
 _WORDS = {
     **dict.fromkeys(("size", "width", "height", "dimensions", "res"), "resolution"),
     **dict.fromkeys(("spp", "aa", "msaa", "antialiasing"), "samples"),
@@ -43,11 +43,11 @@ _REMARKS = {
     "version": "`clshade --version` prints it",
 }
 _IMAGES = (".exr", ".png")
-_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # of loading.EXTENSIONS, whose import takes NumPy
+_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # of loading.EXTENSIONS, which would import NumPy
 
 
 class Parser(argparse.ArgumentParser):
-    """One line for each mistake, without the usage in front; the nearest right name where there is one."""
+    """Argument parser with one-line errors, without the usage, and with the nearest valid name as a hint."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -59,7 +59,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(REFUSED, f"{self.prog}: {console.in_one_line(message)}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """argparse's own, with a hint; called for options with choices, and for the name of the command."""
+        """Check as argparse does, with a hint; called for options with choices, and for the command's name."""
         if action.choices is None or value in action.choices:
             return
         allowed = tuple(map(str, action.choices))
@@ -68,7 +68,7 @@ class Parser(argparse.ArgumentParser):
         raise argparse.ArgumentError(action, f"expected one of {', '.join(allowed)}, found {value!r}{near}")
 
     def _command_hint(self, name: str, commands: Sequence[str]) -> str:
-        """What was meant by a command that is none: another, a file, or the value of an option that came too early."""
+        """Return a hint for an unknown command: another command, a file, or the value of an option placed too early."""
         from ...scene.builtin.scenes import BUILTINS
 
         before = self._given[: self._given.index(name)] if name in self._given else []
@@ -91,7 +91,7 @@ class Parser(argparse.ArgumentParser):
             command.error(f"there is no option {option.partition('=')[0]}{command._option_hint(option)}")
         if getattr(parsed, "command", "") is None:
             self.error("expected a COMMAND, such as render: `clshade --help` lists all")
-        if left and hasattr(parsed, "scenes"):  # argparse takes only those before the first option
+        if left and hasattr(parsed, "scenes"):  # argparse collects only those before the first option
             parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
         elif left:
             names = " and ".join(str(action.metavar) for action in command._get_positional_actions())
@@ -104,7 +104,7 @@ class Parser(argparse.ArgumentParser):
         return f": did you mean --{near}?" if near else ""
 
     def _scene(self, name: str) -> str:
-        """A scene that comes after options; not one of several values of an option, with blanks between them."""
+        """Check a scene that follows options: it may be a further value of an option, separated by a blank."""
         from ...scene.builtin.scenes import BUILTINS
 
         if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):

@@ -76,7 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    # What comes after the rendering costs as much to import as the rendering takes: it happens beside it.
+    # Importing the modules needed after rendering takes as long as rendering itself, so it runs in parallel.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
     folder, outputs = output_stems(arguments.scenes, arguments.output)
@@ -91,10 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thread) -> int:
-    """Several scenes; one that is refused is told in a line, and the others are rendered all the same."""
+    """Render several scenes; print a one-line error for a refused scene and continue with the others."""
     from ...pipeline.opencl.device import shared_device
 
-    shared_device(arguments.device, profiling=True)  # without a device none would be rendered: one line says so
+    shared_device(arguments.device, profiling=True)  # without a device no scene can be rendered: a single error
     worst, all_stats = DONE, []
     for name, output in zip(arguments.scenes, outputs, strict=True):
         try:
@@ -113,7 +113,7 @@ def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thr
 
 
 def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thread) -> tuple[int, dict[str, Any]]:
-    """One scene, from its file to its images: the exit code, and all figures."""
+    """Load, render and save one scene; return the exit code and all figures."""
     options = _render_options(arguments)
     scene = load_scene(arguments, name)
     from ...pipeline import renderer
@@ -150,7 +150,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
 
 def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What `clshade.render` is given besides the scene."""
+    """Return the keyword arguments of `clshade.render`."""
     chosen = chosen_settings(arguments)
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
@@ -172,7 +172,7 @@ def _import_meanwhile(checked: bool) -> None:
 
 
 def _check_output(output: str, arguments: argparse.Namespace) -> None:
-    """Refuses before the rendering what could not be saved after it."""
+    """Refuse, before rendering, an output that could not be saved afterwards."""
     from ...pipeline.frame import check_output
 
     saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
@@ -180,7 +180,7 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
 
 
 def summary(frame: Frame, output: str) -> str:
-    """What was drawn, on what, how long each stage took, and the files: a few lines."""
+    """Return a few lines: what was drawn, the device, the time of each stage, and the files."""
     from ...pipeline.frame import output_paths
 
     stats = frame.stats

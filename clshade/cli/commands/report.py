@@ -10,7 +10,7 @@ from . import DONE, FAILED
 from .arguments import device_option, limit_options, output_name
 from .scene_options import camera_options, load_scene, scene_options
 
-RESOLUTION = (320, 240)  # unless --resolution says otherwise: all of it takes less than a minute
+RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

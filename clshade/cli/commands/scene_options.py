@@ -1,4 +1,4 @@
-"""What a command line says of the scene, its camera and the settings; and the scene that it means."""
+"""Options for the scene, its camera and the settings, and the scene that they select."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from ...pipeline.frame import SavingOptions
     from ...scene.model import Scene
 
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # of clshade.scene.formats.load.load
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # arguments of clshade.scene.formats.load.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
 def scene_options(parser: argparse.ArgumentParser, *, several: bool = False, required: bool = False) -> None:
-    """`arguments.scene`, or with `several` the list `arguments.scenes`; and what is changed of them.
+    """Add `arguments.scene`, or with `several` the list `arguments.scenes`, and the options that change scenes.
 
-    required: one has to be named, so that another positional argument may follow.
+    required: the scene is mandatory, so that another positional argument may follow.
     """
     group = parser.add_argument_group("scene")
     group.add_argument(
@@ -129,7 +129,7 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
 
 
 def picture_options(group: argparse._ArgumentGroup) -> None:
-    """How images are written: the keywords of `Frame.save`."""
+    """Add the options for writing images: the keyword arguments of `Frame.save`."""
     from ...images.exr import COMPRESSIONS
     from ...images.tonemap import OPERATORS
 
@@ -150,7 +150,7 @@ def picture_options(group: argparse._ArgumentGroup) -> None:
 
 
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
-    """The keywords of `Frame.save`."""
+    """Return the keyword arguments of `Frame.save`."""
     return {
         "tonemap": arguments.tonemap,
         "exposure": arguments.exposure,
@@ -162,7 +162,7 @@ def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The fields of Settings that were given."""
+    """Return the fields of Settings that were given."""
     from ...scene.model import Settings
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
@@ -170,7 +170,7 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
-    """The scene of the command line, or the one of this name: a file, or a built-in one where no such file exists."""
+    """Load the scene of the command line, or of this name: a file, or a built-in scene if no such file exists."""
     from ...base import console
     from ...scene import adjust_camera
     from ...scene.builtin import scenes
@@ -210,7 +210,7 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
 
 
 def _with_lights(scene: Scene, chosen: Sequence[int]) -> Scene:
-    """The scene under the lights of these indices alone."""
+    """Return the scene with only the lights of these indices."""
     for index in chosen:
         if not 0 <= index < len(scene.lights):
             expected = f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
@@ -219,7 +219,7 @@ def _with_lights(scene: Scene, chosen: Sequence[int]) -> Scene:
 
 
 def _with_components(scene: Scene, chosen: Sequence[str]) -> Scene:
-    """The scene with the other coefficients of its materials at 0."""
+    """Return the scene with all other coefficients of its materials set to 0."""
     off: dict[str, Any] = {name: 0.0 for component, name in COMPONENTS.items() if component not in chosen}
     changed = {id(mesh.material): replace(mesh.material, **off) for mesh in scene.meshes}
     return replace(scene, meshes=tuple(replace(mesh, material=changed[id(mesh.material)]) for mesh in scene.meshes))

@@ -1,4 +1,4 @@
-"""Where the images of several scenes go: a folder, each under its scene's name."""
+"""Output names of several scenes: in a folder, each named after its scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from pathlib import Path
 from ...base.atomic_files import shown
 from ...errors import InputError
 
-ALONE, FOLDER = "out", "."  # -o unless it is given, for one scene and for several
+ALONE, FOLDER = "out", "."  # defaults of -o for one scene and for several
 
 
 def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None, list[str]]:
-    """The folder that has to be there (None: whatever `given` names), and what `Frame.save` is given for each scene.
+    """Return the output folder, which must exist, or None if `given` names a file, and the name for `Frame.save` of
+    each scene.
 
-    given: -o. For one scene it is the file's name, or a folder where it ends in a slash; for several always a folder.
-    Raises InputError where two scenes would have the same file, by names that differ in case alone too: some file
-    systems do not tell these apart.
+    given: -o. For one scene it is the file's name, or a folder if it ends in a slash; for several always a folder.
+    Raises InputError if two scenes would have the same file. Names that differ only in case count as the same: some
+    file systems do not distinguish them.
     """
     from ...pipeline.frame import output_paths
 
@@ -38,7 +39,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
 
 
 def _named_after(scene: str) -> str:
-    """The image's name: `a` of a.obj; `a.jpg.exr` of a.jpg.obj, for a.jpg would ask for another format."""
+    """Return the image's name: `a` for a.obj; `a.jpg.exr` for a.jpg.obj, as a.jpg would select another format."""
     from ...pipeline.frame import OTHER_FORMATS
 
     name = Path(scene).stem

@@ -1,4 +1,4 @@
-"""`turntable`: the camera goes round what it looks at."""
+"""`turntable`: the camera orbits its focal point."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _frames(arguments: argparse.Namespace) -> Frames:
-    """Those that --frames or --count mean; warns of one frame of a turn of one where its number was meant for a count."""
+    """Return the frames of --frames or --count; warn if a frame number was probably meant as the number of frames."""
     from ...base.validation import integer
     from ...farm.frames import MOST, parse_frames
 

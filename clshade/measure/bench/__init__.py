@@ -1,1 +1,1 @@
-"""Speed: workloads, frames a second, workers, and other renderers of the same pictures."""
+"""Speed: workloads, frame times, workers, and other renderers of the same images."""

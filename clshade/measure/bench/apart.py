@@ -1,6 +1,6 @@
-"""Draws one workload and prints what that took as JSON: `python -m clshade.measure.bench.apart NAME DEVICE FRAMES`.
+"""Draw one workload and print its figures as JSON: `python -m clshade.measure.bench.apart NAME DEVICE FRAMES`.
 
-`bench` starts it for figures that nothing else in a process may share, as the peak of memory.
+`bench` runs it for figures that need a process of their own, such as peak memory.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from .workloads import SCALING, WORKLOADS
 
 
 def peak_mib() -> float | None:
-    """The most memory that this process has taken; None where the system does not say. getrusage would count that of the
-    process it was forked from."""
+    """Return the peak memory of this process; None if the system does not report it. (getrusage would include that of
+    the process it was forked from.)"""
     try:
         with open("/proc/self/status") as file:
             found = re.search(r"VmHWM:\s*(\d+) kB", file.read())

@@ -1,4 +1,4 @@
-"""`bench`: how fast frames are, stage by stage, beside other renderers of the same picture."""
+"""`bench`: frame times, stage by stage, compared with other renderers of the same image."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 
 
 def listing() -> str:
-    """All workloads and peers, and what they are."""
+    """Return the list of all workloads and peers with their descriptions."""
     rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
     peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
     return "\n".join([*(text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
@@ -51,17 +51,18 @@ def run(
     out: str | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Measures, prints the tables, writes the files. True if every workload was drawn, and every peer that
-    is here draws the same pictures.
+    """Measure, print the tables, and write the files.
 
-    names: of workloads; default all. peers_named: empty for none. frames: of each, fewer where they take
-    more than drawing.SECONDS. with_scaling: draw growing scenes and images too. out: what the files' names begin with;
+    Returns True if every workload was drawn, and every available peer draws the same images.
+
+    names: workloads; by default all. peers_named: empty for none. frames: number per workload; fewer if they take
+    more than frame_timing.SECONDS. with_scaling: also draw growing scenes and images. out: prefix of the files' names;
     None: no files. Raises InputError, DeviceError and OutputError.
     """
     stream = stream or sys.stdout
     if frames < 1:
         raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
-    # Scaling alone is asked for without naming workloads.
+    # With --scaling and no names, only scaling is measured.
     chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
     others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
     if out is not None:
@@ -88,7 +89,7 @@ def measure_all(
     with_scaling: bool,
     say: Callable[[str], object],
 ) -> Speed:
-    """Workloads and peers by name; a line to `say` as soon as each is measured."""
+    """Measure the named workloads and peers; pass a line to `say` as soon as each is measured."""
     found = Speed(device.title, machine(), peaks(device), ())
     say("\n".join(text_tables.wrapped(fact, 9) for fact in tables.facts(found)))
     results = []
@@ -117,7 +118,7 @@ def measure_all(
 
 
 def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
-    """Our frames alone, then in turns with each peer's that can draw the workload and that is named."""
+    """Measure our frames alone, then in turns with each named peer that can draw the workload."""
     try:
         if workload.apart:
             return Result(workload, draw_apart(workload.name, device.index, frames))
@@ -135,7 +136,8 @@ def measure(workload: Workload, device: Device, names: Sequence[str], frames: in
 
 
 def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
-    """Raises MissingPeer where the peer is not there, another ClshadeError where it or clshade can't draw the scene."""
+    """Compare with a peer. Raises MissingPeer if it is not available, another ClshadeError if it or clshade cannot draw
+    the scene."""
     peer = open_peer(name, scene)
     try:
         theirs, first = _timed(peer.draw, scene.camera)

@@ -1,4 +1,4 @@
-"""Python processes of their own: a start from nothing, or a peak of memory that is nobody else's."""
+"""Child processes, to measure start-up times and the peak memory of one workload."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 class ChildError(ClshadeError):
-    """A process failed; the message is the last line of what it said."""
+    """Failure of a child process; the message is the last line of its output."""
 
 
 def run_module(*arguments: object, cwd: Path | None = None, **variables: str) -> str:
-    """Standard output of `python -m ARGUMENTS` with this clshade and further environment variables."""
+    """Run `python -m ARGUMENTS` with this clshade and further environment variables; return its standard output."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
         [sys.executable, "-m", *map(str, arguments)],
@@ -35,5 +35,5 @@ def run_module(*arguments: object, cwd: Path | None = None, **variables: str) ->
 
 
 def draw_apart(name: str, device: str, frames: int) -> FrameTiming:
-    """`drawing.draw` of the workload of that name, in a process of its own, with its peak of memory."""
+    """Run `frame_timing.draw` on the named workload in a child process, and include its peak memory."""
     return FrameTiming.from_stats(json.loads(run_module("clshade.measure.bench.apart", name, device, frames)))

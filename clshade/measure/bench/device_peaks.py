@@ -1,4 +1,4 @@
-"""What a device can do at most: how fast it copies memory and multiplies and adds in float32, measured."""
+"""Measured peak rates of a device: memory copy, and float32 multiply-add."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ...pipeline.features import CHOICES, OPTIONAL, Features
 from ...pipeline.opencl.device import Device
 from ...pipeline.programs import build_text
 
-COPIED = 1 << 26  # bytes of each of the two arrays: more than caches hold
-CHAINS = 10  # independent, to keep the units busy for the four or five cycles that an fma takes
-FMAS = 1 << 14  # of each chain
-ITEMS = {True: 64, False: 2048}  # work-items per compute unit of a CPU, of others
+COPIED = 1 << 26  # bytes of each of the two arrays: larger than caches
+CHAINS = 10  # independent, to hide the latency of an fma, four or five cycles
+FMAS = 1 << 14  # per chain
+ITEMS = {True: 64, False: 2048}  # work-items per compute unit, by whether it is a CPU
 ROUNDS = 7
 
-# Vectors of as many float32 as the device handles together, at least 4: GPUs copy best 16 bytes at a time.
+# The vector width is the device's for float32, at least 4: GPUs copy fastest 16 bytes at a time.
 SOURCE = """
 kernel void copy(global const VECTOR *from, global VECTOR *to)
 {
@@ -37,7 +37,7 @@ kernel void fmas(global VECTOR *result, float factor, int count)
 
 
 def _source(width: int) -> str:
-    """The kernels with vectors of that width, each chain a variable: arrays would stay in memory."""
+    """Return the kernels for that vector width, with a variable for each chain: an array would stay in memory."""
     chains = [f"x{k}" for k in range(CHAINS)]
     parts = {
         "VECTOR": f"float{width}",
@@ -52,19 +52,20 @@ def _source(width: int) -> str:
 
 
 class Peaks(NamedTuple):
-    """copy: bytes a second, read and written ones both counted. flops: float32 operations a second, an fma counted as 2."""
+    """Peak rates. copy: bytes per second, reads plus writes. flops: float32 operations per second, an fma counts as
+    2."""
 
     copy: float
     flops: float
 
 
 def best(*found: Peaks) -> Peaks:
-    """The most of several, for what else the machine does meanwhile only makes them less."""
+    """Return the maximum of several measurements, as other load on the machine can only lower them."""
     return Peaks(*map(max, zip(*found, strict=True)))
 
 
 def peaks(device: Device) -> Peaks:
-    """Measured on a device whose queue carries times: the best of some rounds."""
+    """Measure the peaks of a device with a profiling queue: the best of several rounds."""
     width = max(device.lanes, 4)
     program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), _source(width))
     items = ITEMS[device.is_cpu] * device.compute_units

@@ -1,4 +1,4 @@
-"""The figure of `bench`: how many times as fast as each peer, and how time grows."""
+"""The figure of `bench`: speedups over each peer, and scaling of time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLORS = {"llvmpipe": figures.OURS, "opengl": "#2e8b57", "numpy": figures.OTHER,
 
 
 def plot(speed: Speed, path: Path) -> None:
-    """Draws and saves it. Raises OutputError."""
+    """Draw and save the figure. Raises OutputError."""
     panels = [_ratios] if any(result.compared for result in speed.results) else []
     panels = panels or ([] if speed.series else [_times])
     count = len(panels) + len(speed.series)
@@ -31,7 +31,7 @@ def plot(speed: Speed, path: Path) -> None:
 
 
 def _ratios(axes: Axes, speed: Speed) -> None:
-    """Points on a logarithmic axis, a row for each workload; a bar that is asked for is a tick across its row."""
+    """Plot ratios on a logarithmic axis, a row per workload; a required bar is a tick across its row."""
     results = [each for each in speed.results if each.compared]
     labeled: set[str] = set()
     for row, result in enumerate(results):
@@ -55,7 +55,7 @@ def _ratios(axes: Axes, speed: Speed) -> None:
 
 
 def _times(axes: Axes, speed: Speed) -> None:
-    """Where no peer was drawn: the frames alone."""
+    """Plot frame times alone, if no peer was drawn."""
     drawn = [(each.workload.name, each.drawn.ms) for each in speed.results if each.drawn]
     axes.barh([name for name, _ in drawn], [ms for _, ms in drawn], color=figures.OURS)
     axes.invert_yaxis()

@@ -1,4 +1,4 @@
-"""Frames of a scene that stays on the device, one after the other: what each stage and the whole take."""
+"""Times of consecutive frames of a scene resident on the device: each stage and the whole frame."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES
 from ..timing import Spread, in_turns, spread
 
-SECONDS = 20.0  # for the frames of one workload, or of one and a peer's
-PATH = 20  # steps of the camera's path, which then begins again
+SECONDS = 20.0  # for the frames of one workload, or of a workload and a peer
+PATH = 20  # steps of the camera's path, which repeats
 STEP = 0.05  # degrees
 
-# Operations of Phong's model at a pixel, an fma counted as two, everything else, roots and quotients too, as one: weights
-# of three corners in perspective 21, point and normal 30, their unit vectors 20, the coefficients 15. And for each light:
-# direction 13, cosine 6, mirrored direction and its distance from the eye's 16, power by two polynomials 24, sums 12.
+# Operations of the Phong model per pixel; an fma counts as two, everything else, roots and quotients included, as one:
+# perspective-correct barycentric coordinates 21, point and normal 30, their unit vectors 20, the coefficients 15. And
+# per light: direction 13, cosine 6, mirrored direction and its distance from the eye's 16, power by two polynomials 24,
+# sums 12.
 PIXEL_FLOPS, LIGHT_FLOPS = 86, 71
 
 NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
@@ -32,11 +33,12 @@ NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """What drawing took. pixels: all and covered ones. stages: name -> median ms; `host` is the rest of the frame.
+    """Frame times of a workload.
 
-    bytes: what no renderer that holds the scene as this one does can avoid: positions, faces and attributes read once, the
-    float32 image written once. flops: the reflection model at the covered pixels, see PIXEL_FLOPS.
-    peak_mib: the most memory that the process has taken, where it was one of its own.
+    covered: covered pixels. stages: name -> median ms; `host` is the rest of the frame.
+    bytes: the least memory traffic with this scene layout: positions, faces and attributes read once, the float32 image
+    written once. flops: the reflection model at the covered pixels, see PIXEL_FLOPS.
+    peak_mib: peak memory of the process, if drawn in a process of its own.
     """
 
     resolution: tuple[int, int]
@@ -55,7 +57,7 @@ class FrameTiming:
 
     @property
     def figures(self) -> dict[str, float | None]:
-        """Rates: of triangles and covered pixels in millions, bytes and flops in 1e9 a second."""
+        """Return rates: triangles and covered pixels in 1e6 per second, bytes and flops in 1e9 per second."""
         return {
             "ms": self.ms,
             "mtri_s": self.triangles / self.ms / 1e3,
@@ -66,7 +68,7 @@ class FrameTiming:
         }
 
     def stats(self) -> dict[str, Any]:
-        """As JSON takes it; `from_stats` makes it again."""
+        """Return the figures for JSON; `from_stats` reverses it."""
         return {**asdict(self), "frame_ms": self.frame_ms._asdict()}
 
     @classmethod
@@ -76,13 +78,13 @@ class FrameTiming:
 
 
 def cameras(camera: Camera) -> list[Camera]:
-    """Of frames one after the other; after the last comes the first."""
+    """Return the cameras of consecutive frames; the path is cyclic."""
     return [adjust_camera.adjusted(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
 
 
 @contextmanager
 def warm_renderer(scene: Scene, device: Device) -> Iterator[Renderer]:
-    """With programs and memory as they stay from the second frame on: runtimes may compile at the first."""
+    """Yield a renderer that has drawn a frame: runtimes may compile and allocate during the first."""
     with Renderer(scene, device=device) as renderer:
         for _ in range(2):
             renderer.render()
@@ -90,11 +92,11 @@ def warm_renderer(scene: Scene, device: Device) -> Iterator[Renderer]:
 
 
 def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: float = SECONDS) -> FrameTiming:
-    """frames: fewer where they take more than `seconds`. Raises DeviceError where the scene does not fit."""
+    """Time `frames` frames, fewer if they take more than `seconds`. Raises DeviceError if the scene does not fit."""
     with warm_renderer(scene, device) as renderer:
         frame = renderer.render()
         covered, stats = int(np.count_nonzero(frame.alpha)), frame.stats
-        del frame  # its memory serves the next
+        del frame  # releases its memory for the next
         path = cameras(scene.camera)
 
         def next_frame(number: int) -> tuple[float, dict[str, float]]:
@@ -116,7 +118,7 @@ def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: floa
 
 
 def _stages(times: Sequence[dict[str, float]], frames: Sequence[float]) -> dict[str, float]:
-    """Medians of the stages' times, and of what each frame takes besides."""
+    """Return the medians of the stages' times, and of the rest of each frame."""
     names = [name for name in times[0] if name not in NOT_STAGES]
     found = {name: float(np.median([each.get(name, 0.0) for each in times])) for name in names}
     rest = [ms - sum(each.get(name, 0.0) for name in names) for each, ms in zip(times, frames, strict=True)]

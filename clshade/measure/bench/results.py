@@ -1,4 +1,4 @@
-"""What `bench` found, and how it stands to the bars."""
+"""The results of `bench`, and their verdicts against the bars."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .workloads import Workload
 
 
 class Verdict(NamedTuple):
-    """A figure and its bar, the least or the most that it may be. value: None where it could not be found."""
+    """A figure and its bar, the least or the most allowed. value: None if it could not be measured."""
 
     workload: str
     what: str
@@ -35,7 +35,8 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class Compared:
-    """A peer's frames, drawn in turns with ours: milliseconds of both. rounds: how many; of a peer that draws once, ours."""
+    """Frame times of a peer and ours, drawn in turns, in milliseconds. rounds: number; of ours if the peer draws
+    once."""
 
     peer: str
     title: str
@@ -46,7 +47,7 @@ class Compared:
 
     @property
     def ratio(self) -> float | None:
-        """How many times as fast we are; None where the pictures differ."""
+        """Speedup over the peer; None if the images differ."""
         return self.theirs.median / self.ours.median if self.agreement.same else None
 
     def stats(self) -> dict[str, Any]:
@@ -63,7 +64,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Result:
-    """One workload. drawn: None where it cannot be drawn here, for the reason in `failed`. missing: peer -> why."""
+    """One workload. drawn: None if it cannot be drawn here, for the reason in `failed`. missing: peer -> why."""
 
     workload: Workload
     drawn: FrameTiming | None
@@ -98,7 +99,8 @@ class Result:
 
 @dataclass(frozen=True)
 class Speed:
-    """All of one run. device, machine: in words. failed: what else than a workload could not be measured, and why."""
+    """All results of a run. device, machine: descriptions. failed: what, other than workloads, was not measured, and
+    why."""
 
     device: str
     machine: str
@@ -110,7 +112,7 @@ class Speed:
 
     @property
     def passed(self) -> bool:
-        """Whether all could be drawn, and every peer drew the same picture."""
+        """Whether everything could be drawn, and every peer drew the same images."""
         return not self.failed and all(
             not result.failed and all(each.agreement.same for each in result.compared) for result in self.results
         )
@@ -126,11 +128,11 @@ class Speed:
         return found
 
     def missing(self) -> list[str]:
-        """What peers are not there, and why; each once."""
+        """Peers that are not available, and why; each once."""
         return list(dict.fromkeys(why for result in self.results for _, why in result.missing))
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {
             "device": self.device,
             "machine": self.machine,

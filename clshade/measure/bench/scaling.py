@@ -1,4 +1,4 @@
-"""How time and memory grow with triangles and with pixels: fitted powers."""
+"""Scaling of time and memory with triangles and with pixels: fitted power laws."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .frame_timing import FrameTiming
 from .workloads import SCALING
 
 EXPONENT = 1.05  # the bar
-LEAST_TIME, LEAST_MEMORY = 1.0, 0.15  # of the fixed cost, that is more than noise
-FEWEST_POINTS = 3  # of a fit
+LEAST_TIME, LEAST_MEMORY = 1.0, 0.15  # fractions of the fixed cost that exceed noise
+FEWEST_POINTS = 3  # in a fit
 NAMES = ("triangles", "pixels")
 
 
 @dataclass(frozen=True)
 class Series:
-    """name: what grows. fixed: drawn with few of them. points: by growing size, see `sizes`."""
+    """Measurements of growing size. name: what grows. fixed: measured with few of them. points: by increasing size."""
 
     name: str
     fixed: FrameTiming
@@ -26,14 +26,15 @@ class Series:
 
     @property
     def sizes(self) -> list[int]:
-        """Triangles, or pixels, of each point."""
+        """Number of triangles, or pixels, of each point."""
         return [
             each.triangles if self.name == "triangles" else each.resolution[0] * each.resolution[1]
             for each in self.points
         ]
 
     def exponents(self) -> dict[str, float | None]:
-        """Of time, plain and beyond the fixed cost, and of memory beyond it; None without enough points."""
+        """Fitted exponents: of time, plain and beyond the fixed cost, and of memory beyond it; None without enough
+        points."""
         times = [each.ms for each in self.points]
         memory = [each.peak_mib for each in self.points]
         return {
@@ -55,15 +56,15 @@ class Series:
 
 
 def power(sizes: Sequence[float], values: Sequence[float]) -> float | None:
-    """Exponent of the power law through the points that is best in logarithms."""
+    """Return the exponent of the power law fitted in logarithms."""
     return loglog_slope(sizes, values) if len(sizes) >= FEWEST_POINTS else None
 
 
 def power_beyond(
     sizes: Sequence[float], values: Sequence[float | None], fixed: float | None, least: float
 ) -> float | None:
-    """The same of what the values are above `fixed`, from the size on from which that is at least `least` of it: the
-    difference of nearly equal values is noise."""
+    """Return the exponent of the excess over `fixed`, from the size at which it is at least the fraction `least` of
+    `fixed`: differences of nearly equal values are noise."""
     if fixed is None:
         return None
     kept: list[tuple[float, float]] = []
@@ -75,10 +76,10 @@ def power_beyond(
 
 
 def scaling(measure: Callable[[str], FrameTiming]) -> tuple[Series, ...]:
-    """measure: draws the workload of a name in SCALING."""
+    """Measure all series. measure: draws the workload of a name in SCALING."""
     found = []
     for name in NAMES:
-        measure(f"{name}-fixed")  # what compiling the kernels takes of memory is not the scene's
+        measure(f"{name}-fixed")  # excludes the memory used for compiling the kernels
         fixed, *points = (measure(each) for each in SCALING if each.startswith(name))
         found.append(Series(name, fixed, tuple(points)))
     return tuple(found)

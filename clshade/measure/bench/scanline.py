@@ -1,12 +1,14 @@
-"""The course's renderer in plain Python: triangles painted back to front, every pixel of a scanline lit by itself.
+"""The course's renderer in plain Python: triangles painted back to front, scanline by scanline, each pixel lit by
+itself.
 
-This is what speed is compared with, so it is written as the course teaches it: whole arrays at once for the vertices,
-a loop over triangles, scanlines and pixels, NumPy for 3-vectors. Its image is that of preset `course` but for pixels on
-the triangles' edges: nothing is snapped here. The near plane is not clipped: the whole scene has to lie before the eye.
+It is a baseline for speed, so it is written as the course teaches it: array operations for the vertices, a loop over
+triangles, scanlines and pixels, NumPy for 3-vectors. Its image is that of preset `course` except for pixels on the
+triangles' edges, as nothing is snapped here. There is no clipping at the near plane: the whole scene must be in front
+of the eye.
 
     python -m clshade.measure.bench.scanline
 
-measures how many times as fast the same image comes from `render_object` and from a scene that stays on the device.
+measures the speedups of `render_object` and of a scene resident on the device.
 """
 
 from __future__ import annotations
@@ -33,11 +35,11 @@ from ...scene.model import Scene
 from ...scene.settings import SHADERS, Shader
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
-LightArguments = tuple[Array, Array, Array, Array, float, Lights]  # of `light`, from `eye` on
+LightArguments = tuple[Array, Array, Array, Array, float, Lights]  # arguments of `light` from `eye` on
 
 
 def project(points: Array, camera: Camera) -> tuple[Array, Array]:
-    """Image coordinates (V, 2) and depths (V,) of world positions (V, 3)."""
+    """Return image coordinates (V, 2) and depths (V,) of world positions (V, 3)."""
     x, y, z = camera_axes(camera) @ (points - camera.eye).T
     (height, width), (columns, rows) = camera.plane, camera.resolution
     u = (camera.focal * x / (z * width) + 0.5) * columns
@@ -48,7 +50,7 @@ def project(points: Array, camera: Camera) -> tuple[Array, Array]:
 def light(
     point: Array, normal: Array, color: Array, eye: Array, k_a: Array, k_d: Array, k_s: Array, n: float, lights: Lights
 ) -> Floats:
-    """Phong's model at one point, (3,). k_a is multiplied by the ambient intensity already."""
+    """Evaluate the Phong model at one point, (3,). k_a includes the ambient intensity."""
     result: Floats = k_a.copy()
     to_eye = eye - point
     to_eye = to_eye / np.linalg.norm(to_eye)
@@ -66,8 +68,8 @@ def light(
 
 
 def _spans(corners: Array, columns: int, rows: int) -> Iterator[tuple[int, int, int, float, float, Floats, Floats]]:
-    """The scanlines of a triangle (3, 2): row, columns first to last, and there the weights (2, 3) of the corners at
-    the scanline's left and right end and the ends' positions."""
+    """Yield the scanlines of a triangle (3, 2): row, first and last column, the positions of the left and right end,
+    and the corners' weights (2, 3) there."""
     v = corners[:, 1]
     for row in range(max(math.ceil(v.min() - 0.5), 0), min(math.floor(v.max() - 0.5), rows - 1) + 1):
         crossings = []
@@ -116,7 +118,7 @@ def _fill(image: Array, corners: Array, colors: Array) -> None:
 
 
 def render(scene: Scene, shader: str = "phong") -> Array:
-    """The image of a course scene of one mesh without texture, (M, N, 3) float64, row 0 at the BOTTOM.
+    """Render a course scene of one mesh without texture, (M, N, 3) float64, row 0 at the BOTTOM.
 
     shader: gouraud, phong or nolight. Raises InputError for a scene that it cannot draw.
     """
@@ -146,11 +148,11 @@ def render(scene: Scene, shader: str = "phong") -> Array:
     return image
 
 
-# How much faster the kernels are
+# The speedup of the kernels
 
 
 def median_time(draw: Callable[[Camera], object], camera: Camera, frames: int) -> float:
-    """Seconds for one frame, the median of several, after one that is not counted; the camera moves every frame."""
+    """Return the median time of a frame in seconds, after one warm-up frame; the camera moves every frame."""
     times = []
     for k in range(frames + 1):
         moved = replace(camera, eye=camera.eye * (1.0 + 1e-3 * k))
@@ -161,9 +163,10 @@ def median_time(draw: Callable[[Camera], object], camera: Camera, frames: int) -
 
 
 def measure(scene: Scene, shader: Shader, frames: int) -> tuple[dict[str, float], float]:
-    """Seconds for an image by way of drawing it, and the share of pixels in which loop and kernels differ by over 0.05.
+    """Return the seconds per image of each method, and the fraction of pixels where loop and kernels differ by over
+    0.05.
 
-    scene: as for `render`. The loop draws once; programs are built before the kernels are measured.
+    scene: as for `render`. The loop draws once; programs are built before the kernels are timed.
     """
     given = course.arguments(scene)
     start = time.perf_counter()
@@ -186,7 +189,7 @@ def measure(scene: Scene, shader: Shader, frames: int) -> tuple[dict[str, float]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the comparison; returns 0, 1 if the images differ in 1 % of the pixels, 2 for bad usage or no device."""
+    """Print the comparison; return 0, 1 if the images differ in 1 % of the pixels, 2 for bad usage or no device."""
     about = "How many times as fast as a plain Python scanline loop the kernels draw the course's object."
     parser = argparse.ArgumentParser(prog="python -m clshade.measure.bench.scanline", description=about)
     parser.add_argument("--shader", choices=SHADERS, default="phong")

@@ -1,4 +1,4 @@
-"""What `python -m clshade render` takes from its start to its end, with caches of built programs and with none."""
+"""Wall time of `python -m clshade render`, with and without cached programs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WARM, EMPTY = 0.6, 3.0  # bars, seconds
 
 @dataclass(frozen=True)
 class Started:
-    """Seconds of the whole process."""
+    """Wall times of the whole process in seconds."""
 
     warm: Spread
     empty: Spread
@@ -32,7 +32,7 @@ class Started:
 
 
 def start_up(device: str, rounds: int = ROUNDS) -> Started:
-    """Both ways in turns. Raises OutputError where no temporary folder can be had, ChildError where rendering fails."""
+    """Measure both cases in turns. Raises OutputError without a temporary folder, ChildError if rendering fails."""
     try:
         folder = TemporaryDirectory()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What `bench` measured, as tables for the terminal, CSV, JSON and Markdown."""
+"""The results of `bench` as tables for the terminal, CSV, JSON and Markdown."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ NOTES = (
 
 
 def _large(value: float | None) -> str:
-    """Three digits or more, without a power of ten."""
+    """Format with three digits or more, without an exponent."""
     return digits(value) if value is None or abs(value) < 1000.0 else f"{value:,.0f}"
 
 
@@ -75,7 +75,7 @@ def _frame(result: Result, speed: Speed) -> text_tables.Row:
 
 
 def _stages(speed: Speed) -> tuple[text_tables.Row, list[text_tables.Row]]:
-    """Milliseconds of each stage; a dash where a scene does without it."""
+    """Return the table of milliseconds per stage; a dash if a scene skips it."""
     drawn = [(each.workload.name, each.drawn) for each in speed.results if each.drawn]
     names = list(dict.fromkeys(name for _, each in drawn for name in each.stages))
     ordered = [name for name in names if name != "host"] + ["host"]
@@ -117,7 +117,7 @@ def facts(speed: Speed) -> list[str]:
 
 
 def progress(result: Result) -> str:
-    """One line as soon as a workload is done."""
+    """Return the line to print as soon as a workload is done."""
     if result.drawn is None:
         return f"{result.workload.name}: not drawn: {result.failed}"
     parts = [f"{result.workload.name}: {result.drawn.ms:.2f} ms"]
@@ -131,7 +131,7 @@ def progress(result: Result) -> str:
 
 
 def _tables(speed: Speed) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
-    """Title, columns of text, header and rows of each table that has any."""
+    """Return title, number of text columns, header and rows of each table that is not empty."""
     stages, stage_rows = _stages(speed)
     found: list[tuple[str, int, text_tables.Row, list[text_tables.Row]]] = [
         ("Frames", 1, FRAMES, [_frame(each, speed) for each in speed.results]),
@@ -159,7 +159,7 @@ def _notes(speed: Speed) -> list[str]:
 
 
 def lines(speed: Speed) -> list[str]:
-    """For the terminal."""
+    """Return the tables as lines for the terminal."""
     found: list[str] = []
     for _, left, header, rows in _tables(speed):
         found += [*text_tables.as_lines(header, rows, left), ""]
@@ -181,8 +181,8 @@ CSV = (
 
 
 def csv_rows(speed: Speed) -> list[text_tables.Row]:
-    """Full precision: a row for our frames alone, one for our frames in turns with each peer's, one for each size of
-    --scaling, one for each way of starting; what does not apply is empty."""
+    """Return rows in full precision: one for our frames alone, one for our frames in turns with each peer's, one for
+    each size of --scaling, one for each kind of start; fields that do not apply are empty."""
     rows: list[dict[str, object]] = []
     named = [(each.workload.name, each.drawn) for each in speed.results]
     for series in speed.series:
@@ -225,12 +225,12 @@ def _compared_row(result: Result, each: Compared) -> dict[str, object]:
 
 
 def paths(prefix: str) -> list[Path]:
-    """The files of a prefix: CSV, JSON, Markdown, figure."""
+    """Return the files of a prefix: CSV, JSON, Markdown, figure."""
     return [Path(f"{prefix}.{extension}") for extension in ("csv", "json", "md", "png")]
 
 
 def write(speed: Speed, prefix: str) -> list[Path]:
-    """Writes the first three of `paths`; returns all four."""
+    """Write the first three of `paths`; return all four."""
     texts = (text_tables.as_csv(CSV, csv_rows(speed)), json.dumps(speed.stats(), indent=2) + "\n", markdown(speed))
     found = paths(prefix)
     for path, text in zip(found, texts, strict=False):

@@ -1,4 +1,4 @@
-"""`bench --workers`: how much sooner a turntable is done by several processes, or by a cluster, than by one."""
+"""`bench --workers`: speedup of a turntable drawn by several processes, or by a cluster, over one process."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class WorkerTiming:
-    """What some workers took. draw_ms: of a frame. digest: of all files; "" where they differ from turn to turn."""
+    """Times of one number of workers. draw_ms: per frame. digest: of all files; "" if they differ between turns."""
 
     name: str
     seconds: Spread
@@ -44,7 +44,7 @@ class WorkerTiming:
 
 @dataclass(frozen=True)
 class Crews:
-    """All of them, one process first. rounds: turns taken."""
+    """Results for all numbers of workers, one process first. rounds: number of turns."""
 
     scene: str
     frames: int
@@ -90,8 +90,8 @@ def run(
     out: str | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Draws a turntable with so many processes each, and with a cluster's workers, in turns; prints a table and writes
-    files. True if all wrote the same bits. Raises InputError, OutputError, ClshadeError."""
+    """Draw a turntable with each number of processes, and with a cluster's workers, in turns; print a table and write
+    files. Returns True if all wrote the same bits. Raises InputError, OutputError, ClshadeError."""
     stream = stream or sys.stdout
     if frames < 1 or min(counts) < 1:
         raise InputError("bench: --workers, --frames: expected whole numbers above 0")
@@ -105,7 +105,7 @@ def run(
         given["Dask cluster"] = ("--scheduler", scheduler)
     further = () if device is None else ("--device", device)
     draws = [partial(_draw, scene, frames, (*options, *further)) for options in given.values()]
-    # One turn before the others: workers may have to compile the kernels.
+    # The first turn is a warm-up: workers may have to compile the kernels.
     turns = in_turns(draws, rounds + 1, float("inf"))[1:]
     crews = []
     for name, results in zip(given, zip(*turns, strict=True), strict=True):
@@ -134,7 +134,7 @@ def run(
 
 
 def _draw(scene: str, frames: int, options: Sequence[object], turn: int) -> tuple[float, float, str]:
-    """Seconds, ms a frame, and the digest of all files. The same in every turn."""
+    """Draw in the same way in every turn; return seconds, ms per frame, and the digest of all files."""
     size = ("--resolution", ",".join(map(str, RESOLUTION)))
     with tempfile.TemporaryDirectory(prefix="clshade-") as folder:
         start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""The scenes that `bench` draws, all made in code, each with the bars that it has to keep."""
+"""The generated scenes that `bench` draws, each with the bars that it must meet."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ...errors import InputError
 from ...scene.builtin.scenes import Resolution, builtin
 from ...scene.model import Mesh, PointLight, Scene
 
-EXPONENT = 20.0  # of the highlight, everywhere
+EXPONENT = 20.0  # specular exponent of all workloads
 HD, UHD = (1920, 1080), (3840, 2160)
 FIVE = {"llvmpipe": 5.0}
 
 
 class Limit(NamedTuple):
-    """A bar that is no ratio: a figure of `Result.figures`, how it is called, and the most, or the least, that it may be."""
+    """A bar other than a ratio: a figure of `Result.figures`, its name, and the most, or the least, allowed."""
 
     figure: str
     label: str
@@ -30,11 +30,11 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Workload:
-    """One scene to draw again and again.
+    """One scene to draw repeatedly.
 
-    make: gives the scene, resolution included. ratios: how many times as fast as a peer, by the peer's name, it has to be
-    at least. peers: all that can draw it, by name. limits: other bars.
-    apart: draw it in a process of its own, whose peak of memory is measured too.
+    make: returns the scene, resolution included. ratios: minimum speedup over a peer, by the peer's name. peers: names
+    of all that can draw it. limits: other bars. apart: draw it in a process of its own, whose peak memory is measured
+    too.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Workload:
 
 
 def _lights(count: int = 3) -> tuple[PointLight, ...]:
-    """Lights on a circle before the scene, one after the other in another hue, of the same intensity in all."""
+    """Return lights on a circle in front of the scene, of different hues, with a constant total intensity."""
     turn = 2.0 * np.pi * np.arange(count) / count
     hue = turn[:, None] + 2.0 * np.pi * np.arange(3) / 3.0
     places = np.stack([6.0 * np.cos(turn), 3.0 + 3.0 * np.sin(turn), np.full(count, 7.0)], axis=1)
@@ -55,12 +55,12 @@ def _lights(count: int = 3) -> tuple[PointLight, ...]:
 
 
 def phong_mesh(mesh: Mesh, **changes: Any) -> Mesh:
-    """The mesh without texture, with the highlight of all workloads; changes: of its material."""
+    """Return the mesh without texture, with the highlight of all workloads. changes: fields of its material."""
     return replace(mesh, material=replace(mesh.material, **{"texture": None, "n": EXPONENT, **changes}))
 
 
 def thing(size: int, level: int = 13, lights: int = 3, textured: bool = False) -> Scene:
-    """The course's object, 64 level^2 triangles, filling a third of a square image."""
+    """Return the course's object, 64 level^2 triangles, filling a third of a square image."""
     scene = builtin("course", level=level, resolution=(size, size))
     (mesh,) = scene.meshes
     if textured:
@@ -73,19 +73,19 @@ def thing(size: int, level: int = 13, lights: int = 3, textured: bool = False) -
 
 
 def knot(triangles: int, resolution: Resolution = HD) -> Scene:
-    """The built-in torus knot, which fills a quarter of the image."""
+    """Return the built-in torus knot, which fills a quarter of the image."""
     scene = builtin("torus_knot", triangles=triangles, resolution=resolution)
     return replace(scene, meshes=tuple(map(phong_mesh, scene.meshes)))
 
 
 def full_screen(count: int, resolution: Resolution = HD) -> Scene:
-    """Quads that each cover the screen, in random order of depth."""
+    """Return full-screen quads in random order of depth."""
     scene = builtin("quads", count=count, resolution=resolution)
     return replace(scene, meshes=tuple(map(phong_mesh, scene.meshes)), lights=_lights())
 
 
 def empty(size: int) -> Scene:
-    """A background and nothing else."""
+    """Return a scene with only a background."""
     return replace(thing(size, level=2), meshes=())
 
 
@@ -146,12 +146,12 @@ WORKLOADS = (
     ),
 )
 
-FEW_TRIANGLES = 1000  # that take no time beside the pixels they cover
+FEW_TRIANGLES = 1000  # so few that their time is negligible beside that of the pixels
 TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
 SIDES = (256, 512, 1024, 2048, 4096)
-FIXED_SIDE = 16  # of an image whose pixels take no time
+FIXED_SIDE = 16  # of an image so small that its pixels take negligible time
 
-# What --scaling draws: name -> workload. `-fixed` is the same picture of few triangles, or in few pixels.
+# The workloads of --scaling by name; `-fixed` is the same scene with few triangles, or in few pixels.
 SCALING = {
     each.name: each
     for each in (
@@ -164,7 +164,10 @@ SCALING = {
 
 
 def pick(names: Collection[str], known: Collection[str], what: str) -> list[str]:
-    """The names, each once; all known ones without any. Raises InputError, which names the nearest, for an unknown one."""
+    """Return the names without duplicates, or all known ones if there are none.
+
+    Raises InputError, with the nearest known name, for an unknown one.
+    """
     for name in names:
         if name not in known:
             near = hint(name, known)

@@ -1,1 +1,1 @@
-"""The error of one image: pixels of it against the float64 oracle, within derived bounds."""
+"""The error of one image: its pixels compared with the float64 oracle, within derived bounds."""

@@ -1,8 +1,8 @@
-"""The error of one image: some of its pixels, or all, computed again in float64 by the oracle.
+"""The error of one image: recompute some or all of its pixels in float64 with the oracle.
 
-Errors are largest where few pixels are, so the sample is stratified: silhouettes, highlights, edges between faces, the
-rest of the surfaces, the background. What is found is a lower bound of the image's largest error, except where all
-pixels are looked at.
+The largest errors occur in small regions, so the sample is stratified: silhouettes, highlights, edges between faces,
+the rest of the surfaces, the background. The result is a lower bound of the image's largest error, unless every pixel
+is checked.
 """
 
 from __future__ import annotations
@@ -22,18 +22,50 @@ from ..defaults import PIXELS
 from . import oracle_bounds
 
 STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
-SHARES = (16, 4, 5, 3, 3, 1)  # of the sample, in proportion; what a stratum is too small for goes to the others
-BRIGHTEST = 0.05  # of the covered pixels are taken for highlights
+SHARES = (16, 4, 5, 3, 3, 1)  # proportions of the sample; what exceeds a stratum's size goes to the others
+BRIGHTEST = 0.05  # fraction of the covered pixels, without silhouettes, that counts as highlights
 
 
 def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0) -> Check:
-    """The error of this very image against the float64 oracle.
+    """Measure the error of a rendered image against the float64 oracle.
 
-    frame: a rendered frame; its layers `id` and `Z`, where it has them, are checked too.
-    pixels: how many to look at, a sample in which edges and highlights have their share; or "all". The same seed
-        gives the same pixels.
-    What is found is kept in `frame.check`, and `frame.save` writes it into the EXR's header; with "all" also the error
-    of each pixel, as layer `error`. Raises InputError for refused arguments.
+    Parameters
+    ----------
+    frame : Frame
+        A rendered frame. Its layers `id` and `Z` are checked too if present.
+    pixels : int or "all", default 4096
+        Number of pixels to check, at least 1, or "all" for every pixel. Fewer pixels than the image
+        has are a stratified sample: silhouettes, highlights, edges between faces, surfaces and
+        background each have their share.
+    seed : int, default 0
+        Seed of the sample. The same seed gives the same pixels.
+
+    Returns
+    -------
+    Check
+        The errors, the bounds allowed, and whether the image `passed`. It is also stored in
+        `frame.check`, and `frame.save` writes it into the EXR's header. If every pixel was checked,
+        it includes the error of each pixel, which is saved as the layer `error`.
+
+    Raises
+    ------
+    InputError
+        If `frame` is not a Frame, or `pixels` is neither a positive integer nor "all".
+
+    Notes
+    -----
+    A color's error is counted in bounds of sqrt(max(n, 1)) * 2^-24 * kappa * B (in float64
+    1e-12 * kappa * B): n is the specular exponent, kappa the condition number of the geometry, and B
+    the most light that the point can send. float32 is allowed 32 bounds, `fast` 512, float64 1, and
+    more with large textures or several samples. A sample gives a lower bound of the image's largest
+    error: pixels not checked may be worse.
+
+    Examples
+    --------
+    >>> frame = clshade.render(clshade.builtin("teapot"), layers=("Z", "id"))
+    >>> found = clshade.check(frame)
+    >>> found.passed
+    True
     """
     start = time.perf_counter()
     if not isinstance(frame, Frame):
@@ -81,10 +113,10 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
 
 
 class _Found:
-    """Pixels of a frame beside the oracle's, (K,) each.
+    """Comparison of sampled pixels with the oracle; arrays are (K,).
 
     wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or tied. counted: the same, and 0
-    at gates. relative: `counted` as |value - oracle| / B. depth: of all, see `Check`.
+    at gates. relative: `counted` as |value - oracle| / B. depth: the largest of all pixels, see `Check`.
     """
 
     def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
@@ -120,10 +152,10 @@ class _Found:
 
 
 def _strata(frame: Frame) -> Array:
-    """(M, N) which of STRATA each pixel belongs to.
+    """Return the index into STRATA of each pixel, (M, N).
 
-    silhouettes: covered, and one of its four neighbors is not, or the reverse. highlights: the brightest twentieth of
-    the other covered pixels. edges: another face than at a neighbor (with the layer id). surfaces: the rest.
+    silhouettes: coverage differs from one of the four neighbors'. highlights: the brightest twentieth of the other
+    covered pixels. edges: the face differs from a neighbor's (with the layer id). surfaces: the rest.
     """
     covered = frame.alpha != 0.0
     silhouettes = _differs(covered)
@@ -143,7 +175,7 @@ def _strata(frame: Frame) -> Array:
 
 
 def _differs(values: Array) -> Array:
-    """(M, N) bool: is the value another than that of one of the four neighbors?"""
+    """Return where the value differs from that of one of the four neighbors, (M, N) bool."""
     found = np.zeros(values.shape, bool)
     across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
     found[:, 1:] |= across
@@ -154,8 +186,11 @@ def _differs(values: Array) -> Array:
 
 
 def _sample(strata: Array, count: int, seed: int) -> Array:
-    """Indices of `count` pixels, ascending. Each stratum gets its share, spread over the image: one pixel at random of
-    each of as many runs of equal length, in reading order."""
+    """Return the ascending indices of `count` pixels.
+
+    Each stratum gets its share, spread over the image: its pixels in reading order are divided into as many runs of
+    equal length, and one pixel of each run is chosen at random.
+    """
     generator = np.random.default_rng(seed)
     members = [np.flatnonzero(strata == number) for number in range(len(STRATA))]
     wanted = [0] * len(STRATA)

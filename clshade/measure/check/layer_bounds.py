@@ -1,4 +1,4 @@
-"""Comparators between the further layers of a frame and the float64 oracle's; see `compare`."""
+"""Comparison of a frame's layers, except Z and id, with the float64 oracle's; see `oracle_bounds`."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from ...oracle import OracleLayers
 from ...scene.model import Scene, Settings
 from .oracle_bounds import FLOAT32_MAX, FLOAT32_TINY, HALF_ULP, allowed, assert_array, fail, real_of
 
-# Weights of a triangle's corners, in units of 2^-24 (of float64 2^-53): an edge value is right to 2, 1/z and the product
-# with it round once each: 4; their sum rounds twice more, its reciprocal and the product with that once: 4 + 6 + 2 = 12
-# of a weight, hence of all weights together. Weights of a clipped piece's corners are rounded, and so are their
-# differences: 3; two fma: 2. The first corner's weight is what two others leave of 1: 2 * (12 + 3 + 2) + 2 = 36.
+# Barycentric coordinates, in units of 2^-24 (2^-53 in float64): an edge function is accurate to 2; 1/z and the product
+# with it round once each: 4. The sum rounds twice more, its reciprocal and the product with that once: 4 + 6 + 2 = 12
+# units of a weight, hence of all weights together. Weights of a clipped piece's corners are rounded, and so are their
+# differences: 3; two fma: 2. The first corner's weight is 1 minus the two others: 2 * (12 + 3 + 2) + 2 = 36.
 WEIGHT_UNITS = 36.0
-# Means of corners by the last two weights, of the largest of them: the weights' 2 * 17, the corners' own rounding and
-# that of their differences, which may be twice as large, 3, and two fma: 2 * (34 + 3) + 2.
+# Means of corners by the last two weights, relative to the largest corner: the weights' 2 * 17, the rounding of the
+# corners and of their differences, which may be twice as large, 3, and two fma: 2 * (34 + 3) + 2.
 MEAN_UNITS = 76.0
-# The length and its reciprocal: 6 more. With `fast` that is right to 4.7e-6, 79 * 2^-24 (kernels/numerics.clh).
+# The length and its reciprocal add 6. With `fast` they are accurate to 4.7e-6, 79 * 2^-24 (kernels/numerics.clh).
 NORMAL_UNITS = {"float32": MEAN_UNITS + 6.0, "fast": MEAN_UNITS + 80.0, "float64": MEAN_UNITS + 6.0}
-# Texture coordinates are pairs, right to 2^-42 of the largest corner's, rounded once; with `fast` means like others.
-# The oracle is right to 8 units of float64 itself, which doubles have to be compared with.
+# Texture coordinates are double-single, accurate to 2^-42 of the largest corner's, rounded once; with `fast` they are
+# means like the others. In float64 the oracle's own 8 units count as well.
 UV_UNITS = {"float32": 1.0, "fast": MEAN_UNITS, "float64": MEAN_UNITS}
 
 
 def half_ulp(settings: Settings) -> float:
-    """What one operation of the kernels is right to."""
+    """Return the largest relative rounding error of one kernel operation."""
     return 2.0**-53 if settings.precision == "float64" else 2.0**-24
 
 
 def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
-    """How far off each layer but albedo may be, absolute, (M, N)."""
+    """Return the largest absolute error allowed in each layer except albedo, (M, N)."""
     unit, precision = half_ulp(settings), settings.precision
     eye = float(np.abs(scene.camera.eye).max())
     with np.errstate(divide="ignore", over="ignore"):
         normal = (NORMAL_UNITS[precision] * unit + oracle.normal_error) / oracle.normal_length
-        # World positions are float64: eye and point round in them, as do the corners that the point is a mean of.
+        # World positions are float64: the eye, the point and the corners that it interpolates are rounded to it.
         position = MEAN_UNITS * unit * oracle.reach + 8.0 * 2.0**-53 * (oracle.reach + eye)
     return {
         "N": normal,
@@ -49,8 +49,10 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
 
 
 def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
-    """Of each of these layers that the frame has, the error (M, N) in what is allowed: 1 is the bound. Numbers that differ
-    are infinitely wrong. Shape, type and finiteness are checked before."""
+    """Return the error (M, N) of each of these layers in the frame, relative to the bound: 1 is the most allowed.
+
+    Where object or material numbers differ the error is infinite. Shape, type and finiteness are checked first.
+    """
     bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
     found: dict[str, Array] = {}
     for name in frame.layers:
@@ -71,7 +73,7 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
 
 
 def _albedo_errors(albedo: Array, oracle: OracleLayers, scene: Scene, settings: Settings) -> Array:
-    """As those of the image with shader nolight and one sample, whose bounds they have (`compare.color_bound`)."""
+    """Return the errors of albedo; its bounds are those of the image with shader nolight and one sample."""
     exact = settings.precision == "float64"
     bound = allowed(scene, replace(settings, samples=1)) * (1e-12 if exact else HALF_ULP) * oracle.budget
     most = np.inf if exact else FLOAT32_MAX
@@ -84,8 +86,10 @@ def _albedo_errors(albedo: Array, oracle: OracleLayers, scene: Scene, settings: 
 def assert_layers(
     frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings, *, skip: Array | None = None
 ) -> dict[str, float]:
-    """All layers but Z and id within their bounds. Returns the largest error of each, 1 is the bound. skip: (M, N) pixels
-    not to look at."""
+    """Assert that all layers except Z and id are within their bounds.
+
+    Returns the largest error of each, relative to the bound. skip: (M, N) bool, pixels to exclude.
+    """
     found = {}
     for name, error in layer_errors(frame, oracle, scene, settings).items():
         bad = ~(error <= 1.0) if skip is None else ~(error <= 1.0) & ~skip

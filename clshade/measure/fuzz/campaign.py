@@ -1,4 +1,5 @@
-"""Runs of the fuzzers: ranges of scenes and files of some seeds, what they found, and a log by which a run goes on."""
+"""Fuzzing campaigns: ranges of scenes and files of some seeds, their results, and a log to resume an interrupted
+run."""
 
 from __future__ import annotations
 
@@ -17,12 +18,12 @@ from ...pipeline.opencl.device import Device, open_device
 from . import fuzz
 from .fuzz import Tally
 
-STEP = 200  # scenes or files to a line of the log: what a run that was stopped does again at most
+STEP = 200  # scenes or files per line of the log: the most that a resumed run repeats
 
 
 @dataclass(frozen=True)
 class Range:
-    """Scenes or files first, ..., first + count - 1 of a seed."""
+    """Numbers first, ..., first + count - 1 of the scenes or files of a seed."""
 
     what: str
     seed: int
@@ -32,7 +33,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Done:
-    """A range that was looked at, and how it went."""
+    """A completed range and its result."""
 
     range: Range
     failures: tuple[str, ...]
@@ -41,16 +42,16 @@ class Done:
 
 
 class Log:
-    """The ranges that are done, a line of JSON each in a file; without a file kept for this run alone.
+    """The completed ranges, one line of JSON each in a file; without a file, kept for this run only.
 
-    Raises OutputError for a file that cannot be written, InputError for one that no run with this device wrote.
+    Raises OutputError if the file cannot be written, InputError if it was not written by a run on this device.
     """
 
     def __init__(self, path: str | None, device: str) -> None:
         self.path, self._device = None if path is None else Path(path), device
         self.done: dict[Range, Done] = {}
         if self.path is not None:
-            with naming(self.path), self.path.open("a+b") as file:  # made, or found unwritable, before hours of work
+            with naming(self.path), self.path.open("a+b") as file:  # fails before hours of work if it is not writable
                 file.seek(0)
                 text = file.read().decode("utf-8", "replace")
             for number, line in enumerate(text.splitlines(), 1):
@@ -80,7 +81,7 @@ class Log:
 
 
 def ranges(what: str, seeds: Sequence[int], first: int, count: int) -> Iterator[Range]:
-    """Of each seed, the numbers first to first + count - 1 in steps."""
+    """Yield for each seed the numbers first to first + count - 1 in ranges of at most STEP."""
     for seed in seeds:
         for start in range(first, first + count, STEP):
             yield Range(what, seed, start, min(STEP, first + count - start))
@@ -96,10 +97,10 @@ def run(
     log: str | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Draws scenes and loads files `first`, `first` + 1, ... of each seed; prints each failure as it is found, then the
-    counts of each seed and of all. True if there is no failure.
+    """Render scenes and load files `first`, `first` + 1, ... of each seed; print each failure as it is found, then the
+    counts of each seed and the totals. Returns True if there is no failure.
 
-    log: a file; what an earlier run with it has done is not done again, but counts. Raises InputError, OutputError and
+    log: a file; ranges that an earlier run completed are not repeated, but counted. Raises InputError, OutputError and
     DeviceError.
     """
     stream = stream or sys.stdout
@@ -118,11 +119,11 @@ def run(
 def _run_one(
     what: str, seeds: Sequence[int], first: int, count: int, book: Log, device: Device | None, stream: TextIO
 ) -> int:
-    """The scenes, or the files, of all seeds: how many failed."""
+    """Run the scenes or the files of all seeds, and return the number of failures."""
     from tqdm import tqdm
 
     found: list[Done] = []
-    # None: shown on a terminal alone.
+    # None: shown only on a terminal.
     with tqdm(total=count * len(seeds), desc=what, unit="", disable=console.quiet() or None, leave=False) as bar:
         for seed in seeds:
             mine = []

@@ -1,4 +1,5 @@
-"""Damaged files: each must give a valid scene or an InputError of one line that names the file, soon and in bounds."""
+"""Damaged files: each must load as a valid scene or raise an InputError of one line that names the file, within limits
+of time and memory."""
 
 from __future__ import annotations
 
@@ -23,9 +24,9 @@ from ...scene.formats.load import load
 from ...scene.model import Scene
 from .seed_files import Sample, pack_glb, png_chunk, samples
 
-SECONDS = 5.0  # of the processor's time, for a file of a few KB
-MEMORY = 1 << 30  # bytes that loading may add to the largest size of the process
-HANGS = 60  # seconds after which loading is broken off
+SECONDS = 5.0  # of CPU time, for a file of a few KB
+MEMORY = 1 << 30  # bytes that loading may add to the peak memory of the process
+HANGS = 60  # seconds after which loading is aborted
 Random = np.random.Generator
 
 _NUMBER = re.compile(rb"-?\d+(\.\d*)?([eE][-+]?\d+)?")
@@ -65,7 +66,7 @@ _WORDS: tuple[bytes, ...] = (
 _WORDS += (b"\x00\x00\x00\x80", b"\x01\x00\x00\x00", b"\x00\x00\x00\x40", b"\xff\xff\x7f\x7f", b"\x80\x00\x00\x00")
 
 
-# Ways to damage bytes; each gets a generator and the bytes, and gives others
+# Mutations of bytes; each takes a generator and the bytes, and returns other bytes
 
 
 def _flip(rng: Random, data: bytes) -> bytes:
@@ -76,7 +77,7 @@ def _flip(rng: Random, data: bytes) -> bytes:
 
 
 def _text(rng: Random, data: bytes) -> bytes:
-    """Bytes that mean something in texts."""
+    """Replace bytes by characters with a meaning in text formats."""
     changed = bytearray(data)
     for place in rng.integers(0, len(data), rng.integers(1, 4)):
         changed[place] = int(rng.choice(list(b'0159-+.eE/ \t\n\\,:[]{}"#')))
@@ -92,7 +93,7 @@ def _lengthen(rng: Random, data: bytes) -> bytes:
 
 
 def _number(rng: Random, data: bytes) -> bytes:
-    """A number in the text becomes another."""
+    """Replace a number in the text."""
     found = list(_NUMBER.finditer(data))
     if not found:
         return _flip(rng, data)
@@ -109,13 +110,13 @@ def _start(match: re.Match[bytes]) -> int:
 
 
 def _word(rng: Random, data: bytes) -> bytes:
-    """Four bytes become an extreme number."""
+    """Replace four bytes by an extreme number."""
     place = int(rng.integers(0, max(len(data) - 3, 1)))
     return data[:place] + _WORDS[rng.integers(len(_WORDS))] + data[place + 4 :]
 
 
 def _lines(rng: Random, data: bytes) -> bytes:
-    """A line comes twice, many times, not at all, or elsewhere."""
+    """Duplicate, repeat, delete or move a line."""
     lines = data.split(b"\n")
     k, other = rng.integers(0, len(lines), 2)
     how = rng.integers(4)
@@ -131,14 +132,14 @@ def _lines(rng: Random, data: bytes) -> bytes:
 
 
 def _part(rng: Random, data: bytes) -> bytes:
-    """A part is cut out or comes twice."""
+    """Delete or duplicate a part."""
     first, last = np.sort(rng.integers(0, len(data) + 1, 2))
     last = min(last, first + 200)
     return data[:last] + data[first:] if rng.random() < 0.5 else data[:first] + data[last:]
 
 
 def _png(rng: Random, data: bytes) -> bytes:
-    """A chunk of a PNG changed, its checksum right."""
+    """Change a chunk of a PNG, with a correct checksum."""
     parts, at = [data[:8]], 8
     while at + 12 <= len(data):
         size = struct.unpack(">I", data[at : at + 4])[0]
@@ -151,14 +152,14 @@ def _png(rng: Random, data: bytes) -> bytes:
 
 
 def _glb(rng: Random, data: bytes) -> bytes:
-    """The JSON of a GLB changed, its lengths right."""
+    """Change the JSON of a GLB, with correct lengths."""
     size = struct.unpack("<I", data[12:16])[0]
     how = (_number, _number, _text, _lines, _json)[rng.integers(5)]
     return pack_glb(how(rng, data[20 : 20 + size]), data[28 + size :])
 
 
 def _json(rng: Random, data: bytes) -> bytes:
-    """A value of the JSON becomes one of another kind, or a key another one."""
+    """Replace a value of the JSON by one of another type, or a key by another."""
     found = list(re.finditer(rb'"\w+"|true|false|[\[{][^\[\]{}]*[\]}]', data))
     if not found:
         return _flip(rng, data)
@@ -167,18 +168,18 @@ def _json(rng: Random, data: bytes) -> bytes:
     return data[: match.start()] + others[rng.integers(len(others))] + data[match.end() :]
 
 
-# Pickles that are made to take long; each gets a generator and gives the opcodes of one value.
-_FIRST = 10_000  # of the memo's indices that they use
+# Pickles designed to take long; each takes a generator and returns the opcodes of one value.
+_FIRST = 10_000  # first of the memo indices that they use
 
 
 def _shared(rng: Random) -> bytes:
-    """A tuple of up to 2^30 leaves: each holds the one before twice."""
+    """Return a nested tuple of up to 2^30 leaves: each level holds the one before twice."""
     steps = (struct.pack("<cIccI", b"j", _FIRST + k, b"\x86", b"r", _FIRST + k + 1) for k in range(rng.integers(2, 31)))
     return struct.pack("<2scI", b"K\x01", b"r", _FIRST) + b"".join(steps)
 
 
 def _many(rng: Random) -> bytes:
-    """Some opcode or value again and again, nested or in a list."""
+    """Repeat an opcode or value many times, nested or in a list."""
     count = int(rng.choice((3, 1000, 30_000)))
     nested = (b"\x85", b"K\x01\x86", b"\x94", b"h\x01\x86")
     listed = (b"K\x01", b"N", b"]", b"}", b")", b"\x8c\x01a", b"\x8a\xff" + b"\x7f" * 255, b"C\x01a", b"h\x05", b"(t")
@@ -188,7 +189,7 @@ def _many(rng: Random) -> bytes:
 
 
 def _repeated(rng: Random) -> bytes:
-    """A list of a list of a thousand numbers, or of an array of three, many times."""
+    """Return a list of many references to one list of a thousand numbers, or to one array of three."""
     array = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR(K\x01K\x03\x85"
     array += (
         b"cnumpy\ndtype\n(X\x02\x00\x00\x00i1K\x00K\x01tR(K\x03X\x01\x00\x00\x00|NNNK\x01K\x01K\x00tb\x89C\x03abctb"
@@ -199,7 +200,7 @@ def _repeated(rng: Random) -> bytes:
 
 
 def _keyed(rng: Random) -> bytes:
-    """A dict with keys that are no text: a shared tuple, or integers whose hashes in CPython all collide."""
+    """Return a dict whose keys are not strings: a shared tuple, or integers whose hashes all collide in CPython."""
     if rng.random() < 0.5:
         return b"}" + _shared(rng) + b"Ns"
     numbers = (k * ((1 << 61) - 1) for k in range(int(rng.choice((3, 300, 30_000)))))
@@ -207,8 +208,8 @@ def _keyed(rng: Random) -> bytes:
 
 
 def _pickle(rng: Random, data: bytes) -> bytes:
-    """A further field of a course file, or another in place of one, which takes long to load for who is not careful."""
-    end = data.rfind(b"uat")  # of the dict, the list that holds it, the array's state
+    """Add or replace a field of a course file by one that takes a careless loader long."""
+    end = data.rfind(b"uat")  # ends the dict, the list that holds it, and the array's state
     if end < 0:
         return _flip(rng, data)
     name = rng.choice((b"unused", b"verts", b"focal", b"light_positions", b"bg_color"))
@@ -218,7 +219,7 @@ def _pickle(rng: Random, data: bytes) -> bytes:
 
 
 def _window(rng: Random, data: bytes) -> bytes:
-    """An edge of a data or display window of an EXR becomes another."""
+    """Change an edge of the data or display window of an EXR."""
     head = (b"dataWindow", b"displayWindow")[rng.integers(2)] + b"\0box2i\0\x10\0\0\0"
     place = data.find(head)
     if place < 0:
@@ -244,7 +245,8 @@ _BY_EXTENSION = {
 
 
 def mutated(number: int, seed: int = 0) -> Sample:
-    """Damaged sample `number`: one of its files, changed once to three times. The same for the same seed, always."""
+    """Return damaged sample `number`, with one of its files mutated one to three times; determined by number and
+    seed."""
     rng = np.random.default_rng([seed, number, 2])
     every = samples()
     sample = every[number % len(every)]
@@ -253,7 +255,7 @@ def mutated(number: int, seed: int = 0) -> Sample:
     data = sample.files[name]
     ways = _BY_EXTENSION.get(Path(name).suffix, _ANY)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        with contextlib.suppress(struct.error):  # too damaged already to be taken apart
+        with contextlib.suppress(struct.error):  # already too damaged to be parsed
             data = ways[rng.integers(len(ways))](rng, data) if data else b"\0"
     return Sample({**sample.files, name: data}, sample.texture, sample.options)
 
@@ -267,7 +269,7 @@ class _Hung(BaseException):
 
 @contextlib.contextmanager
 def _broken_off() -> Iterator[None]:
-    """Raises _Hung in the block after HANGS seconds, where signals allow it."""
+    """Raise _Hung in the block after HANGS seconds, where signals allow it."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -285,7 +287,7 @@ def _broken_off() -> Iterator[None]:
 
 
 def _peak() -> int:
-    """The largest size that the process has had, bytes; 0 where it cannot be asked for."""
+    """Return the peak memory of the process in bytes; 0 if unknown."""
     try:
         import resource
     except ImportError:
@@ -295,7 +297,7 @@ def _peak() -> int:
 
 
 def flaw(scene: Any) -> str:
-    """Why something that `load` gave is no valid scene; "" if it is."""
+    """Return why the result of `load` is not a valid scene; "" if it is."""
     if not isinstance(scene, Scene):
         return f"expected a Scene, found {type(scene).__name__}"
     for mesh in scene.meshes:
@@ -311,7 +313,8 @@ def flaw(scene: Any) -> str:
 
 
 def load_problem(folder: Path, sample: Sample) -> str:
-    """What is wrong with how `load`, or `read_picture`, takes the files of a sample, written to `folder`; "" if nothing."""
+    """Load the files of a sample from `folder`, with `load` or `read_picture`, and return what went wrong; "" if
+    nothing."""
     for name, data in sample.files.items():
         (folder / name).write_bytes(data)
     options: dict[str, Any] = dict(sample.options)
@@ -333,7 +336,7 @@ def load_problem(folder: Path, sample: Sample) -> str:
                 found = f"expected one line that names the file, found {text!r}"
         except _Hung:
             found = f"took more than {HANGS} s"
-        except Exception as error:  # whatever else is raised is what is looked for
+        except Exception as error:  # any other exception is a finding
             found = f"{type(error).__name__}: {' '.join(str(error).split())}"
     seconds, more = time.process_time() - start, _peak() - before
     if not found and not all(str(warning.message).isprintable() for warning in told):
@@ -344,7 +347,7 @@ def load_problem(folder: Path, sample: Sample) -> str:
 
 
 def problem(number: int, seed: int = 0) -> str:
-    """What is wrong with how damaged file `number` is taken; "" if nothing."""
+    """Return what went wrong in loading damaged file `number`; "" if nothing."""
     sample = mutated(number, seed)
     with tempfile.TemporaryDirectory(prefix="clshade-") as folder:
         found = load_problem(Path(folder), sample)

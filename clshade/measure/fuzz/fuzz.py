@@ -24,14 +24,14 @@ from ..check.layer_bounds import assert_layers
 from . import file_mutations
 from .random_scenes import RandomScene, scene_of
 
-ALPHA_MARGIN = 1e-5  # alpha this near to the cutoff: float32 may decide either way (see `decided_by_alpha`)
+ALPHA_MARGIN = 1e-5  # alpha this close to the cutoff may pass or fail in float32 (see `decided_by_alpha`)
 TEXEL_ERROR = 2.0**-42  # of a position in texels, relative to the largest coordinate times the texture's size
-SHRINKING = 20.0  # seconds spent on making a failing scene smaller
+SHRINKING = 20.0  # seconds spent on shrinking a failing scene
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What went wrong with scene or file `number`. shrunk: how little of the scene still does it."""
+    """Failure of scene or file `number`. shrunk: description of the smallest part of the scene that still fails."""
 
     what: str
     number: int
@@ -44,9 +44,11 @@ class Failure:
 
 @dataclass
 class Tally:
-    """How much was compared. covered: pixels of the image that something covers. gates, ties, alphas: pixels that are
-    excepted, each proven: at a highlight's gate, at a depth tie, decided by an alpha at its cutoff. again: scenes that
-    were drawn with another number of lanes, too."""
+    """Counts of what was compared.
+
+    covered: covered pixels. gates, ties, alphas: pixels excepted, each with proof: at a highlight's gate, at a depth
+    tie, decided by an alpha at its cutoff. again: scenes also drawn with another number of lanes.
+    """
 
     scenes: int = 0
     pixels: int = 0
@@ -71,8 +73,10 @@ class Tally:
 
 
 def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
-    """The frame of a random scene, all layers; in float32 where the device has no float64. A warning of arithmetic is an
-    error. lanes: None: the kind's."""
+    """Render a random scene with all layers; in float32 if the device has no float64. Arithmetic warnings are errors.
+
+    lanes: None: the kind's.
+    """
     kind, settings = drawn.kind, drawn.settings
     lanes = (lanes or kind.lanes) if device.is_cpu else None
     if not device.has_fp64:
@@ -86,11 +90,12 @@ def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
 
 
 def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
-    """(M, N) bool: pixels of which some sample's owner depends on alphas that float32 may take for others.
+    """Return the pixels, (M, N) bool, with a sample whose owner depends on an alpha that float32 may put on the other
+    side of the cutoff.
 
-    Alpha is a mean of at most four texels with weights that float32 pairs give to 2^-22, and is rounded in float32:
-    some 2^-21 of the largest alpha, 1, in all. The margin is ten times that. Large texture coordinates add what a
-    position in texels loses along both axes (kernels/texture.clh), times the alpha from texel to texel, at most 1.
+    Alpha is a mean of at most four texels with weights that double-single gives to 2^-22, and is rounded to float32:
+    in total some 2^-21 of the largest alpha, 1. The margin is ten times that. Large texture coordinates add the error
+    of a position in texels along both axes (kernels/texture.clh), times the step of alpha between texels, at most 1.
     """
 
     def moved(sign: float) -> OracleFrame:
@@ -110,15 +115,18 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
 
 
 def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | None = None) -> str:
-    """What is wrong with a frame, "" if nothing: ids and coverage exact but for proven ties, depths within roundings, colors
-    and further layers within their bounds, all finite. tally: counts what was compared."""
+    """Return what is wrong with a frame, "" if nothing.
+
+    Ids and coverage must be exact except for proven ties, depths within their roundings, colors and further layers
+    within their bounds, and all of them finite. tally: counts what was compared.
+    """
     scene, settings = frame.scene, frame.settings
     with np.errstate(all="ignore"):
         if expected is None:
             expected = oracle.render(scene, settings)
         try:
             skip = _excused_by_alpha(frame, expected)
-            # Images of a few pixels may lie at a gate wholly.
+            # In an image of a few pixels all may lie at a gate.
             found = oracle_bounds.assert_frame(frame, expected, scene, settings, gate_fraction=1.0, skip=skip)
             ties = oracle_bounds.assert_same_ids(frame, expected, scene, settings, skip=skip)
             assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
@@ -135,7 +143,7 @@ def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | No
 
 
 def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
-    """(M, N) bool: pixels that an alpha test may have decided either way, where owners or coverage differ; else None."""
+    """Return the pixels, (M, N) bool, whose alpha test may go either way, if owners or coverage differ; else None."""
     scene, settings = frame.scene, frame.settings
     if all(mesh.material.alpha_cutoff is None for mesh in scene.meshes):
         return None
@@ -147,7 +155,7 @@ def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
 
 
 def scene_problem(device: Device, drawn: RandomScene, tally: Tally | None = None) -> str:
-    """What is wrong with the frame of a scene, or with drawing it at all."""
+    """Render a scene and return what is wrong with the frame, or why rendering failed; "" if nothing."""
     try:
         frame = draw(device, drawn)
         if drawn.again and device.is_cpu:
@@ -156,13 +164,13 @@ def scene_problem(device: Device, drawn: RandomScene, tally: Tally | None = None
                 tally.again += 1
             if reason := different_bits(frame, other):
                 return f"with {drawn.kind.other_lanes} lanes: {reason}"
-    except Exception as error:  # a valid scene: whatever it meets is a finding
+    except Exception as error:  # the scene is valid: any exception is a finding
         return f"{type(error).__name__}: {' '.join(str(error).split())}"
     return problem(frame, tally=tally)
 
 
 def different_bits(one: Frame, other: Frame) -> str:
-    """Where two frames have other bits, in words, "" where nowhere."""
+    """Return a description of where the bits of two frames differ; "" if nowhere."""
     for name, a, b in (("rgba", one.rgba, other.rgba), *((k, one[k], other[k]) for k in one.layers)):
         if a.tobytes() != b.tobytes():
             pixels = [np.ascontiguousarray(x).reshape(*one.alpha.shape, -1).view(np.uint8) for x in (a, b)]
@@ -173,7 +181,10 @@ def different_bits(one: Frame, other: Frame) -> str:
 
 
 def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool], seconds: float = SHRINKING) -> str:
-    """How little of a failing scene fails too, in words. The first mesh stays: it keeps the program the same."""
+    """Return a description of the smallest part of a failing scene that still fails.
+
+    The first mesh stays: it keeps the program the same.
+    """
     end = time.perf_counter() + seconds
 
     def attempt(scene: Scene) -> bool:
@@ -201,7 +212,7 @@ def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool], seconds: 
 
 
 def _without(scene: Scene, k: int, faces: slice) -> Scene:
-    """The scene without these faces of mesh k."""
+    """Return the scene without these faces of mesh k."""
     mesh, meshes = scene.meshes[k], list(scene.meshes)
     names = ("faces", "normal_faces", "uv_faces")
     kept: dict[str, Any] = {
@@ -212,7 +223,7 @@ def _without(scene: Scene, k: int, faces: slice) -> Scene:
 
 
 def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0, tally: Tally | None = None) -> list[Failure]:
-    """The failures among random scenes."""
+    """Return the failures among random scenes."""
     found = []
     for number in numbers:
         drawn = scene_of(number, seed)
@@ -226,6 +237,6 @@ def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0, tally:
 
 
 def file_failures(numbers: Iterable[int], seed: int = 0) -> list[Failure]:
-    """The failures among mutated files."""
+    """Return the failures among mutated files."""
     reasons = ((number, file_mutations.problem(number, seed)) for number in numbers)
     return [Failure("file", number, reason) for number, reason in reasons if reason]

@@ -1,7 +1,7 @@
-"""Stiff values on top of random scenes: coordinates, placements, normals, cameras and lights at the ends of their ranges.
+"""Extreme values on top of random scenes: coordinates, placements, normals, cameras and lights at their ranges' ends.
 
-Each is drawn from a generator of its own, after all else, so that the numbers of scenes keep their meaning. None changes
-the kernel program, except that colors beyond 1 select the one that interpolates them.
+Each has its own random generator, used after all others, so that scene numbers keep their meaning. None changes the
+kernel program, except that colors beyond 1 select the one that interpolates them.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from ...oracle.transform import world_vertices
 from ...scene.model import Mesh, PointLight, Scene
 from .random_shapes import Random
 
-SHARE = 0.3  # of the scenes get each of them
+SHARE = 0.3  # fraction of the scenes that get each extreme
 
 
 def stiffened(rng: Random, scene: Scene, double: bool, dim: bool) -> Scene:
-    """The scene with none to all of the extremes below. double: may positions need float64? dim: are no colors beyond 1?"""
+    """Return the scene with none to all of the extremes below.
+
+    double: whether positions may need float64. dim: whether colors stay within 1.
+    """
     for change in EXTREMES:
         if rng.random() < SHARE and not (dim and change is _colors):
             scene = change(rng, scene, double)
@@ -29,12 +32,12 @@ def stiffened(rng: Random, scene: Scene, double: bool, dim: bool) -> Scene:
 
 
 def _changed(scene: Scene, change: Callable[[Mesh], dict[str, Any]]) -> Scene:
-    """The scene with these fields of its meshes replaced."""
+    """Return the scene with fields of its meshes replaced."""
     return replace(scene, meshes=tuple(replace(mesh, **change(mesh)) for mesh in scene.meshes))
 
 
 def _coordinates(rng: Random, scene: Scene, _: bool) -> Scene:
-    """Texture coordinates up to 1e9."""
+    """Scale texture coordinates up to 1e9."""
 
     def far(mesh: Mesh) -> dict[str, Any]:
         if mesh.uvs is None or rng.random() < 0.5:
@@ -47,7 +50,8 @@ def _coordinates(rng: Random, scene: Scene, _: bool) -> Scene:
 
 
 def _linear_map(rng: Random, double: bool) -> Floats:
-    """(3, 3): singular, mirrored, sheared or almost singular; without `double` with powers of two only."""
+    """Return a singular, mirrored, sheared or nearly singular matrix (3, 3); without `double`, with powers of two
+    only."""
     if not double:
         powers = 2.0 ** rng.integers(-2, 3, 3) * rng.choice((-1.0, 1.0), 3) * (rng.random(3) < 0.7)
         return np.diag(powers)[rng.permutation(3)]
@@ -65,7 +69,7 @@ def _linear_map(rng: Random, double: bool) -> Floats:
 
 
 def _placements(rng: Random, scene: Scene, double: bool) -> Scene:
-    """Placements turned into any linear map about the mesh's middle. The first mesh stays: it decides on the program."""
+    """Replace placements by linear maps about the mesh's center. The first mesh stays: it decides the program."""
 
     def placed(mesh: Mesh) -> dict[str, Any]:
         if mesh is scene.meshes[0] or not len(mesh.verts) or rng.random() < 0.5:
@@ -82,7 +86,7 @@ def _placements(rng: Random, scene: Scene, double: bool) -> Scene:
 
 
 def _normals(rng: Random, scene: Scene, _: bool) -> Scene:
-    """Given normals of lengths from 1e-30 to 1e30, within one mesh too; some almost opposite to their neighbors'."""
+    """Add normals of lengths from 1e-30 to 1e30, also within one mesh; some almost opposite to their neighbors'."""
 
     def lengths(mesh: Mesh) -> dict[str, Any]:
         if mesh.normals is None:
@@ -97,7 +101,7 @@ def _normals(rng: Random, scene: Scene, _: bool) -> Scene:
 
 
 def _camera(rng: Random, scene: Scene, _: bool) -> Scene:
-    """Principal points far outside, and image planes of any aspect."""
+    """Move the principal point far outside, and give the image plane any aspect."""
     camera = scene.camera
     plane = np.array(camera.plane) * 10.0 ** (rng.uniform(-3, 3, 2) if rng.random() < 0.5 else np.zeros(2))
     principal = rng.uniform(-4.0, 5.0, 2) if rng.random() < 0.7 else camera.principal
@@ -105,13 +109,13 @@ def _camera(rng: Random, scene: Scene, _: bool) -> Scene:
 
 
 def _thin(rng: Random, scene: Scene, _: bool) -> Scene:
-    """An image of one column or one row."""
+    """Make the image one column or one row."""
     count = int(rng.integers(1, 200))
     return replace(scene, camera=scene.camera.with_resolution((1, count) if rng.random() < 0.5 else (count, 1)))
 
 
 def _lights(rng: Random, scene: Scene, _: bool) -> Scene:
-    """Lights at the eye, at a vertex, and from a hair to a hand's breadth off a face."""
+    """Put lights at the eye, at a vertex, and very close to a face."""
 
     def moved(light: PointLight) -> PointLight:
         where = rng.random()
@@ -132,7 +136,7 @@ def _lights(rng: Random, scene: Scene, _: bool) -> Scene:
 
 
 def _colors(rng: Random, scene: Scene, _: bool) -> Scene:
-    """Vertex colors up to 1e4, some channels 0."""
+    """Set vertex colors up to 1e4, some channels 0."""
 
     def bright(mesh: Mesh) -> dict[str, Any]:
         if mesh.colors is None:

@@ -1,7 +1,7 @@
-"""Random scenes, each made from its number alone: odd sizes, all settings, degenerate geometry, extreme values.
+"""Random scenes, each determined by its number: odd sizes, all settings, degenerate geometry, extreme values.
 
-A kernel program per scene would cost seconds each. So what decides on the program is a `Kind`, which the scenes of a
-block share; all else differs from scene to scene.
+Building a kernel program takes seconds. So all that determines the program is a `Kind`, shared by the scenes of a
+block; everything else differs from scene to scene.
 """
 
 from __future__ import annotations
@@ -27,21 +27,22 @@ from ...scene.settings import (
 from .random_extremes import stiffened
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 
-BLOCK = 50  # scenes in a row that share a kind
-LANES = (1, 4, 8, 16)  # numbers of pixels that the kernels handle together; a CPU's own is the last
-KINDS = 80  # after so many blocks the kinds begin again
+BLOCK = 50  # consecutive scenes of one kind
+LANES = (1, 4, 8, 16)  # pixels per vector; the last is a CPU's default
+KINDS = 80  # number of kinds; then they repeat
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What decides on the kernel program. settings: fields of Settings. The flags say what scenes of the kind hold:
-    where one is set, their first mesh or light has it; where it is not, nothing has.
+    """All that determines the kernel program.
 
-    specialize: whether the program leaves out what is not needed; then the flags after it hold too. Without, all that is
-    optional is compiled in and scenes have it or not.
-    lanes: pixels handled together on a CPU; None: what suits the device. other_lanes: another number, for scenes that are
-    drawn again to compare the bits. sampled: whether pixels have several samples. bright: are there colors beyond 1?
-    Without, of shader phong, there are none.
+    settings: fields of Settings. The flags are the features of the kind's scenes: if one is set, their first mesh or
+    light has the feature; otherwise none has.
+
+    specialize: whether the program leaves out unneeded features; only then the flags after it apply. Otherwise all
+    optional features are compiled in, and scenes have them or not. lanes: pixels per vector on a CPU; None: the
+    device's default. other_lanes: another number, for scenes that are drawn again to compare the bits. sampled: whether
+    pixels have several samples. bright: whether colors exceed 1; with shader phong they otherwise do not.
     """
 
     settings: Settings
@@ -69,13 +70,13 @@ class Kind:
 
     @property
     def dim(self) -> bool:
-        """Must no color be beyond 1?"""
+        """Whether no color may exceed 1."""
         return self.settings.shader == "phong" and not self.bright
 
 
 @dataclass(frozen=True)
 class RandomScene:
-    """One random scene and how to draw it. again: whether it is drawn with `kind.other_lanes` too, all bits compared."""
+    """One random scene and how to draw it. again: also draw it with `kind.other_lanes` and compare all bits."""
 
     number: int
     kind: Kind
@@ -85,7 +86,7 @@ class RandomScene:
 
 
 def kind_of(seed: int, block: int) -> Kind:
-    """The kind of a block of scenes."""
+    """Return the kind of a block of scenes."""
     rng = np.random.default_rng([seed, block % KINDS, 0])
 
     def often(share: float) -> bool:
@@ -136,8 +137,8 @@ def kind_of(seed: int, block: int) -> Kind:
         finer |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
     if textured and settings.texture_at == "pixel" and often(0.4):
         finer["texture_filter"] = "trilinear"
-    # Last, as whatever is drawn in addition, so that numbers keep their meaning. Texture coordinates of any size are more
-    # than fast allows for, see `compare.allowed`.
+    # Further draws come last, so that numbers keep their meaning. fast has no bound for texture coordinates of any
+    # size, see `oracle_bounds.allowed`.
     if often(0.3) and finer["precision"] == "float32" and not textured:
         finer["precision"] = "fast"
     other = int(rng.choice([lanes for lanes in LANES if lanes != (kind.lanes or LANES[-1])]))
@@ -146,10 +147,10 @@ def kind_of(seed: int, block: int) -> Kind:
 
 
 def scene_of(number: int, seed: int = 0) -> RandomScene:
-    """Scene `number`; the same for the same seed, always."""
+    """Return scene `number`; determined by number and seed."""
     kind = kind_of(seed, number // BLOCK)
     rng = np.random.default_rng([seed, number, 1])
-    if not kind.specialize:  # what is optional is in the scene or not
+    if not kind.specialize:  # the scene has optional features or not
         terms: dict[str, Any] = {
             name: bool(rng.random() < 0.8) for name in ("ambient", "diffuse", "specular", "power", "colored")
         }
@@ -162,7 +163,7 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
             materials[1] = replace(materials[1], sides="both")
     meshes = [_mesh(rng, kind, materials[0], triangles(rng, 1), all_of_it=True)]
     for k in range(rng.integers(kind.several, 5)):
-        # The second material's mesh has faces: a single material in use would be another program.
+        # The second material's mesh needs faces: with a single material in use the program would differ.
         material = materials[1] if k == 0 and kind.several else materials[rng.integers(len(materials))]
         shape = blob if k == 0 else SHAPES[rng.integers(len(SHAPES))]
         meshes.append(_mesh(rng, kind, material, shape(rng, camera)))
@@ -198,7 +199,7 @@ def _nothing(rng: Random) -> Any:
 
 
 def _extremes(rng: Random, kind: Kind) -> tuple[float, Array]:
-    """By how much the scene is scaled and moved."""
+    """Return the scale and the translation of the scene."""
     scale, shift = 1.0, np.zeros(3)
     if rng.random() < 0.2:
         scale = 10.0 ** rng.uniform(-20, 20)
@@ -211,7 +212,7 @@ def _extremes(rng: Random, kind: Kind) -> tuple[float, Array]:
 
 
 def _size(rng: Random, most: int) -> int:
-    """Columns or rows: any number, or one at the edge of the tiles."""
+    """Return a number of columns or rows: any, or one near a multiple of the tile size."""
     if rng.random() < 0.3:
         return int(min(most, rng.choice((1, 2, 15, 16, 17, 31, 32, 33, 48, 49))))
     return int(rng.integers(1, most + 1))
@@ -222,7 +223,7 @@ def _camera(rng: Random, kind: Kind) -> Camera:
     eye = rng.normal(size=3)
     eye *= rng.uniform(2.0, 6.0) / np.linalg.norm(eye)
     up = rng.normal(size=3)
-    if rng.random() < 0.3:  # along the axes: many exact values
+    if rng.random() < 0.3:  # axis-aligned: many exact values
         eye, up = np.array([0.0, 0.0, 4.0]), np.array([0.0, 1.0, 0.0])
     lookat = np.zeros(3) if rng.random() < 0.5 else 0.3 * rng.normal(size=3)
     height = rng.uniform(2.0, 5.0) if kind.orthographic else 1.0
@@ -236,7 +237,7 @@ def _camera(rng: Random, kind: Kind) -> Camera:
 
 
 def _lights(rng: Random, kind: Kind, meshes: list[Mesh]) -> list[PointLight]:
-    """None to five. The first shines where the kind needs one."""
+    """Return zero to five lights. The first is not black if the kind needs one."""
     found = []
     for _ in range(rng.integers(0, 6)):
         position = 3.0 * rng.normal(size=3)
@@ -282,7 +283,7 @@ def _exponent(rng: Random, kind: Kind, needed: bool) -> float:
 def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
     height, width = (int(size) for size in rng.choice((1, 1, 2, 3, 4, 5, 7, 16, 33), 2))
     if all_of_it and kind.settings.texture_filter == "trilinear":
-        width = max(width, 2)  # a single texel needs no levels
+        width = max(width, 2)  # a single texel needs no mipmap levels
     channels = 4 if kind.alpha and (all_of_it or rng.random() < 0.5) else 3
     image: Array = rng.uniform(0, 1, (height, width, channels)).astype(np.float32)
     if rng.random() < 0.3:
@@ -295,7 +296,7 @@ def _texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
 
 
 def _material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
-    """all_of_it: with everything that the kind says there is."""
+    """Return a material. all_of_it: with every feature of the kind."""
     textured = kind.textured and (all_of_it or rng.random() < 0.6)
     tinted = kind.colored and (all_of_it or rng.random() < 0.4)
     return Material(
@@ -324,7 +325,7 @@ def _directions(rng: Random, count: int) -> Array:
 
 
 def _coordinates(rng: Random, count: int) -> Array:
-    """Texture coordinates, in [0, 1] and beyond; or everywhere the same, which may be anything."""
+    """Return texture coordinates in [0, 1] and beyond; or all equal, with any value."""
     uvs = rng.uniform(-1.5, 2.5, (count, 2)) if rng.random() < 0.6 else rng.uniform(0, 1, (count, 2))
     if rng.random() < 0.1:
         uvs *= 10.0 ** rng.uniform(0, 4)
@@ -334,7 +335,7 @@ def _coordinates(rng: Random, count: int) -> Array:
 
 
 def _placements(rng: Random, double: bool) -> Array | None:
-    """One to three placements; without `double` only what leaves float32 values such."""
+    """Return one to three placements; without `double`, only those that map float32 values to float32 values."""
     if rng.random() < 0.6:
         return None
     found = []
@@ -365,7 +366,7 @@ def _mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_of_it: 
         fields["normals"] = _directions(rng, len(verts) + 3)
         if indexed:
             fields["normal_faces"] = rng.integers(0, len(verts) + 3, faces.shape)
-    # With a single material every mesh has coordinates: without, the same material is another one.
+    # With a single material every mesh has coordinates: without them, it would count as another material.
     if kind.textured and (all_of_it or not kind.several or rng.random() < 0.8):
         fields["uvs"] = _coordinates(rng, len(verts) + 3)
         if kind.uv_faces and (all_of_it or rng.random() < 0.5):
@@ -376,7 +377,8 @@ def _mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_of_it: 
 
 
 def _moved_mesh(mesh: Mesh, scale: float, shift: Array, double: bool) -> Mesh:
-    """The mesh times `scale` plus `shift`, in float32 without `double`; its placements are about the shifted origin."""
+    """Return the mesh times `scale` plus `shift`, in float32 without `double`; placements are about the shifted
+    origin."""
     verts = mesh.verts * scale
     placed = np.array(mesh.instances)
     if double:

@@ -18,12 +18,12 @@ def triangles(rng: Random, count: int) -> Shape:
 
 
 def blob(rng: Random, _: Camera) -> Shape:
-    """Triangles that share nothing."""
+    """Return triangles without shared vertices."""
     return triangles(rng, int(rng.integers(1, 60)))
 
 
 def _sheet(rng: Random, _: Camera) -> Shape:
-    """Triangles that share vertices, bent; some faces turned round."""
+    """Return a bent mesh with shared vertices; some faces have reversed winding."""
     cells = int(rng.integers(1, 7))
     line = np.linspace(-1.0, 1.0, cells + 1)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
@@ -37,7 +37,7 @@ def _sheet(rng: Random, _: Camera) -> Shape:
 
 
 def _needles(rng: Random, _: Camera) -> Shape:
-    """A fan of triangles up to 1e6 times as long as wide."""
+    """Return a fan of triangles with aspect ratios up to 1e6."""
     count, width = int(rng.integers(2, 40)), 10.0 ** rng.uniform(-6, -1)
     angle = rng.uniform(0, 2 * np.pi) + np.cumsum(width * rng.uniform(0.5, 1.0, count + 1))
     rim = rng.uniform(1.0, 3.0) * np.stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(angle)], axis=1)
@@ -46,7 +46,7 @@ def _needles(rng: Random, _: Camera) -> Shape:
 
 
 def _specks(rng: Random, _: Camera) -> Shape:
-    """Triangles much smaller than a pixel, some large."""
+    """Return triangles much smaller than a pixel, and some large ones."""
     verts, faces = triangles(rng, int(rng.integers(5, 80)))
     middle = verts.reshape(-1, 3, 3).mean(axis=1, keepdims=True)
     small = middle + 10.0 ** rng.uniform(-12, -1) * (verts.reshape(-1, 3, 3) - middle)
@@ -54,14 +54,14 @@ def _specks(rng: Random, _: Camera) -> Shape:
 
 
 def _huge(rng: Random, _: Camera) -> Shape:
-    """Triangles far larger than the image, or with a corner far away."""
+    """Return triangles far larger than the image, or with a distant corner."""
     verts, faces = triangles(rng, int(rng.integers(1, 6)))
     far = 10.0 ** rng.uniform(1, 12)
     return verts * (far if rng.random() < 0.5 else np.where(rng.random((len(verts), 1)) < 0.3, far, 1.0)), faces
 
 
 def _degenerate(rng: Random, _: Camera) -> Shape:
-    """Vertices used twice in a face, on a line, at the same place; faces there twice."""
+    """Return degenerate faces: repeated, collinear and coincident vertices; and duplicate faces."""
     verts, faces = triangles(rng, int(rng.integers(2, 20)))
     faces[rng.random(faces.shape) < 0.2] = 0
     on_line = np.flatnonzero(rng.random(len(faces)) < 0.3)
@@ -71,7 +71,7 @@ def _degenerate(rng: Random, _: Camera) -> Shape:
 
 
 def _coplanar(rng: Random, _: Camera) -> Shape:
-    """Squares in a few planes, so that depths are equal or almost."""
+    """Return squares in a few planes, with equal or almost equal depths."""
     planes = rng.normal(size=3)
     parts = []
     for _k in range(rng.integers(2, 12)):
@@ -84,7 +84,7 @@ def _coplanar(rng: Random, _: Camera) -> Shape:
 
 
 def _straddling(rng: Random, camera: Camera) -> Shape:
-    """Triangles about the eye, of which some have a corner exactly there."""
+    """Return triangles around the eye, some with a corner exactly there."""
     verts, faces = triangles(rng, int(rng.integers(1, 30)))
     verts = verts * 10.0 ** rng.uniform(-2, 0.5) + camera.eye
     if rng.random() < 0.5:
@@ -98,7 +98,7 @@ def _behind(rng: Random, camera: Camera) -> Shape:
 
 
 def _on_centers(rng: Random, camera: Camera) -> Shape:
-    """Corners on a grid of half pixels at one depth, so that edges and corners meet pixel centers."""
+    """Return corners on a half-pixel grid at one depth, so that edges and corners meet pixel centers."""
     (height, width), (columns, rows) = camera.plane, camera.resolution
     count = int(rng.integers(4, 30))
     grid = rng.integers(-4, 2 * np.array([columns, rows]) + 5, (count, 2)) / 2.0

@@ -1,4 +1,4 @@
-"""Small valid files of every format that clshade reads, made in code, for the fuzzer to damage."""
+"""Small valid files of every format that clshade reads, generated for the fuzzer to damage."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ from ...images import exr
 
 @dataclass(frozen=True)
 class Sample:
-    """Files by name, of which `load` gets the first, or `read_picture` an image (.exr). texture: the name of the file that
-    is its option `texture`."""
+    """Files by name; the first is passed to `load`, or, if it is an image (.exr), to `read_picture`.
+
+    texture: name of the file passed as option `texture`.
+    """
 
     files: dict[str, bytes]
     texture: str = ""
@@ -30,7 +32,7 @@ class Sample:
 
 @cache
 def samples() -> tuple[Sample, ...]:
-    """All samples. Each loads, or is read, without error."""
+    """Return all samples. Each loads without error."""
     made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr()]
     return tuple(made)
 
@@ -44,12 +46,12 @@ def _image(mode: str, kind: str = "PNG") -> bytes:
 
 
 def png_chunk(kind: bytes, data: bytes) -> bytes:
-    """A chunk of a PNG file: length, kind, data, checksum."""
+    """Return a chunk of a PNG file: length, type, data, checksum."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
 def _image16() -> bytes:
-    """RGB with 16 bits a channel, which Pillow does not write."""
+    """Return a PNG in RGB with 16 bits per channel, which Pillow does not write."""
     rows = b"".join(b"\0" + row.tobytes() for row in np.arange(4 * 5 * 3, dtype=">u2").reshape(4, 15) * 1000)
     head = struct.pack(">IIBBBBB", 5, 4, 16, 2, 0, 0, 0)
     parts = (png_chunk(b"IHDR", head), png_chunk(b"IDAT", zlib.compress(rows)), png_chunk(b"IEND", b""))
@@ -57,7 +59,7 @@ def _image16() -> bytes:
 
 
 def _tiff16() -> bytes:
-    """RGB with 16 bits a channel, in two strips."""
+    """Return a TIFF in RGB with 16 bits per channel, in two strips."""
     data = np.arange(4 * 5 * 3, dtype="<u2").reshape(4, 15) * np.uint16(1000)
     start = 8 + data.nbytes
     # Width, height, bits, compression, RGB, offsets of strips, samples, rows and bytes of strips: short or long.
@@ -70,7 +72,7 @@ def _tiff16() -> bytes:
 
 
 def _pnm(magic: str) -> bytes:
-    """RGB with values up to 1023, as text or binary."""
+    """Return a PNM in RGB with values up to 1023, as text or binary."""
     values = (np.arange(4 * 5 * 3) * 17).astype(">u2")
     body = " ".join(map(str, values.tolist())).encode() if magic == "P3" else values.tobytes()
     return f"{magic} # a comment\n5 4\n1023\n".encode() + body
@@ -166,7 +168,7 @@ Ke 1 0 0
 """
 
 
-# Polygons that are not convex, one with corners on its edges and twice at one place, and one with a bridge to a hole.
+# Concave polygons; one has corners on its edges and two at one place, one has a bridge to a hole.
 _POLYGONS = """v 0 0 0
 v 4 0 0
 v 4 4 0.1
@@ -280,7 +282,7 @@ def _exr() -> list[Sample]:
 
 
 class _Document:
-    """A glTF document that grows by accessors of one buffer."""
+    """A glTF document built from accessors of one buffer."""
 
     def __init__(self) -> None:
         self.data = b""
@@ -301,7 +303,7 @@ class _Document:
 
 
 def pack_glb(text: bytes, binary: bytes) -> bytes:
-    """A GLB file of its JSON and its buffer."""
+    """Return a GLB file of the JSON and the buffer."""
     text += b" " * (-len(text) % 4)
     binary += bytes(-len(binary) % 4)
     body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
@@ -309,7 +311,7 @@ def pack_glb(text: bytes, binary: bytes) -> bytes:
 
 
 def _document() -> _Document:
-    """Two meshes of several primitives, with all that the loader reads."""
+    """Return two meshes of several primitives, with everything that the loader reads."""
     d, rng = _Document(), np.random.default_rng(7)
     points = d.accessor(rng.normal(size=(4, 3)).astype(np.float32))
     normals = d.accessor(rng.normal(size=(4, 3)).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Which settings to render a scene with, for a budget of time or a tolerated error: from a short study of this scene."""
+"""Settings chosen for a time budget or an error tolerance, by a short study of the scene."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .reference_image import Reference, reference
 from .variants import BASE, SHORT, Variant, variants_for
 
 FRAMES = 5  # of each variant
-SLACK = 2.0  # one frame may take so many times as long as others do
+SLACK = 2.0  # a single frame may take this many times as long as the median
 
 
 class Candidate(NamedTuple):
-    """A variant that was drawn. cost: milliseconds of a frame. error: RMSE against the reference."""
+    """A variant with its measured cost, milliseconds per frame, and error, RMSE against the reference."""
 
     variant: Variant
     cost: float
@@ -31,14 +31,17 @@ class Candidate(NamedTuple):
 
     @property
     def name(self) -> str:
-        """`standard` would be the wrong word where the settings that were given are others."""
+        """Name of the variant; `standard` would be misleading if the given settings differ from it."""
         return self.variant.name if self.variant.changes else "unchanged"
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What to render with. kept: fields of the settings that were given, or the scene's own. tried: the variants drawn.
-    seconds: that it took."""
+    """The settings to render with.
+
+    kept: fields of Settings that were given, or the scene's own. tried: the variants drawn. seconds: duration of the
+    study.
+    """
 
     used: Candidate
     settings: Settings
@@ -47,10 +50,10 @@ class Selection:
     reference: Reference
     seconds: float
 
-    passed = True  # what no variant keeps is refused, not failed
+    passed = True  # a limit that no variant meets raises an error instead
 
     def lines(self) -> list[str]:
-        """What was chosen, for the terminal."""
+        """Return the choice as lines for the terminal."""
         used = self.used
         changed = f" ({used.variant.changed()})" if used.variant.changes else ""
         kept = ", ".join(f"{name}={getattr(self.settings, name)}" for name in self.kept)
@@ -62,7 +65,7 @@ class Selection:
         ]
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         used = self.used
         return {
             "variant": used.name,
@@ -86,11 +89,12 @@ def select(
     resolution: tuple[int, int] | None = None,
     **fields: Any,
 ) -> Selection:
-    """The most exact way within `budget` milliseconds a frame, or the fastest with an RMSE of at most `tolerance`.
+    """Select the most accurate variant within `budget` milliseconds per frame, or the fastest with an RMSE of at most
+    `tolerance`.
 
-    fields: of Settings, which stay as they are given, as those of a preset do, and those of a scene that has another
-    preset than `standard`: the reference has them too. The rest is what SHORT changes. Raises InputError where nothing
-    keeps the limit, and DeviceError.
+    fields: fields of Settings that are kept, also in the reference; those of a given preset and those of a scene whose
+    preset is not `standard` are kept too. The variants of SHORT change the others. Raises DeviceError, and InputError
+    if no variant meets the limit.
     """
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
@@ -109,14 +113,14 @@ def select(
 
 
 def _tried(scene: Scene, variant: Variant, base: Settings, device: Device, converged: Reference) -> Candidate:
-    """Its cost is that of the second frame: runtimes may compile at the first."""
+    """Measure a variant; the cost is that of its second frame, as runtimes may compile during the first."""
     with Renderer(scene, settings=variant.settings(base), device=device) as renderer:
         error = rmse(renderer.render().rgb, converged.rgb)
         return Candidate(variant, frame_ms(renderer), error)
 
 
 def _timed(scene: Scene, candidates: Sequence[Candidate], base: Settings, device: Device) -> list[Candidate]:
-    """With the median of further frames as cost."""
+    """Return the candidates with the median time of further frames as cost."""
     with ExitStack() as stack:
         renderers = []
         for each in candidates:
@@ -128,7 +132,7 @@ def _timed(scene: Scene, candidates: Sequence[Candidate], base: Settings, device
 
 
 def worth_timing(tried: Sequence[Candidate], budget: float | None, tolerance: float | None) -> list[Candidate]:
-    """Those that may be chosen, as one frame tells; where none may be, the one that comes nearest."""
+    """Return the candidates that may meet the limit, judged by one frame, or else the nearest one."""
     if tolerance is not None:
         exact = [each for each in tried if each.error <= tolerance]
         tried = exact or [min(tried, key=lambda each: each.error)]
@@ -137,6 +141,6 @@ def worth_timing(tried: Sequence[Candidate], budget: float | None, tolerance: fl
 
 
 def preset_fields() -> set[str]:
-    """Fields of Settings that differ between the presets."""
+    """Return the fields of Settings that differ between the presets."""
     first, second = (vars(Settings.from_preset(preset)) for preset in PRESETS)
     return {name for name, value in first.items() if second[name] != value}

@@ -1,4 +1,5 @@
-"""What a scene's kernels leave out, why, and what that saves: measured against kernels with everything on."""
+"""Features that a scene's kernels leave out, why, and the time saved, measured against kernels with every feature
+on."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from ...scene.model import Scene
 from ...scene.settings import LAYERS
 from ..timing import Spread, in_turns, spread
 
-FRAMES = 21  # of each kernel, unless they take longer than
-SECONDS = 3.0  # altogether
+FRAMES = 21  # per renderer, unless they take longer in total than
+SECONDS = 3.0
 
 WORK = {
     "LIT": "lighting",
@@ -54,8 +55,11 @@ Times = dict[str, float]  # of one frame: milliseconds by stage
 
 @dataclass(frozen=True)
 class Side:
-    """One of the renderers. ms: median time of each stage and of the `frame`. bytes: what the device keeps. extra: by
-    how many ms its frames took longer than those as they are that were drawn next to them."""
+    """Measurements of one renderer.
+
+    ms: median time of each stage and of the `frame`. bytes: device memory kept. extra: how many ms longer its frames
+    took than the specialized renderer's frames drawn next to them.
+    """
 
     ms: Times
     bytes: int
@@ -64,14 +68,13 @@ class Side:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What `explain` found.
+    """Result of `explain`.
 
-    needed: optional features that are in the kernels. left_out: those that are not -> why. unneeded: other work that
-    this scene and view did without -> why.
-    frames: how many were timed of each; 0 where nothing was left out. lean, full: the kernels as they are, and with
-    everything on. alone: with one feature on that was left out, by its name; empty unless asked for.
-    identical: whether their images and layers are all the same bits.
-    compiled, loaded: how many programs this process built from source and took from the cache, and the seconds of each.
+    needed: optional features in the kernels. left_out: those left out -> why. unneeded: other work that this scene and
+    view did without -> why. frames: number timed per renderer; 0 if nothing was left out. lean, full: the specialized
+    kernels, and those with every feature on. alone: by name, with one left-out feature on; empty unless requested.
+    identical: whether all their images and layers are bit-identical. compiled, loaded: programs that this process built
+    from source and loaded from the cache: number and seconds.
     """
 
     needed: tuple[str, ...]
@@ -87,7 +90,7 @@ class Explanation:
 
     @property
     def passed(self) -> bool:
-        """Whether leaving out changed no bit."""
+        """Whether leaving features out changed no bit."""
         return self.identical
 
     def _saved(self, other: Side) -> str:
@@ -95,7 +98,7 @@ class Explanation:
         return f"{middle:.2f} ms ({low:.2f} to {high:.2f}) and {(other.bytes - self.lean.bytes) / 1e6:.2f} MB"
 
     def lines(self) -> list[str]:
-        """What was found, for the terminal."""
+        """Return the results as lines for the terminal."""
         out = [
             f"left out: {WORK[name]} ({name}): {why}"
             + (f"; on alone it costs {self._saved(self.alone[name])}" if name in self.alone else "")
@@ -125,7 +128,7 @@ class Explanation:
         ]
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {
             "needed": self.needed,
             "left_out": self.left_out,
@@ -145,10 +148,10 @@ def _figures(side: Side) -> dict[str, Any]:
 
 
 def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options: Any) -> Explanation:
-    """What the kernels for this scene leave out, and what that saves.
+    """Measure what the kernels for this scene leave out, and the time saved.
 
-    frames: how many to draw of each; fewer where that takes more than 3 s for two renderers. each: whether to measure
-    each feature that was left out by itself too; builds a program for each. options: what `clshade.render` takes.
+    frames: number per renderer; fewer if that takes more than 3 s for two renderers. each: also measure each left-out
+    feature by itself, which builds a program for each. options: keyword arguments of `clshade.render`.
     Raises InputError and DeviceError.
     """
     with ExitStack() as opened:
@@ -164,7 +167,7 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         others = [renderer.render() for renderer in renderers[1:]]
         identical = all(same_bits(first, other) for other in others)
         sizes = [_bytes(frame) for frame in (first, *others)]
-        others.clear()  # their memory is the next frames'
+        others.clear()  # releases their memory for the next frames
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
         timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
     sides = [_side(timed or [(first.stats["times_ms"],)], k, size) for k, size in enumerate(sizes)]
@@ -183,18 +186,18 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
 
 
 def _side(timed: list[tuple[Times, ...]], k: int, size: int) -> Side:
-    """Of renderer k: the first one's frames are those as they are."""
+    """Return the measurements of renderer k; renderer 0 is the specialized one."""
     return Side(_medians([row[k] for row in timed]), size, spread([row[k]["frame"] - row[0]["frame"] for row in timed]))
 
 
 def _medians(times: list[Times]) -> Times:
-    """Of each stage that runs in every frame; what happens once is left away."""
+    """Return the median of each stage that runs in every frame, without those that run once."""
     once = {"pack", "open", "upload"}
     return {name: median(each.get(name, 0.0) for each in times) for name in times[0] if name not in once}
 
 
 def _bytes(frame: Frame) -> int:
-    """What the device keeps of the scene, the image and the pixels' owners."""
+    """Return the device memory of the scene, the image and the owner buffer."""
     return sum(frame.stats["bytes"].values())
 
 
@@ -204,7 +207,7 @@ def _programs(stored: bool) -> tuple[int, float]:
 
 
 def _unneeded(frame: Frame) -> dict[str, str]:
-    """What else this scene and view did without -> why, and how much of it."""
+    """Return other work that this scene and view did without -> why, and how much."""
     scene, stats = frame.scene, frame.stats
     used, found = set(stats["features"]), {}
     columns, rows = stats["resolution"]

@@ -1,4 +1,4 @@
-"""The figure of `report`: error against time, error against triangles, and where the errors are."""
+"""The figure of `report`: error against time, error against triangle count, and difference images."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .study import SHOWN, Study
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PICTURES = 1 + SHOWN  # the reference and differences to it
-LEAST, MOST = 1e-3, 1.0  # differences from black to the brightest color
+PICTURES = 1 + SHOWN  # the reference and the differences from it
+LEAST, MOST = 1e-3, 1.0  # differences drawn black and in the brightest color
 
 
 def plot(study: Study, path: Path) -> None:
-    """Draws and saves it. Raises OutputError."""
+    """Draw and save the figure. Raises OutputError."""
     from matplotlib.colors import LogNorm
 
     figure = figures.blank(11.0, 7.6, dpi=100)
@@ -57,19 +57,19 @@ def plot(study: Study, path: Path) -> None:
 
 
 def difference(picture: Array, reference: Array) -> Floats:
-    """(M, N) largest difference of a channel, not below LEAST."""
+    """Return the largest difference of the channels, (M, N), clamped to at least LEAST."""
     apart = np.abs(np.asarray(picture, np.float64) - reference).max(axis=2)
     shown: Floats = np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
     return shown
 
 
 def _drawn(study: Study) -> list[float]:
-    """Errors as they are drawn: the axis is logarithmic, and 0 is drawn at the error of the reference."""
+    """Return the errors to draw: on the logarithmic axis, 0 is drawn at the error of the reference."""
     return [max(each.error, study.reference.error, 1e-12) for each in study.measured]
 
 
 def _steps(study: Study) -> list[tuple[float, float]]:
-    """Corners of the line below which no variant lies."""
+    """Return the corners of the Pareto front's staircase, below which no variant lies."""
     errors = dict(zip(study.measured, _drawn(study), strict=True))
     best = study.front
     corners = [(best[0].cost, errors[best[0]])]

@@ -1,4 +1,4 @@
-"""What keeping an image costs: the error of what is read back, the time to write it, the size."""
+"""The cost of each file format: the error after reading back, the time to write, the size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ...pipeline.frame import Frame
 from ...scene.model import default_tonemap
 from ..timing import Spread, in_turns, spread
 
-ROUNDS = 7  # files of each format
+ROUNDS = 7  # files written per format
 EXR: dict[str, dict[str, Any]] = {
     "EXR float": {"compression": "zip"},
     "EXR pxr24": {"compression": "pxr24"},
@@ -33,7 +33,7 @@ EXR: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Kept:
-    """One format. rmse, largest: of what is read back, against the image, in units of radiance."""
+    """One file format. rmse, largest: errors after reading back, against the image, in units of radiance."""
 
     name: str
     rmse: float
@@ -46,10 +46,10 @@ class Kept:
 
 
 def formats(frame: Frame) -> list[Kept]:
-    """The formats, written in turns, tone mapping and the disk included. Raises OutputError.
+    """Measure the formats, written in turns; times include tone mapping and the disk. Raises OutputError.
 
-    A PNG is read back as the middle of the radiances that its codes stand for; what is brighter than the brightest code
-    is lost, and counts.
+    A PNG's codes are read back as the middle of the radiances that they stand for; radiance above the brightest code is
+    lost, and counts as error.
     """
     image = np.ascontiguousarray(frame.rgb, dtype=np.float32)
     operator = default_tonemap(frame.scene)

@@ -1,4 +1,4 @@
-"""Names beside the points of a plot, placed so that none lies over another or over a point."""
+"""Labels beside the points of a plot, placed so that none overlaps another or a point."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DIRECTIONS = 16
-PAD = 5.0  # on either side of a name, pixels
+PAD = 5.0  # on either side of a label, pixels
 REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side, in pixels
 
 
@@ -24,7 +24,7 @@ class Box(NamedTuple):
     top: float
 
     def overlap(self, other: Box) -> float:
-        """The area that both hold."""
+        """Return the area of the intersection."""
         width = min(self.right, other.right) - max(self.left, other.left)
         height = min(self.top, other.top) - max(self.bottom, other.bottom)
         return width * height if width > 0.0 and height > 0.0 else 0.0
@@ -35,7 +35,7 @@ class Box(NamedTuple):
 
 
 def beside(x: float, y: float, width: float, height: float, reach: float, angle: float) -> Box:
-    """A box of that size whose nearest side or corner is `reach` away from the point, in direction `angle`."""
+    """Return a box of that size whose nearest side or corner is `reach` away from the point, in direction `angle`."""
     dx, dy = math.cos(angle), math.sin(angle)
     center_x, center_y = x + dx * (reach + width / 2.0), y + dy * (reach + height / 2.0)
     return Box(center_x - width / 2.0, center_y - height / 2.0, center_x + width / 2.0, center_y + height / 2.0)
@@ -48,9 +48,10 @@ def placed(
     obstacles: Sequence[Box] = (),
     radius: float = 5.0,
 ) -> list[Box]:
-    """A box for each point's label, all in pixels: near it, inside of the frame, over no other label, point or obstacle.
+    """Place a box for each point's label, in pixels: near the point, inside the frame, over no label, point or
+    obstacle.
 
-    The points with most others near them choose first. Where nothing is free, what overlaps least is taken.
+    The points with the most neighbors choose first. If no place is free, the one with the least overlap is taken.
     """
     taken = [*obstacles, *(Box(x - radius, y - radius, x + radius, y + radius) for x, y in points)]
     crowd = [sum(1.0 / (1.0 + math.dist(a, b)) for b in points) for a in points]
@@ -78,8 +79,10 @@ def label_points(
     lines: Sequence[Sequence[tuple[float, float]]] = (),
     size: float = 8.0,
 ) -> None:
-    """Writes the names beside the points of axes whose place in the figure is settled; a thin line leads to those that
-    are not next to their point. lines: the corners of lines of horizontal and vertical pieces, which are kept free."""
+    """Label the points of axes whose place in the figure is final; a thin line leads to labels not next to their point.
+
+    lines: the corners of lines of horizontal and vertical segments, which labels avoid.
+    """
     renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     points = [tuple(map(float, axes.transData.transform(point))) for point in zip(x, y, strict=True)]
     texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5) for name in names]

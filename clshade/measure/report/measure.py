@@ -1,4 +1,4 @@
-"""What a way of drawing costs, and the two errors of its image: of its arithmetic, and of what it approximates."""
+"""The cost of a variant, and the two errors of its image: arithmetic and approximation."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from .reference_image import Reference
 from .variants import Variant
 
 SECONDS = 12.0  # for the frames of all variants
-SAMPLES_CHECKED = 1 << 17  # of an image, computed again in float64: a second or less
-STEP = 0.05  # degrees that the camera goes on from frame to frame
+SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
+STEP = 0.05  # degrees that the camera moves between frames
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A variant on one scene and device. settings: that it was drawn with.
+    """Measurements of a variant on one scene and device, drawn with `settings`.
 
-    frame_ms: of frames of the scene that stays on the device. build_ms, upload_ms: before the first of them: programs
-    built or loaded from the cache, and the scene packed and uploaded.
-    arithmetic: against the float64 oracle with the same settings. approximation: against the reference.
+    frame_ms: time per frame, with the scene resident on the device. build_ms, upload_ms: before the first frame:
+    building programs or loading them from the cache; packing and uploading the scene. arithmetic: errors against the
+    float64 oracle with the same settings. approximation: errors against the reference.
     """
 
     variant: Variant
@@ -49,16 +49,16 @@ class Measured:
 
     @property
     def cost(self) -> float:
-        """Milliseconds of a frame."""
+        """Milliseconds per frame."""
         return self.frame_ms.median
 
     @property
     def error(self) -> float:
-        """Of the approximation, RMSE."""
+        """RMSE of the approximation."""
         return self.approximation.rmse
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {
             "variant": self.name,
             "about": self.variant.about,
@@ -72,7 +72,7 @@ class Measured:
 
 
 class _Drawn(NamedTuple):
-    """A variant whose first frame is drawn; its image is gone: those of all variants may be too many."""
+    """A variant after its first frame, without the image: the images of all variants may not fit in memory."""
 
     variant: Variant
     renderer: Renderer
@@ -85,7 +85,7 @@ class _Drawn(NamedTuple):
 def measure(
     scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, *, frames: int
 ) -> list[Measured]:
-    """The costs and both errors of all variants. base: what they change. frames: timed of each; see `frame_times`."""
+    """Measure the costs and both errors of all variants. base: settings that they change. frames: see `frame_times`."""
     with ExitStack() as stack:
         drawn = []
         for variant in variants:
@@ -101,8 +101,11 @@ def measure(
 
 
 def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
-    """Milliseconds of each renderer's frames, drawn in turns while the camera moves. Each must have drawn one before:
-    runtimes may compile at it. frames: of each; fewer where all of them take more than SECONDS."""
+    """Time the frames of each renderer, in milliseconds, drawn in turns while the camera moves.
+
+    Each renderer must have drawn one frame before, as runtimes may compile during it. frames: number per renderer;
+    fewer if all of them take more than SECONDS.
+    """
     if not renderers:
         return []
     cameras = [adjust_camera.adjusted(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
@@ -115,12 +118,12 @@ def _next_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> floa
 
 
 def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
-    """Milliseconds of one frame."""
+    """Return the time of one frame in milliseconds."""
     milliseconds: float = renderer.render(camera=camera).stats["times_ms"]["frame"]
     return milliseconds
 
 
 def _pixels_to_check(image: Frame) -> int | Literal["all"]:
-    """All pixels, or as many as there is time for."""
+    """Return "all", or the number of pixels that there is time for."""
     affordable = SAMPLES_CHECKED // image.settings.samples
     return "all" if image.alpha.size <= affordable else affordable

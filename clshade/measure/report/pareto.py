@@ -1,4 +1,4 @@
-"""Which variants are worth their time, and which one to use."""
+"""The Pareto front of variants by time and error, and the choice of one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...errors import InputError
 
 
 class Alternative(Protocol):
-    """What has a name, a time in milliseconds and an error."""
+    """Anything with a name, a time in milliseconds and an error."""
 
     @property
     def name(self) -> str: ...
@@ -23,7 +23,8 @@ A = TypeVar("A", bound=Alternative)
 
 
 def front(alternatives: Sequence[A]) -> list[A]:
-    """The Pareto front, fastest first: those than which nothing is both as fast and as right. Of equals the first."""
+    """Return the Pareto front, fastest first: the alternatives that no other dominates. Of equal ones, keep the
+    first."""
     found: list[A] = []
     for each in sorted(alternatives, key=lambda each: (each.cost, each.error)):
         if not found or each.error < found[-1].error:
@@ -32,7 +33,8 @@ def front(alternatives: Sequence[A]) -> list[A]:
 
 
 def within_budget(alternatives: Sequence[A], budget: float) -> A:
-    """The most exact within `budget` milliseconds. Raises InputError, naming the fastest, where nothing is."""
+    """Return the most accurate within `budget` milliseconds. Raises InputError, naming the fastest, if there is
+    none."""
     affordable = [each for each in front(alternatives) if each.cost <= budget]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
@@ -42,8 +44,11 @@ def within_budget(alternatives: Sequence[A], budget: float) -> A:
 
 
 def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float = 0.0) -> A:
-    """The fastest whose error is at most `tolerance`. Raises InputError, naming the most exact, where none is, and where
-    the errors are not known so well: only to within `known`."""
+    """Return the fastest whose error is at most `tolerance`.
+
+    Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `known`, the uncertainty
+    of the errors.
+    """
     best = min(alternatives, key=lambda each: each.error)
     if tolerance < known:
         expected = f"at least {known:.3g}, which is what the reference is good to (the best, {best.name}, has"
@@ -56,8 +61,10 @@ def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float =
 
 
 def chosen(alternatives: Sequence[A], budget: float | None, tolerance: float | None, known: float) -> A | None:
-    """By whichever of the two is given; None where neither is. known: how well the errors are. Raises InputError as
-    `within_...` do."""
+    """Choose by the budget or the tolerance, whichever is given; return None if neither is.
+
+    known: uncertainty of the errors. Raises InputError as `within_budget` and `within_tolerance` do.
+    """
     if budget is not None:
         return within_budget(alternatives, budget)
     return None if tolerance is None else within_tolerance(alternatives, tolerance, known)

@@ -1,7 +1,7 @@
-"""The converged image that approximations are measured against.
+"""The converged reference image that approximations are measured against.
 
-It is the scene drawn with the best settings there are (preset `standard`, float64 where the device has it), each pixel
-the plain mean of many samples, each of them shaded: what more and more samples approach.
+It is the scene drawn with the best settings (preset `standard`, float64 if the device has it), each pixel the plain
+mean of many samples, each of them shaded: the limit of increasing sample counts.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
 from ...scene.settings import Precision
 
-MOST = 1 << 27  # samples that the reference may take altogether: some seconds
-# Pixels of a larger image along a pixel's side, and samples in each of those. The reference takes one step, its error is
-# estimated by the next, of a quarter of the samples. The larger image's samples lie where no variant has any: their own
-# errors are not in the reference too.
+MOST = 1 << 27  # samples of the whole reference, at most: some seconds
+# Subpixels along a pixel's side, which are pixels of a larger image, and samples in each. The reference uses one step;
+# the next, with a quarter of the samples, gives the estimate of its error. The larger image's sample positions differ
+# from every variant's, so that the reference does not share a variant's error.
 STEPS = ((2, 64), (2, 16), (2, 4), (2, 1), (1, 1))
-TILE = 1024  # pixels along a side of the larger image's tiles, which are drawn one after another
-BELONGS = frozenset({"ambient", "cull", "near"})  # settings that say what is seen, not how well
+TILE = 1024  # side of the larger image's tiles in pixels; they are drawn one after another
+BELONGS = frozenset({"ambient", "cull", "near"})  # settings that decide what is seen
 CONVERGING = frozenset({"precision", "samples", "sample_shading", "resolve", "texture_filter", "layers"})  # how well
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """rgb: (M, N, 3) float64. samples: in each pixel. settings: that it was drawn with.
+    """A converged image.
 
-    error: estimate of its RMSE: half of what the image of a quarter of the samples is away from it, for errors fall at
-    least with the square root of the number of samples.
+    rgb: (M, N, 3) float64. samples: number per pixel. settings: those that it was drawn with.
+    error: estimate of its RMSE: half of the RMSE between it and the image with a quarter of the samples, because errors
+    fall at least with the square root of the number of samples.
     """
 
     rgb: Array = field(repr=False)
@@ -50,15 +51,15 @@ class Reference:
         )
 
     def stats(self) -> dict[str, float]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {"samples": self.samples, "estimated_error": self.error}
 
 
 def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[str] = ()) -> Reference:
-    """As many samples as MOST allows, 256 a pixel at most and 4 at least.
+    """Render the reference with as many samples as MOST allows, at least 4 and at most 256 per pixel.
 
-    base: its ambient term, culling and near plane, and whether there is light at all, belong to the scene and are kept,
-    as are the fields named in `fixed` but for those that say how well it converges.
+    base: its ambient term, culling and near plane, and whether there is lighting at all, belong to the scene and are
+    kept, as are the fields named in `fixed`, except those that decide how accurately the image converges.
     """
     best = best_settings(base, device, fixed)
     affordable = [_fits(scene, *step) for step in STEPS[:-2]]
@@ -81,7 +82,7 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
 
 
 def averaged(scene: Scene, device: Device, settings: Settings, scale: int, samples: int) -> Array:
-    """(M, N, 3) float64: the mean of scale x scale pixels of a larger image, each of so many samples."""
+    """Return the means of scale x scale pixels of a larger image, each with `samples` samples, (M, N, 3) float64."""
     columns, rows = scene.camera.resolution
     image = np.empty((rows, columns, 3))
     with Renderer(scene, settings=replace(settings, samples=samples), device=device) as renderer:
@@ -94,7 +95,7 @@ def averaged(scene: Scene, device: Device, settings: Settings, scale: int, sampl
 
 
 def tiles(camera: Camera, scale: int) -> Iterator[tuple[int, int, Camera]]:
-    """Cameras that each see a part of the image, scale times as large; its first column and row in the image."""
+    """Yield the tiles of an image `scale` times as large: first column and row in the image, and the tile's camera."""
     columns, rows = camera.resolution
     (height, width), (right, up) = camera.plane, camera.principal
     side = TILE // scale

@@ -1,4 +1,4 @@
-"""`report`: error against run time, measured of one scene."""
+"""`report`: error against run time of one scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .variants import VARIANTS, base_settings, named, variants_for
 
 
 def listing() -> str:
-    """All variants, and what they are."""
+    """Return the list of all variants with their descriptions."""
     return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.about}", 17) for each in VARIANTS)
 
 
@@ -35,12 +35,13 @@ def run(
     tolerance: float | None = None,
     stream: TextIO | None = None,
 ) -> bool:
-    """Measures, prints the tables, writes the files, names the variant to use. True if every variant's arithmetic is
-    within its bounds.
+    """Measure the variants, print the tables, write the files, and name the variant to use.
 
-    names: of variants; default all that change something of this scene. frames: of each. budget: milliseconds.
-    tolerance: RMSE. Raises InputError, also for a budget or tolerance that no variant keeps, when all is written;
-    DeviceError and OutputError.
+    Returns True if every variant's arithmetic is within its bounds.
+
+    names: variants; default: all that change the image of this scene. frames: number per variant. budget: milliseconds.
+    tolerance: RMSE. Raises DeviceError, OutputError, and InputError, also, once all files are written, if no variant
+    meets the budget or tolerance.
     """
     stream = stream or sys.stdout
     if frames < 1:

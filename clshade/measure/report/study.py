@@ -1,4 +1,4 @@
-"""All that `report` measures of one scene."""
+"""The measurements of `report` on one scene."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from .reference_image import Reference, reference
 from .tessellation import Tessellation, loglog_slope, tessellation
 from .variants import BASE, Variant, base_settings
 
-SHOWN = 4  # variants whose pictures are kept
-FAMILIES = ("samples-", "shaded-")  # of variants that differ in the number of samples alone
+SHOWN = 4  # variants whose images are kept
+FAMILIES = ("samples-", "shaded-")  # prefixes of variants that differ only in the number of samples
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What was measured. device, machine: in words. pictures: of SHOWN variants, by name, (M, N, 3)."""
+    """Measurements of one scene. device, machine: descriptions. pictures: images (M, N, 3) of SHOWN variants, by
+    name."""
 
     scene: Scene
     device: str
@@ -39,13 +40,15 @@ class Study:
 
     @property
     def front(self) -> list[Measured]:
-        """The variants than which no other is both as fast and as right; fastest first."""
+        """Return the Pareto front of the variants, fastest first."""
         return front(self.measured)
 
     def sampling(self) -> dict[str, tuple[float, float]]:
-        """Of samples shaded once and each: the fitted power of their number by which the RMSE falls, and how many times
-        as large as with most samples it is with one. Without errors that the reference is not good enough for; empty
-        without the variants that tell."""
+        """Return, for samples shaded once and for samples shaded each, the fitted power of the RMSE in the number of
+        samples, and the ratio of the RMSE with one sample to that with the most.
+
+        Errors that the reference cannot resolve are left out; empty without the variants needed.
+        """
         found = {}
         for family in FAMILIES:
             errors = {
@@ -66,7 +69,7 @@ class Study:
         return f"{shown(self.scene.name or 'unnamed')}, {self.scene.face_count:,} triangles, {columns}x{rows}"
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {
             "scene": self.scene.name,
             "triangles": self.scene.face_count,
@@ -83,7 +86,7 @@ class Study:
 
 
 def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int) -> Study:
-    """Measures the variants (see `measure`), the formats of an image, and the sphere."""
+    """Measure the variants (see `measure`), the file formats, and the sphere."""
     base = base_settings(scene)
     converged = reference(scene, base, device)
     measured = measure(scene, variants, base, device, converged, frames=frames)
@@ -95,7 +98,7 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
 
 
 def worth_showing(measured: Sequence[Measured]) -> list[Measured]:
-    """The first variant, the ends of the Pareto front and what is in its middle: those that differ, fastest first."""
+    """Return the first variant, the ends of the Pareto front and its middle, without duplicates, fastest first."""
     best = front(measured)
     middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
     picked = [*measured[:1], *best[:1], *best[-1:], *middle, *measured]
@@ -103,7 +106,7 @@ def worth_showing(measured: Sequence[Measured]) -> list[Measured]:
 
 
 def machine() -> str:
-    """Processor, how many of them this process may use, system."""
+    """Return the processor, the number of cores available to this process, and the system."""
     model = platform.processor() or platform.machine()
     try:
         with open("/proc/cpuinfo") as file:

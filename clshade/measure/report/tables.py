@@ -1,4 +1,4 @@
-"""What `report` measured, as tables for the terminal, CSV, JSON and Markdown."""
+"""The results of `report` as tables for the terminal, CSV, JSON and Markdown."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _sampling(study: Study) -> list[str]:
 
 
 def lines(study: Study) -> list[str]:
-    """For the terminal."""
+    """Return the tables as lines for the terminal."""
     header, rows = _tessellation(study)
     return [
         *(text_tables.wrapped(fact, 11) for fact in _facts(study)),
@@ -179,7 +179,8 @@ CSV = (
 
 
 def csv_rows(study: Study) -> list[text_tables.Row]:
-    """Full precision, one row for each variant, format, and sphere of each shader; what does not apply is empty."""
+    """Return one row per variant, format, and sphere and shader, in full precision; fields that do not apply are
+    empty."""
     rows: list[dict[str, object]] = []
     for each in study.measured:
         low, median, high = each.frame_ms
@@ -214,7 +215,7 @@ def csv_rows(study: Study) -> list[text_tables.Row]:
 
 
 def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
-    """report.csv, .json and .md. used: the variant that budget or tolerance asked for."""
+    """Write report.csv, .json and .md. used: the variant chosen for the budget or tolerance."""
     texts = {
         "report.csv": text_tables.as_csv(CSV, csv_rows(study)),
         "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
@@ -226,14 +227,14 @@ def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
 
 
 def used_line(used: Measured, scene: Scene) -> str:
-    """With the options that make `render` draw the same image as was measured."""
+    """Return a line with the options with which `render` draws the measured image."""
     options = " ".join(render_options(used.settings, scene))
     given = f"render with the same scene and camera options and {options}"
     return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} ({given})"
 
 
 def render_options(settings: Settings, scene: Scene) -> list[str]:
-    """The image's size, and what of the settings differs from the scene's preset, or another if that is nearer."""
+    """Return the options for the image's size and for the settings, relative to the scene's preset or a nearer one."""
     columns, rows = scene.camera.resolution
 
     def options(preset: Preset) -> list[str]:

@@ -1,4 +1,4 @@
-"""The subject's classic curve: how the error of Gouraud's and of Phong's shading falls as a sphere gets more triangles."""
+"""Error of Gouraud and Phong shading of a sphere against its number of triangles."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from ...scene.builtin.scenes import builtin
 from ...scene.settings import Shader
 
 SHADERS: tuple[Shader, ...] = ("gouraud", "phong")
-LEVELS = range(7)  # of the sphere: 20 to 81,920 triangles
-FINEST = 7  # what they are compared with: 327,680 triangles, phong
+LEVELS = range(7)  # subdivision levels: 20 to 81,920 triangles
+FINEST = 7  # level of the reference: 327,680 triangles, phong
 
 
 @dataclass(frozen=True)
 class Tessellation:
-    """triangles: of each level. finest: of the sphere compared with. errors: shader -> RMSE at each level, over the pixels
-    that both spheres cover: the silhouette's own error is that of the shape and the same for both shaders.
+    """Errors by level.
+
+    triangles: number at each level. finest: number of the reference. errors: shader -> RMSE at each level, over the
+    pixels that both spheres cover: the error at the silhouette is that of the shape, the same for both shaders.
     """
 
     triangles: tuple[int, ...]
@@ -32,23 +34,23 @@ class Tessellation:
     errors: dict[str, tuple[float, ...]]
 
     def slope(self, shader: str) -> float:
-        """Fitted power of the number of triangles by which the error grows: -1 is what second order gives."""
+        """Return the fitted power of the error in the number of triangles: -1 is second order."""
         return loglog_slope(self.triangles, self.errors[shader])
 
     def stats(self) -> dict[str, Any]:
-        """The figures, as JSON takes them."""
+        """Return the figures for JSON."""
         return {**vars(self), "slopes": {shader: self.slope(shader) for shader in self.errors}}
 
 
 def loglog_slope(x: Any, y: Any) -> float:
-    """Exponent of the power law that fits best, in logarithms."""
+    """Return the exponent of the power law fitted in logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def tessellation(
     device: Device, resolution: tuple[int, int] = (256, 256), *, levels: Iterable[int] = LEVELS, finest: int = FINEST
 ) -> Tessellation:
-    """Measured on the built-in icosphere."""
+    """Measure the errors of the built-in icosphere."""
     fine = builtin("icosphere", level=finest, resolution=resolution)
     truth = render(fine, device=device, shader="phong")
     triangles: list[int] = []

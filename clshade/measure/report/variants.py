@@ -1,4 +1,4 @@
-"""The ways of drawing a scene that `report` compares, and the best of them, which gives the reference."""
+"""The variants of a scene that `report` compares, and the settings that they change."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BASE = "standard"
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One way of drawing. changes: fields of Settings, against the preset `standard` (or what else `base` gives)."""
+    """One way of drawing. changes: fields of Settings, relative to the preset `standard` or the given base settings."""
 
     name: str
     about: str
@@ -34,7 +34,7 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
     return {"samples": count, **more}
 
 
-TEXTURES = ("texture_at", "texture_filter")  # fields that change nothing where there is no texture
+TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
 VARIANTS = (
     Variant(BASE, "phong, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
@@ -60,7 +60,7 @@ VARIANTS = (
 )
 
 
-# A short study's: what changes the time most.
+# The variants of a short study: those that change the time most.
 SHORT = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
@@ -68,12 +68,12 @@ SHORT = (
 
 
 def base_settings(scene: Scene) -> Settings:
-    """The preset `standard`, with the ambient term that the scene was made for: that is no approximation of another."""
+    """Return the preset `standard` with the scene's own ambient term, which approximates no other."""
     return Settings.from_preset("standard", ambient=Settings.from_preset(scene.preset).ambient)
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
-    """Whether the base can be changed so, and the device can draw it."""
+    """Return whether the changes are valid for the base, and the device can draw the result."""
     if changes.get("precision") == "float64" and not device.has_fp64:
         return False
     try:
@@ -84,7 +84,10 @@ def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
 
 
 def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
-    """Those that the device can draw and that differ on this scene; of equal ones the first. base: what they change."""
+    """Return the variants that the device can draw and that differ on this scene; of equal ones the first.
+
+    base: settings that they change.
+    """
     textured = any(texture_applies(mesh) for mesh in scene.meshes)
     found: dict[frozenset[tuple[str, Any]], Variant] = {}
     for each in VARIANTS:
@@ -95,8 +98,10 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
 
 def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
-    """Those of the names; all without any. Raises InputError for an unknown one, and for one that is not among
-    `variants`, those for a scene and a device."""
+    """Return the named variants, or all without names.
+
+    Raises InputError for an unknown name, and for one not among `variants`, those for a scene and a device.
+    """
     known = {each.name: each for each in variants}
     for name in names:
         if name not in known:
@@ -106,6 +111,6 @@ def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
 
 
 def _left_out(variant: Variant) -> str:
-    """Why `variants_for` leaves it out."""
+    """Return why `variants_for` leaves it out."""
     needs_float64 = variant.changes.get("precision") == "float64"
     return "needs a device with float64" if needs_float64 else "changes nothing of this scene"

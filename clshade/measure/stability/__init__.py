@@ -1,1 +1,1 @@
-"""Stiff and extreme cases, and curves towards them."""
+"""Stiff and extreme cases, and error curves towards them."""

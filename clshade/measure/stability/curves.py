@@ -1,4 +1,4 @@
-"""Error against stiffness: this renderer beside the plain float32 form of the same computation."""
+"""Error against stiffness, of this renderer and of the same computation in plain float32."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .cases.light import DISTANCES, exact_highlights, in_the_lobe, lobe_error, n
 from .cases.surfaces import centered
 
 F = np.float32
-FAN = 0.2  # radians, what the fan of needles covers
+FAN = 0.2  # angle of the fan of needles, radians
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One plot. ours, naive, bound: an error per stiffness; bound may be empty."""
+    """One plot. ours, naive, bound: the error at each stiffness; bound may be empty."""
 
     title: str
     x_label: str
@@ -34,11 +34,11 @@ class Curve:
     ours: tuple[float, ...]
     naive: tuple[float, ...]
     bound: tuple[float, ...] = ()
-    least: float = 0.0  # what a zero is drawn at
+    least: float = 0.0  # zero is drawn at this value
 
 
 def measure(bench: Bench) -> tuple[Curve, ...]:
-    """The four curves of the figure."""
+    """Measure the four curves of the figure."""
     return exponent(bench), offset(bench), needles(bench), distance(bench)
 
 
@@ -46,7 +46,7 @@ def measure(bench: Bench) -> tuple[Curve, ...]:
 
 
 def naive_light(points: Array, normals: Array, position: Array, n: float, kd: float, ks: float) -> Floats:
-    """(K,) the reflection model in plain float32: directions divided by their lengths, pow of R.V."""
+    """Evaluate the reflection model in plain float32, (K,): directions divided by their lengths, pow of R.V."""
     points, normals, position = F(points), F(normals), F(position)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         to_eye, to_light = (v / np.sqrt((v * v).sum(axis=1, dtype=F))[:, None] for v in (-points, position - points))
@@ -59,7 +59,7 @@ def naive_light(points: Array, normals: Array, position: Array, n: float, kd: fl
 
 
 def exponent(bench: Bench, step: float = 0.5) -> Curve:
-    """n from 1 to 1e9, by 10^step."""
+    """Measure the highlight's error for n from 1 to 1e9, in steps of 10^step."""
     powers = tuple(10.0**p for p in np.arange(0.0, 9.01, step))
     ours, naive = [], []
     for n in powers:
@@ -75,7 +75,7 @@ def exponent(bench: Bench, step: float = 0.5) -> Curve:
 
 
 def distance(bench: Bench) -> Curve:
-    """n = 1000, a thousand points of a sheet; the error is of the light budget."""
+    """Measure the error at n = 1000 at a thousand points of a sheet, relative to the light budget."""
     n = 1000.0
     rng = np.random.default_rng(24)
     x, y = rng.uniform(-1, 1, (2, 1000))
@@ -115,7 +115,7 @@ def _largest(values: Array) -> float:
 
 
 def naive_ids(scene: Scene) -> Array:
-    """(M, N), row 0 at the top: who owns the pixels where the projection is float32; painter's order."""
+    """Return the owners (M, N), row 0 at the top, with a projection in float32 and painter's order."""
     mesh, camera = scene.meshes[0], scene.camera
     columns, rows = camera.resolution
     axes = transform.camera_frame(F(camera.eye), F(camera.lookat), camera.up).astype(F)
@@ -155,8 +155,8 @@ def _fan(count: int) -> tuple[Array, Array]:
 
 
 def naive_counts(fan: Array, angle: Array, inside: Array) -> Array:
-    """How many needles cover each pixel of `inside` (M, N), (K,), by float32 edge functions at positions that are not
-    snapped: of each pixel the needles next to it are tried."""
+    """Return how many needles cover each pixel of `inside` (M, N), (K,), by float32 edge functions of unsnapped
+    positions; only the needles next to a pixel are tested."""
     row, column = np.nonzero(inside)
     x, y = column + 0.5, len(inside) - 0.5 - row
     step = (angle[-1] - angle[0]) / (len(angle) - 1)
@@ -187,7 +187,7 @@ def needles(bench: Bench) -> Curve:
         fan, angle = _fan(max(2, round(FAN * aspect)))
         k = np.arange(1, len(angle))[:, None]
         faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
-        # Inside the fan and well within the chords of its rim.
+        # Inside the fan, and clear of the chords of its rim.
         wedge = np.stack([fan[0], *(fan[0] + 0.99 * np.cos(FAN / 2) * (fan[[1, -1]] - fan[0]))])
         inside = flat.polygon_interior(wedge, resolution)
         ours.append(float(flat.drawn_once(bench, flat.scene_of(fan, faces, resolution), inside).wrong))
@@ -197,10 +197,10 @@ def needles(bench: Bench) -> Curve:
 
 
 def plot(curves: tuple[Curve, ...], path: Path, device: str) -> None:
-    """The figure as PNG."""
+    """Draw the figure as PNG."""
     figure = figures.blank(11.0, 8.0)
     for axes, curve in zip(figure.subplots(2, 2).flat, curves, strict=True):
-        # Beyond ten times the right value it makes no difference how far.
+        # Errors above ten times the correct value are all drawn alike.
         most = 10.0 if not curve.least else math.inf
         shown = [[min(max(v, curve.least), most) for v in values] for values in (curve.naive, curve.ours)]
         axes.loglog(curve.stiffness, shown[0], "o--", color=figures.OTHER, label="plain float32")

@@ -1,4 +1,4 @@
-"""What `stability` found, as a table for the terminal, CSV, Markdown, and pictures of what failed."""
+"""The results of `stability` as tables for the terminal, CSV and Markdown, and images of failures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Result:
-    """One case on one device. problem: why it could not be run to its end, or what else failed; empty if nothing did."""
+    """One case on one device. problem: why it could not be completed, or what else failed; empty if nothing did."""
 
     case: Case
     device: str
@@ -46,7 +46,7 @@ class Result:
 
 
 def row(result: Result) -> dict[str, str]:
-    """The columns of a result as texts."""
+    """Return the columns of a result as strings."""
     case, outcome = result.case, result.outcome
     measured = bool(outcome.unit)
     return {
@@ -69,7 +69,7 @@ def _error(cells: dict[str, str]) -> str:
 
 
 def line(result: Result) -> str:
-    """One line of the table; a failing case has a second one."""
+    """Return one line of the table; a failing case has a second one."""
     cells = row(result)
     text = (
         f"{cells['no']:>4} {cells['case']:<21} {cells['wrong']:>6}  {_error(cells):<28}"
@@ -85,7 +85,7 @@ HEADER = f"{'no':>4} {'case':<21} {'wrong':>6}  {'error':<28} {'amplif.':>8} {'s
 
 
 def as_markdown(results: Sequence[Result], notes: Sequence[str]) -> str:
-    """A table for each device."""
+    """Return a table for each device."""
     header = ("no", "case", "stressed", "expected", "wrong", "error", "amplification", "s", "verdict")
     lines = ["# Stiff and extreme cases", ""]
     for device in dict.fromkeys(result.device for result in results):
@@ -103,11 +103,11 @@ def _shown(result: Result) -> text_tables.Row:
     return (*first, error, amplification, cells["seconds"], cells["verdict"])
 
 
-# Pictures
+# Images
 
 
 def _picture(values: Array, scale: float) -> Array:
-    """(M, N, 3) uint8 of colors, of ids (each its own color, 0 black), or of a mask."""
+    """Return an image, (M, N, 3) uint8, of colors, of ids (a color for each, 0 black), or of a mask."""
     if values.ndim == 2:
         ids = values.astype(np.uint64)
         mixed = (ids * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
@@ -118,7 +118,7 @@ def _picture(values: Array, scale: float) -> Array:
 
 
 def write_pictures(result: Result, folder: Path) -> list[Path]:
-    """Rendered, expected and difference image of a failing case; none where it has no pictures."""
+    """Write the rendered, expected and difference image of a failing case, if it has images."""
     if result.outcome.pictures is None:
         return []
     rendered, expected = (np.asarray(picture) for picture in result.outcome.pictures)
@@ -145,7 +145,7 @@ def write_pictures(result: Result, folder: Path) -> list[Path]:
 
 
 def write(results: Sequence[Result], notes: Sequence[str], folder: Path) -> list[Path]:
-    """CSV and Markdown of all results."""
+    """Write all results as CSV and Markdown."""
     paths = [folder / "stability.csv", folder / "stability.md"]
     rows = ((each.device, *row(each).values(), each.problem or each.outcome.detail) for each in results)
     texts = text_tables.as_csv(("device", *COLUMNS, "detail"), rows), as_markdown(results, notes)

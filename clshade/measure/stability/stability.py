@@ -1,4 +1,4 @@
-"""`python -m clshade stability`: every stiff and extreme case on one or all devices, with its measured error."""
+"""`python -m clshade stability`: stiff and extreme cases on one or all devices, with their measured errors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NO_MPMATH = (
 
 
 def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
-    """The cases of these names or numbers; all without any. Raises InputError for an unknown one."""
+    """Return the cases with these names or numbers; by default all. Raises InputError for an unknown one."""
     cases = all_cases()
     for name in names:
         if not any(name in (case.name, case.number) for case in cases):
@@ -39,13 +39,13 @@ def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
 
 
 def listing() -> str:
-    """All cases: number, name, what is stressed, what is expected."""
+    """Return the list of all cases: number, name, what is stressed, what is expected."""
     lines = (f"{case.number:>4} {case.name:<21} {case.title}: {case.expected}" for case in all_cases())
     return "\n".join(text_tables.wrapped(line, 27) for line in lines)
 
 
 def devices(name: str | None) -> list[Device]:
-    """The device of that name, or every one that works for `all`."""
+    """Return the device of that name, or all working devices for `all`."""
     if name != "all":
         return [open_device(name)]
     found = [open_device(info.index) for info in list_devices() if info.works]
@@ -55,18 +55,18 @@ def devices(name: str | None) -> list[Device]:
 
 
 def run_case(case: Case, bench: Bench) -> Result:
-    """The case's result; an exception is one too."""
+    """Return the case's result; an exception is a result too."""
     start = time.perf_counter()
     outcome, problem = Outcome(), ""
     try:
         outcome = case.run(bench)
-    except Exception as error:  # whatever a case meets must not keep the others from running
+    except Exception as error:  # a failing case must not stop the others
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Result(case, bench.device.title, outcome, time.perf_counter() - start, problem)
 
 
 def compared(result: Result, earlier: Sequence[Result]) -> Result:
-    """The result, which fails if an earlier device gave other bits."""
+    """Return the result, failed if an earlier device gave other bits."""
     for other in earlier:
         prints = other.outcome.fingerprint, result.outcome.fingerprint
         if other.case.name == result.case.name and all(prints) and prints[0] != prints[1]:
@@ -82,10 +82,10 @@ def run(
     triangles: int = 50_000,
     stream: TextIO | None = None,
 ) -> bool:
-    """Runs the cases, prints the table as they end, writes the files. True if all passed.
+    """Run the cases, print the table as they finish, and write the files. Returns True if all passed.
 
-    device: a name as `open_device` takes it, or `all`. names: of cases; default all, and then the figure too.
-    triangles: how many random ones are drawn. Raises InputError, DeviceError and OutputError.
+    device: a name for `open_device`, or `all`. names: cases; by default all, and then the figure too.
+    triangles: number of random triangles. Raises InputError, DeviceError and OutputError.
     """
     stream = stream or sys.stdout
     cases = chosen(names)

@@ -1,7 +1,7 @@
-"""Other renderers of the same picture, which `bench` draws in turns with clshade's.
+"""Other renderers of the same image, which `bench` draws in turns with clshade's.
 
-Each draws a scene of one mesh, lit per pixel by the same Phong model, to a float image in NumPy memory of its own that it
-uses again for every frame.
+Each draws a scene of one mesh, lit per pixel by the same Phong model, into its own float image in NumPy memory, which
+it reuses for every frame.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ PEERS = {
     "write": ("clshade.measure.bench.peers.background_fill", "the image's background written by NumPy"),
 }
 DEFAULT = ("llvmpipe", "numpy", "scanline")
-YARDSTICKS = ("clshade.measure.bench.peers.background_fill",)  # drawn with whatever others
+YARDSTICKS = ("clshade.measure.bench.peers.background_fill",)  # drawn with any other peers
 
 
 def open_peer(name: str, scene: Scene) -> Peer:
-    """The peer, ready to draw the scene. Raises MissingPeer where it cannot be had."""
+    """Return the peer, ready to draw the scene. Raises MissingPeer if it is not available."""
     opener: Callable[[str, Scene], Peer] = import_module(PEERS[name][0]).open_for
     return opener(name, scene)

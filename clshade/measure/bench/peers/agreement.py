@@ -1,4 +1,4 @@
-"""Whether two renderers show the same thing."""
+"""Agreement of the images of two renderers."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ import numpy as np
 
 from ....base.arrays import Array
 
-# Of the largest value in our image. Inside a triangle two renderers in float32 differ by where they snap its corners, up to
-# 1/256 of a pixel (a highlight changes by up to 0.1 of its height from pixel to pixel: 4e-4), and by powers and reciprocal
-# roots that are good to about 1e-5.
+# Relative to the largest value in our image. Inside a triangle two float32 renderers differ by where they snap its
+# corners, up to 1/256 of a pixel (a highlight changes by up to 0.1 of its height per pixel: 4e-4), and by powers and
+# reciprocal roots, which are accurate to about 1e-5.
 TOLERANCE = 1e-3
-# Besides, a texture's bilinear weights have 8 bits where OpenGL's implementations are coarse: 1/512 of the step between
-# texels, which is at most the largest value.
+# In addition, coarse OpenGL implementations have bilinear texture weights of 8 bits: 1/512 of the step between texels,
+# which is at most the largest value.
 TEXTURED = TOLERANCE + 1.0 / 256.0
-LEAST = 0.999  # of the pixels that are not inside of a triangle: a sliver between two roundings shows in one image only
-BAND = 256  # rows compared together: large images are compared within memory
+LEAST = 0.999  # of the pixels not inside a triangle: because of rounding, a sliver may show in one image only
+BAND = 256  # rows compared at a time, to limit the memory for large images
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """interior: share of the covered pixels whose 3x3 neighborhood shows one triangle. largest: difference of a channel
-    there, of the image's largest value. tolerance: what that may be. others: share of the other pixels, background
-    included, whose color lies within the range of our image's colors in their 3x3 neighborhood, and the tolerance.
+    """Agreement of a peer's image with ours.
+
+    interior: fraction of the covered pixels whose 3x3 neighborhood shows one triangle. largest: largest difference of a
+    channel there, relative to the image's largest value. tolerance: most allowed of it. others: fraction of the other
+    pixels, background included, whose color is within the tolerance of the range of our image's colors in their 3x3
+    neighborhood.
     """
 
     interior: float
@@ -41,9 +44,9 @@ class Agreement:
 
 
 def agreement(ours: Array, ids: Array, theirs: Array, tolerance: float = TOLERANCE) -> Agreement:
-    """ours, theirs: (M, N, 3 or more). ids: (M, N), of the triangles in ours, 0 for the background.
+    """Compare two images, ours and theirs, (M, N, 3 or more). ids: (M, N), triangles in ours, 0 for the background.
 
-    Where triangles are smaller than pixels hardly any pixel is inside of one; the ranges then tell the more.
+    If triangles are smaller than pixels, hardly any pixel is inside one; then the ranges are more significant.
     """
     scale = max(float(np.abs(ours[row : row + BAND, :, :3]).max()) for row in range(0, len(ours), BAND)) or 1.0
     covered = exact = within = 0
@@ -61,7 +64,8 @@ def agreement(ours: Array, ids: Array, theirs: Array, tolerance: float = TOLERAN
 
 
 def _compared(ours: Array, ids: Array, theirs: Array, margin: float) -> tuple[Array, Array, Array]:
-    """For each pixel: whether it is inside of a triangle; the difference; whether it is within the neighbors' range."""
+    """Return for each pixel whether it is inside a triangle, the difference, and whether it is within the neighbors'
+    range."""
     ours, theirs = (np.asarray(each[..., :3], np.float32) for each in (ours, theirs))
     inside = (ids > 0) & (_around(np.minimum, ids) == _around(np.maximum, ids))
     apart = np.nan_to_num(np.abs(theirs - ours).max(axis=2), nan=np.inf)
@@ -70,7 +74,7 @@ def _compared(ours: Array, ids: Array, theirs: Array, margin: float) -> tuple[Ar
 
 
 def _around(pick: np.ufunc, image: Array) -> Array:
-    """The least or largest of each 3x3 neighborhood, as far as it is in the image."""
+    """Return the minimum or maximum of each 3x3 neighborhood, clipped to the image."""
     for axis in (0, 1):
         ends = [(1, 1) if k == axis else (0, 0) for k in range(image.ndim)]
         wide = np.pad(image, ends, mode="edge")

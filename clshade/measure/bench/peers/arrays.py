@@ -1,4 +1,4 @@
-"""A scene of one mesh as the arrays that other renderers take: one index for all attributes of a corner, float32."""
+"""A scene of one mesh as arrays for other renderers: float32, one index for all attributes of a vertex."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from ....scene.model import Material, Scene
 
 
 class MeshArrays(NamedTuple):
-    """verts, normals (unit or 0), colors: (V, 3) float32, world space, linear RGB. uvs: (V, 2) float32 or None.
-    faces: (F, 3) int32, into all of them."""
+    """Vertex attributes and faces.
+
+    verts, normals (unit or 0), colors: (V, 3) float32, world space, linear RGB. uvs: (V, 2) float32 or None.
+    faces: (F, 3) int32, into all of them.
+    """
 
     verts: Array
     normals: Array
@@ -26,7 +29,8 @@ class MeshArrays(NamedTuple):
 
 
 def mesh_arrays(scene: Scene) -> MeshArrays:
-    """Raises InputError for a scene that is not one mesh, placed where it is, in one material lit from its front."""
+    """Convert a scene. Raises InputError unless it is one mesh without placements, with one material, lit on its
+    front."""
     mesh = scene.meshes[0] if len(scene.meshes) == 1 else None
     if mesh is None or not np.array_equal(mesh.instances, np.eye(4)[None]) or mesh.material.two_sided:
         raise InputError(f"bench: scene {scene.name!r}: expected one mesh in its own place, lit from one side")
@@ -62,13 +66,13 @@ def _float32(table: Array) -> Array:
 
 
 def view_axes(camera: Camera) -> tuple[Array, Array]:
-    """Rows of the camera's axes (3, 3), and the scale (2,) from x/z and y/z to the image, -1 to 1 across each side."""
+    """Return the camera's axes as rows (3, 3), and the scale (2,) from x/z and y/z to image coordinates in [-1, 1]."""
     height, width = camera.plane
     return camera_axes(camera), np.array([2.0 * camera.focal / width, 2.0 * camera.focal / height])
 
 
 def depths(verts: Array, camera: Camera) -> Floats:
-    """(V,) camera z of positions (V, 3). Raises InputError where one is not before the eye."""
+    """Return the camera z (V,) of positions (V, 3). Raises InputError if one is not in front of the eye."""
     z = (verts - camera.eye) @ camera_axes(camera)[2]
     if z.min(initial=1.0) <= 0.0:
         raise InputError("bench: scene: expected all of it before the eye, for peers clip nothing")

@@ -1,4 +1,4 @@
-"""The least that a frame of a float image costs in NumPy: writing its background."""
+"""The minimum cost of a float image in NumPy: writing its background."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ....scene.model import Scene
 
 
 class Write:
-    """Writes linear RGB of the background and coverage 0."""
+    """Writer of the background's linear RGB and coverage 0."""
 
     title, once = f"NumPy {np.__version__}, writing the background", False
 
@@ -18,7 +18,7 @@ class Write:
         self.scene = scene
         columns, rows = scene.camera.resolution
         background = np.zeros(3) if scene.background is None else scene.background
-        # A pixel of 16 bytes at a time, as one number: broadcasting four channels takes five times as long.
+        # Write a pixel's 16 bytes as one number: broadcasting four channels takes five times as long.
         self._pixel = np.array([*background, 0.0], np.float32).view(np.complex128)[0]
         self._image = np.zeros((rows, columns, 4), np.float32)
 
@@ -27,7 +27,7 @@ class Write:
         return self._image
 
     def close(self) -> None:
-        """It holds nothing but its image."""
+        """Do nothing: there is nothing to release."""
 
 
 def open_for(name: str, scene: Scene) -> Write:

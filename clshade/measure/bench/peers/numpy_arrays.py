@@ -1,7 +1,8 @@
-"""A renderer in whole NumPy arrays, float32: triangles become spans of their scanlines, spans pixels; the nearest triangle
-of each pixel is lit.
+"""A renderer in vectorized NumPy, float32: triangles become scanline spans, spans become pixels, and the nearest
+triangle of each pixel is lit.
 
-No loop is over triangles or pixels, only over chunks of them that fit a cache. Vectors are arrays of components, (3, K).
+Loops run over chunks of triangles or pixels that fit a cache, never over single ones. Vectors are arrays of
+components, (3, K).
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from ....scene.camera import Camera
 from ....scene.model import Scene
 from .arrays import depths, mesh_arrays, view_axes
 
-FRAGMENTS = 1 << 17  # pixels of triangles looked at together
-PIXELS = 1 << 13  # lit together
+FRAGMENTS = 1 << 17  # fragments processed together
+PIXELS = 1 << 13  # pixels lit together
 EDGES = ((1, 2), (2, 0), (0, 1))  # edge k is opposite to corner k
 HALF = np.float32(0.5)
 
 
 @dataclass(frozen=True)
 class Projected:
-    """x, y: (3, F) corners in the image, pixels, y up, counter-clockwise. w: (3, F), 1/depth. area: (F,), twice.
-    corners: (3, F), the vertices in this order."""
+    """Projected triangles.
+
+    x, y: (3, F) corners in the image, in pixels, y up, counter-clockwise. w: (3, F), 1/depth. area: (F,), twice the
+    area. corners: (3, F), the vertices in this order.
+    """
 
     x: Array
     y: Array
@@ -37,7 +41,7 @@ class Projected:
 
 @dataclass(frozen=True)
 class Spans:
-    """Pixels of triangles row by row: triangle, row, first column and how many, (S,) int32 each."""
+    """Scanline spans: triangle, row, first column and number of pixels, (S,) int32 each."""
 
     triangle: Array
     row: Array
@@ -46,7 +50,7 @@ class Spans:
 
 
 class Vectorized:
-    """Draws one mesh without texture."""
+    """Renderer of one mesh without texture."""
 
     title, once = f"NumPy {np.__version__}, whole arrays", False
 
@@ -81,7 +85,7 @@ class Vectorized:
         return self._image[::-1]
 
     def close(self) -> None:
-        """It holds nothing but its arrays."""
+        """Do nothing: there is nothing to release."""
 
     def _project(self, camera: Camera) -> Projected:
         axes, scale = view_axes(camera)
@@ -108,7 +112,7 @@ class Vectorized:
             up = t.y[j] - t.y[i]
             slope = np.divide(t.x[j] - t.x[i], up, out=np.zeros_like(up), where=up != 0.0)
             bound = t.x[i][triangle] + slope[triangle] * (y - t.y[i][triangle])
-            up = up[triangle]  # counter-clockwise: what goes up is on the right
+            up = up[triangle]  # counter-clockwise: ascending edges are on the right
             right = np.where(up > 0.0, np.minimum(right, bound), right)
             left = np.where(up < 0.0, np.maximum(left, bound), left)
         first = np.ceil(left - HALF).astype(np.int32)
@@ -117,7 +121,7 @@ class Vectorized:
         return Spans(triangle[kept], row[kept], first[kept], count[kept])
 
     def _fill(self, t: Projected, spans: Spans) -> None:
-        """Finds the nearest triangle of each pixel. 1/depth is linear in the image."""
+        """Find the nearest triangle of each pixel. 1/depth is linear in the image."""
         columns, _ = self._size
         dx, dy, dw = (each[1:] - each[0] for each in (t.x, t.y, t.w))
         slope_x = (dw[0] * dy[1] - dw[1] * dy[0]) / t.area
@@ -171,7 +175,7 @@ def _float32(values: object) -> Array:
 
 
 def _counted(first: Array, count: Array) -> Array:
-    """first[i], first[i] + 1, and so on, count[i] of them, for one i after the other."""
+    """Return the concatenation of the ranges first[i], ..., first[i] + count[i] - 1."""
     ends = np.cumsum(count, dtype=np.int32)
     total = int(ends[-1]) if len(ends) else 0
     return np.repeat(first - (ends - count), count) + np.arange(total, dtype=np.int32)
@@ -183,7 +187,7 @@ def _dot(a: Array, b: Array) -> Floats32:
 
 
 def _unit(vectors: Array) -> Array:
-    """A vector of no length stays as it is."""
+    """Normalize vectors; zero vectors stay zero."""
     squares = _dot(vectors, vectors)
     return vectors / np.sqrt(np.where(squares > 0.0, squares, np.float32(1.0)))
 

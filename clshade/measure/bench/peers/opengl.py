@@ -1,6 +1,6 @@
-"""OpenGL through EGL, without a display: buffers stay where they are, Phong's model in the fragment shader, a float target.
+"""OpenGL through EGL, without a display: persistent buffers, the Phong model in the fragment shader, a float target.
 
-`llvmpipe` is Mesa's software rasterizer, `opengl` whatever the machine gives.
+`llvmpipe` is Mesa's software rasterizer, `opengl` the machine's default implementation.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SOFTWARE = "LIBGL_ALWAYS_SOFTWARE"
 DEBIAN = "apt install libegl1 libgl1-mesa-dri"
 PIP = "pip install moderngl, or clshade's extra `peers`"
 BACKEND: dict[str, Any] = {"backend": "egl"}
-SLACK = 2.0  # near and far plane leave the camera room to move
+SLACK = 2.0  # margin factor of the near and far planes, within which the camera may move
 
 VERTEX = """
 #version 330
@@ -83,7 +83,7 @@ void main() {
 
 @contextmanager
 def _only_software(wanted: bool) -> Iterator[None]:
-    """Mesa takes no GPU while a context is made."""
+    """Make Mesa use its software rasterizer for contexts created within the block, if `wanted`."""
     before = os.environ.get(SOFTWARE)
     if wanted:
         os.environ[SOFTWARE] = "1"
@@ -102,7 +102,7 @@ def _context(name: str) -> Any:
     try:
         with _only_software(name == "llvmpipe"):
             context = moderngl.create_context(standalone=True, **BACKEND)
-    except Exception as error:  # whatever moderngl's loader of libraries raises
+    except Exception as error:  # moderngl's library loader raises any exception
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MissingPeer(f"{name}: no OpenGL context by EGL: {reason} (on Debian: {DEBIAN})") from None
     renderer = context.info["GL_RENDERER"]
@@ -113,7 +113,7 @@ def _context(name: str) -> Any:
 
 
 class OpenGL:
-    """A scene in buffers of an OpenGL context."""
+    """Renderer of a scene held in buffers of an OpenGL context."""
 
     once = False
 
@@ -174,7 +174,7 @@ class OpenGL:
         return made
 
     def _to_clip(self, camera: Camera) -> Array:
-        """(4, 4): world space to clip space."""
+        """Return the matrix (4, 4) from world space to clip space."""
         axes, scale = view_axes(camera)
         near, far = self._range
         lens = np.zeros((4, 4))

@@ -1,4 +1,4 @@
-"""What another renderer has to do to be measured beside clshade."""
+"""The interface of renderers that are measured beside clshade."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from ....scene.model import Scene
 
 
 class MissingPeer(ClshadeError):
-    """A peer is not installed, or does not work here; the message says what to install."""
+    """Error for a peer that is not installed or does not work; the message says what to install."""
 
 
 class Peer(Protocol):
-    """title: what draws, with its version. scene: that it draws, whose preset clshade uses for the comparison too.
+    """Another renderer.
 
-    once: it takes so long that one frame has to do, without turns.
+    title: name and version. scene: the scene it draws, whose preset clshade uses for the comparison too.
+    once: it is so slow that a single frame is drawn, without turns.
     """
 
     title: str
@@ -25,7 +26,7 @@ class Peer(Protocol):
     once: bool
 
     def draw(self, camera: Camera) -> Array:
-        """(M, N, 3 or more) linear RGB, row 0 at the top; the next frame overwrites it."""
+        """Render linear RGB, (M, N, 3 or more), row 0 at the top; the next frame overwrites it."""
 
     def close(self) -> None:
-        """Gives back what it holds."""
+        """Release all resources."""

@@ -1,4 +1,4 @@
-"""The course's renderer in plain Python, `clshade.measure.bench.scanline`."""
+"""The course's renderer in plain Python (`clshade.measure.bench.scanline`) as a peer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .. import scanline
 
 
 class Plain:
-    """Draws with the preset `course`, as clshade does for the comparison."""
+    """Renderer with the preset `course`, which clshade uses for the comparison too."""
 
     title, once = f"Python {platform.python_version()}, a loop over scanlines", True
 
@@ -23,7 +23,7 @@ class Plain:
         return scanline.render(replace(self.scene, camera=camera))[::-1]
 
     def close(self) -> None:
-        """It holds nothing."""
+        """Do nothing: there is nothing to release."""
 
 
 def open_for(name: str, scene: Scene) -> Plain:

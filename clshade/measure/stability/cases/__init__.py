@@ -1,6 +1,6 @@
-"""The stiff and extreme cases, each a scene or input made in code with the outcome that a right renderer has.
+"""The stiff and extreme cases: each a generated scene or input with the outcome of a correct renderer.
 
-One module for each kind of case; each holds a tuple `CASES`. `all_cases` puts them in the order of their numbers.
+Each module holds one kind of case, in a tuple `CASES`; `all_cases` sorts them by number.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
 
 def all_cases() -> tuple[Case, ...]:
-    """Every case, by number."""
+    """Return every case, by number."""
     from . import coverage, extremes, files, light, order, surfaces
 
     found = [case for module in (coverage, extremes, order, light, surfaces, files) for case in module.CASES]

@@ -1,4 +1,4 @@
-"""What the cases of `stability` run on, and what one of them finds."""
+"""The bench on which the cases of `stability` run, and the outcome of a case."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from ....scene.settings import Layer
 from ...check import oracle_bounds
 
 LAYERS: tuple[Layer, ...] = ("Z", "id")
-BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: what a color may be off (see compare.color_bound)
+BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: allowed color error (oracle_bounds.color_bound)
 _POINT_FEATURES = {"LIT", "DIFFUSE", "SPECULAR", "POWER"}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case measured.
+    """Measurements of a case.
 
-    wrong: pixels (or values, where the case says so) that are not exactly what they must be.
-    error: largest measured error, in `unit`; allowed up to `limit`. Both 0 where everything is counted.
-    amplification: how many float32 roundings (2^-24 of the light budget) the largest error amounts to.
-    detail: what was looked at, a few words.
-    fingerprint: hash of what all devices must agree on; empty where they need not.
+    wrong: pixels (or values, where the case says so) that are not exactly as expected.
+    error: largest measured error, in `unit`; allowed up to `limit`. Both are 0 in cases that only count.
+    amplification: the largest error in float32 roundings (2^-24 of the light budget).
+    detail: what was compared, in a few words.
+    fingerprint: hash of the bits on which all devices must agree; empty where they need not.
     pictures: rendered and expected image, (M, N) or (M, N, 3), of the worst part.
     """
 
@@ -55,20 +55,20 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Whether nothing is wrong and the error within its limit; NaN is not."""
+        """Whether nothing is wrong and the error is within its limit; NaN is not."""
         return self.wrong == 0 and bool(self.error <= self.limit)
 
     @property
     def badness(self) -> float:
-        """How near to failing, for choosing the worst of several."""
+        """How close to failing, for choosing the worst of several."""
         return (1e6 + self.wrong) if self.wrong else (self.error / self.limit if self.limit else self.error)
 
 
 def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
-    """The counts of all, the error and the pictures of the worst."""
+    """Combine outcomes: the counts of all, the error and the images of the worst."""
     chosen = max(outcomes, key=lambda o: o.badness)
     bad = [o.error for o in outcomes if not o.error <= o.limit]
-    if bad and chosen.error <= chosen.limit:  # something wrong elsewhere must not hide an error
+    if bad and chosen.error <= chosen.limit:  # wrong pixels elsewhere must not hide an error
         other = next(o for o in outcomes if not o.error <= o.limit)
         chosen = replace(other, pictures=chosen.pictures or other.pictures)
     amplified = [o.amplification for o in outcomes if o.amplification is not None]
@@ -81,10 +81,10 @@ def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
 
 
 class Bench:
-    """A device with the few ways in which cases use it; tests plant errors by overriding them.
+    """A device and the operations that cases need; tests plant errors by overriding them.
 
-    triangles: how many random triangles the coverage case draws. fractions: how many of them are also judged in rational
-    numbers. folder: for files written on the way.
+    triangles: number of random triangles of the coverage case. fractions: how many of them are also checked in rational
+    arithmetic. folder: for temporary files.
     """
 
     def __init__(self, device: Device, folder: Path, *, triangles: int = 50_000, fractions: int = 1000) -> None:
@@ -92,7 +92,7 @@ class Bench:
         self.triangles, self.fractions = triangles, min(fractions, triangles)
 
     def draw(self, scene: Scene, **options: Any) -> Frame:
-        """One frame with all layers."""
+        """Render one frame with all layers."""
         with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
             return renderer.render()
 
@@ -107,14 +107,17 @@ class Bench:
         ks: Any = 1.0,
         colors: Array | None = None,
     ) -> Array:
-        """(K, 3) float32: the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all taken as
-        float32. lights: positions (L, 3), intensities (L, 3)."""
+        """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all converted to
+        float32.
+
+        Returns (K, 3) float32. lights: positions (L, 3), intensities (L, 3).
+        """
         stages = Stages(self.device, build(self.device, _features(_POINT_FEATURES), ("light.cl",)))
         material, table = np.zeros(1, SINGLE.Material), np.zeros(len(lights[0]), SINGLE.Light)
         material["kd"], material["ks"], material["n"], material["texture"] = kd, ks, n, -1
         table["position"], table["intensity"] = lights
         colors = np.ones_like(points) if colors is None else colors
-        # Named, so that their memory outlives the kernel.
+        # Bound to names, so that the memory outlives the kernel.
         at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, colors))
         surface, shining = Buffer(self.device, material), Buffer(self.device, table)
         found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
@@ -123,11 +126,11 @@ class Bench:
         return lit
 
     def look_up(self, texture: Texture, uv: Array) -> Array:
-        """(K, 3): the colors that the stage `bilerp` finds at uv (K, 2), float64."""
+        """Return the colors (K, 3) of the stage `bilerp` at uv (K, 2), float64."""
         return Lookup(self.device, texture)(uv)
 
     def through_file(self, channels: dict[str, Array], **options: Any) -> tuple[dict[str, Array], list[str]]:
-        """Channels written as EXR and read back, and the warnings of the writer."""
+        """Write channels as EXR and read them back; return them and the writer's warnings."""
         path = self.folder / "case.exr"
         try:
             warnings = exr.write(path, channels, **options)
@@ -148,8 +151,11 @@ def _four(vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class Case:
-    """One named case. number: of the list of cases, a whole number and perhaps a letter. title: what is stressed.
-    expected: what a right renderer does. run: does it. slow: takes more than two seconds or builds further programs."""
+    """One named case.
+
+    number: in the list of cases, an integer and perhaps a letter. title: what is stressed. expected: what a correct
+    renderer does. run: runs the case. slow: takes more than two seconds or builds further programs.
+    """
 
     number: str
     name: str
@@ -160,12 +166,13 @@ class Case:
 
 
 def wrong_pixels(found: Array, expected: Array, detail: str = "") -> Outcome:
-    """Outcome of two images of ids (M, N) that must agree exactly."""
+    """Compare two images of ids (M, N), which must agree exactly."""
     return Outcome(int((found != expected).sum()), detail=detail, pictures=(found, expected))
 
 
 def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors: bool = True) -> Outcome:
-    """Ids and coverage exact but for proven depth ties, depths within their roundings, colors within BOUNDS.
+    """Compare a frame with the oracle: ids and coverage exactly except for proven depth ties, depths within their
+    roundings, colors within BOUNDS.
 
     Pixels at a highlight's gate may be off by that highlight.
     """
@@ -182,8 +189,8 @@ def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors:
 
 
 def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, limit: float = BOUNDS) -> Outcome:
-    """Errors of colors (M, N, 3) in bounds; what is not finite is wrong, and what a highlight at its gate
-    explains is not counted."""
+    """Measure the errors of colors (M, N, 3) in bounds; colors that are not finite are wrong, and errors explained by a
+    highlight at its gate are not counted."""
     error, ratio = oracle_bounds.color_errors(rgb, expected)
     seen = np.ones(ratio.shape, bool) if skip is None else ~skip
     bad = seen & ~(np.isfinite(rgb).all(axis=-1) & np.isfinite(ratio))
@@ -203,7 +210,7 @@ def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, 
 def expected_light(
     points: Array, normals: Array, lights: tuple[Array, Array], n: float, kd: float = 1.0, ks: float = 1.0
 ) -> OracleFrame:
-    """What `Bench.light` should give for white points, as an image of one row."""
+    """Return the expected result of `Bench.light` for white points, as an image of one row."""
     p, m, positions, intensities = (np.asarray(a, np.float64) for a in (points, normals, *lights))
     eye, count = np.zeros(3), len(p)
     return OracleFrame(

@@ -1,4 +1,4 @@
-"""Cases 1 to 11: who owns which pixel, where triangles meet."""
+"""Cases 1 to 11: pixel ownership where triangles meet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ ANGLES = np.radians(np.arange(15) * 6.0 + 0.7)
 
 
 def _grid(cells: int) -> tuple[Array, Array]:
-    """Corners (K, 2) of a grid over [-1/2, 1/2]^2 and its faces, (2*cells^2, 3), diagonals in both directions."""
+    """Return the vertices (K, 2) of a grid over [-1/2, 1/2]^2 and its faces (2*cells^2, 3), with diagonals in both
+    directions."""
     line = np.arange(cells + 1) / cells - 0.5
     points = np.stack(np.meshgrid(line, line, indexing="xy"), axis=-1).reshape(-1, 2)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
@@ -40,7 +41,7 @@ _SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 def _rotated(bench: Bench, cells: int, size: float, resolution: flat.Resolution) -> Outcome:
     points, faces = _grid(cells)
-    center = np.array(resolution) / 2 + [0.5, 0.0]  # grid points at angle 0 lie on pixel centers' columns
+    center = np.array(resolution) / 2 + [0.5, 0.0]  # at angle 0 grid points lie on columns of pixel centers
     outcomes = []
     for angle in ANGLES:
         uv = _turned(points, angle) * size + center
@@ -58,7 +59,7 @@ def full_screen_quad(bench: Bench) -> Outcome:
 
 
 def perspective_edges(bench: Bench) -> Outcome:
-    """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the counts are added up."""
+    """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the coverage is summed."""
     rng = np.random.default_rng(3)
     points, faces = _grid(4)
     camera = Camera(np.zeros(3), -np.eye(3)[2], np.eye(3)[1], 1.0, (1, 1), (96, 96))
@@ -78,7 +79,7 @@ def perspective_edges(bench: Bench) -> Outcome:
 
 
 def around_a_center(bench: Bench) -> Outcome:
-    """At each of 32 x 32 pixel centers a fan of eight triangles of about a third of a pixel."""
+    """A fan of eight triangles, each about a third of a pixel in size, at each of 32 x 32 pixel centers."""
     rng = np.random.default_rng(4)
     cell = np.stack(np.divmod(np.arange(1024), 32), axis=1)[:, None, :] * SUB + HALF
     angle = np.sort(rng.uniform(0, 2 * np.pi, (1024, 8)) * 0.1 + np.arange(8) * np.pi / 4, axis=1)
@@ -90,24 +91,24 @@ def around_a_center(bench: Bench) -> Outcome:
 
 
 def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
-    """Corners (F, 3, 2) in [0, 256*size], a part of them moved to where rounding would tell."""
+    """Return corners (F, 3, 2) in [0, 256*size], some of them moved to where rounding errors would show."""
     kind, whole = rng.integers(0, 8, len(xy)), SUB * size
     xy = xy.copy()
-    xy[kind == 1] = xy[kind == 1] // HALF * HALF  # corners on pixel centers, corners and edges between
-    xy[kind == 2, 1, 1] = xy[kind == 2, 0, 1]  # a level edge
-    xy[kind == 3, 2, 0] = xy[kind == 3, 0, 0]  # an upright edge
-    thin = kind == 4  # the third corner a step beside the middle of the others
+    xy[kind == 1] = xy[kind == 1] // HALF * HALF  # corners on pixel centers, pixel corners and midpoints of pixel edges
+    xy[kind == 2, 1, 1] = xy[kind == 2, 0, 1]  # a horizontal edge
+    xy[kind == 3, 2, 0] = xy[kind == 3, 0, 0]  # a vertical edge
+    thin = kind == 4  # the third corner one step from the midpoint of the others
     xy[thin, 2] = (xy[thin, 0] + xy[thin, 1]) // 2 + rng.integers(-1, 2, (thin.sum(), 2))
-    center = kind == 5  # an edge through a center
+    center = kind == 5  # an edge through a pixel center
     middle = rng.integers(0, max(size, 1), (center.sum(), 2)) * SUB + HALF
     xy[center, 1] = 2 * middle - xy[center, 0]
-    xy[kind == 6] = np.clip(xy[kind == 6], whole // 2 - 2, whole // 2 + 2)  # of a few steps
+    xy[kind == 6] = np.clip(xy[kind == 6], whole // 2 - 2, whole // 2 + 2)  # a few steps in size
     return np.clip(xy, 0, whole)
 
 
 def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[Array, flat.Resolution]:
-    """Snapped triangles (count, 3, 2) of up to `size` pixels, each in a cell of its own of an image about 1024 wide; cells
-    and tiles do not line up."""
+    """Return snapped triangles (count, 3, 2) of up to `size` pixels, each in its own cell of an image about 1024 wide;
+    the cells are not aligned with tiles."""
     across = max(1024 // size, 1)
     cell = np.stack(np.divmod(np.arange(count), across)[::-1], axis=1)
     xy = _adversarial(rng, rng.integers(0, SUB * size + 1, (count, 3, 2)), size)
@@ -117,7 +118,8 @@ def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[
 
 
 def random_triangles(bench: Bench) -> Outcome:
-    """Sizes 2^0 to 2^8 px, half as many of each size as of the one before; each size drawn with both visibilities."""
+    """Triangles of sizes 2^0 to 2^8 px, half as many of each size as of the previous one, drawn with both
+    visibilities."""
     rng = np.random.default_rng(5)
     outcomes, judged, left = [], 0, bench.fractions
     shares = 2.0 ** -np.arange(9)
@@ -138,7 +140,7 @@ def random_triangles(bench: Bench) -> Outcome:
 
 
 def _against_fractions(ids: Array, xy: Array, resolution: flat.Resolution) -> Outcome:
-    """The ids (M, N) of the first triangles against rational numbers."""
+    """Compare the ids (M, N) of the first triangles with rational arithmetic."""
     columns, rows = resolution
     wrong, worst_at = 0, None
     upward = ids[::-1]
@@ -155,7 +157,7 @@ def _against_fractions(ids: Array, xy: Array, resolution: flat.Resolution) -> Ou
 
 
 def half_pixel_grid(bench: Bench) -> Outcome:
-    """All 49^3 triangles with corners on a grid of 7 x 7 points half a pixel apart, each in a cell of 4 x 4 pixels."""
+    """All 49^3 triangles with corners on a 7 x 7 half-pixel grid, each in a cell of 4 x 4 pixels."""
     corner = HALF * np.stack(np.divmod(np.arange(49), 7), axis=1)
     index = np.stack(np.meshgrid(*[np.arange(49)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     cell = np.stack(np.divmod(np.arange(len(index)), 343), axis=1)
@@ -165,8 +167,9 @@ def half_pixel_grid(bench: Bench) -> Outcome:
 
 
 def edges_on_centers(bench: Bench) -> Outcome:
-    """Rectangles whose edges run through centers own their left column and top row, not the right and bottom ones; by
-    either diagonal and winding. And squares on their corner, all edges through centers, likewise in closed form."""
+    """Rectangles with edges through pixel centers own their left column and top row, not the right and bottom ones,
+    with either diagonal and winding. Squares rotated by 45 degrees, all edges through centers, are checked in closed
+    form too."""
     outcomes = []
     box = np.array([[3, 4], [11, 4], [11, 9], [3, 9]]) * SUB + HALF
     expected = np.zeros((16, 16), bool)
@@ -178,7 +181,7 @@ def edges_on_centers(bench: Bench) -> Outcome:
     middle, reach = np.array([8, 8]) * SUB + HALF, 5 * SUB
     tips = middle + reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
-    # Inside or on a left edge; the tips above and below end a right edge too, and are not drawn.
+    # Inside or on a left edge; the top and bottom corners also end a right edge, and are not drawn.
     diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
     found = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
     rational = np.any([flat.rational_mask(tips[list(f)], 16, 16) for f in ((0, 1, 2), (0, 2, 3))], axis=0)
@@ -209,7 +212,7 @@ def whole_pixel_shifts(bench: Bench) -> Outcome:
 
 
 def zero_area(bench: Bench) -> Outcome:
-    """Repeated and collinear corners, and some that snapping makes so: no pixel, and counted."""
+    """Repeated and collinear corners, some only after snapping, draw no pixel and are counted."""
     rng = np.random.default_rng(9)
     a, b = rng.uniform(0, 64, (2, 200, 2))
     t = rng.integers(0, 5, (200, 1)) / 4.0
@@ -228,7 +231,8 @@ def zero_area(bench: Bench) -> Outcome:
 
 
 def slivers(bench: Bench) -> Outcome:
-    """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), upright and lying, and a fan of needles 1e5 : 1."""
+    """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), vertical and horizontal, and a fan of needles 1e5 :
+    1."""
     outcomes = []
     for turned in (False, True):
         across = np.arange(1601) * 0.01 + 2.003

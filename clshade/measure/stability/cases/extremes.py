@@ -1,4 +1,4 @@
-"""Cases 12 to 17: triangles far larger than the screen or not finite, the near plane, sizes of images and tiles."""
+"""Cases 12 to 17: triangles far larger than the screen or not finite, the near plane, image and tile sizes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ PRESETS = ("standard", "course")
 
 
 def _exact_edges(corners: Array, resolution: flat.Resolution) -> tuple[Array, Array]:
-    """(covered, decided), both (M, N) bool, row 0 at the TOP, of a counter-clockwise triangle (3, 2), multiples of 2^-20
-    px, that is neither snapped nor clipped: in whole numbers of any length. Not decided: centers within 1/128 px of an
-    edge, which snapping may move."""
+    """Return (covered, decided), both (M, N) bool, row 0 at the TOP, of a counter-clockwise triangle (3, 2) in
+    multiples of 2^-20 px, neither snapped nor clipped, computed in integers of any length. Centers within 1/128 px of
+    an edge, which snapping may move, are not decided."""
     columns, rows = resolution
     unit = 1 << 20
     points = [[int(x * unit) for x in corner] for corner in corners]
@@ -42,7 +42,8 @@ def _exact_edges(corners: Array, resolution: flat.Resolution) -> tuple[Array, Ar
 
 
 def huge_triangle(bench: Bench) -> Outcome:
-    """1e4 times a 48 px screen, counter-clockwise: one that covers it all, and nine whose edges cross it."""
+    """Counter-clockwise triangles 1e4 times as large as a 48 px screen: one that covers it all, and nine whose edges
+    cross it."""
     rng = np.random.default_rng(12)
     size, reach = (48, 48), 48e4
     outcomes = []
@@ -64,13 +65,13 @@ def huge_triangle(bench: Bench) -> Outcome:
 
 
 def far_coordinates(bench: Bench) -> Outcome:
-    """Corners past +-32768 px, and out to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
+    """Corners beyond +-32768 px, and up to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
     outcomes, size = [], (40, 30)
     for reach in (32767.5, 32768.0, 40000.0, 2.0**31, 1e12, 1e20, 1e38, 1e100):
         corners = np.array([[-reach, -reach], [reach, -reach], [0.0, reach]])
         frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
         outcomes.append(wrong_pixels(frame["id"], np.ones(size[::-1], np.uint32)))
-        # Its neighbor shares the edge that crosses the image: between them they draw each pixel once.
+        # Two triangles share the edge that crosses the image: together they draw each pixel once.
         quad = np.array([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]])
         scene = flat.scene_of(quad + [20.3, 15.2], np.array([[0, 1, 2], [0, 2, 3]]), size)
         outcomes.append(flat.drawn_once(bench, scene, np.ones(size[::-1], bool)))
@@ -82,7 +83,7 @@ def far_coordinates(bench: Bench) -> Outcome:
 
 
 def _but_for_depth(frame: Frame, first: int) -> Outcome:
-    """Against the oracle; faces beyond the first may be deeper than float32 goes."""
+    """Compare with the oracle; depths of faces after the first may exceed float32."""
     expected = oracle.render(frame.scene, frame.settings)
     far = (frame["id"] > first) & (expected.id > first)
     depths = np.where(far, np.float32(1.0), frame["Z"])
@@ -92,7 +93,7 @@ def _but_for_depth(frame: Frame, first: int) -> Outcome:
 
 
 def not_finite(bench: Bench) -> Outcome:
-    """NaN and infinity in memory: refused; with nonfinite="drop" that triangle is gone and counted, the rest intact."""
+    """NaN and infinity are refused; with nonfinite="drop" the triangle is dropped and counted, and the rest intact."""
     mesh = lit.patch()
     outcomes = []
     rng = np.random.default_rng(14)
@@ -136,14 +137,14 @@ def near_plane(bench: Bench) -> Outcome:
     level = replace(lit.CAMERA, lookat=eye - [0.0, 0.0, 1.0], up=np.array([0.0, 1.0, 0.0]))
     floor = lit.triangle((-900.0, -1.0, 90.0), (900.0, -1.0, 90.0), (0.0, -1.0, -900.0))
     frame = bench.draw(lit.scene_of(floor, camera=level), near=0.5)
-    above = frame["id"][:30] > 0  # of 61 rows the upper 30 look above the horizon
+    above = frame["id"][:30] > 0  # the upper 30 of 61 rows are above the horizon
     below = frame["id"][-10:] == 0
     outcomes += [against_oracle(frame), Outcome(int(above.sum() + below.sum()))]
     return worst(outcomes, "behind, across, at the eye, a floor")
 
 
 def image_sizes(bench: Bench) -> Outcome:
-    """1x1 to 16384 wide: the oracle's pixels, and those of the same part of a larger image, bit for bit."""
+    """Images from 1x1 to 16384 wide: the oracle's pixels, bit-identical to the same part of a larger image."""
     outcomes = []
     for resolution in ((1, 1), (1, 7), (17, 33), (333, 1), (16384, 2), (3, 16384)):
         camera = replace(lit.CAMERA, resolution=resolution)
@@ -174,7 +175,7 @@ def _tile_size(size: int) -> Iterator[None]:
 
 
 def tiles_and_lanes(bench: Bench) -> Outcome:
-    """Tiles of 8, 16 and 32 px, 1, 4, 8 and 16 lanes, every feature on: one and the same image."""
+    """Tiles of 8, 16 and 32 px, 1, 4, 8 and 16 lanes, every feature on: identical images."""
     scene = lit.scene_of()
     first = bench.draw(scene)
     others = []
@@ -187,7 +188,7 @@ def tiles_and_lanes(bench: Bench) -> Outcome:
 
 
 def different_bits(a: Frame, b: Frame) -> Outcome:
-    """Pixels that differ in a bit of image or layers."""
+    """Count the pixels that differ in a bit of the image or layers."""
     if same_bits(a, b):
         return Outcome(pictures=(a.rgb, b.rgb))
     wrong = (a.rgba.view(np.uint32) != b.rgba.view(np.uint32)).any(axis=-1)

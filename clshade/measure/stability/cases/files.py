@@ -1,4 +1,4 @@
-"""Cases 28 and 29: texture coordinates without sense, and values that files must keep."""
+"""Cases 28 and 29: extreme texture coordinates, and values that files must preserve."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MEAN = 8.0  # roundings of a mean of four texels: three differences and sums, ea
 
 
 def coordinates(bench: Bench) -> Outcome:
-    """All pairs of special coordinates in textures from 1x1 on: the oracle's texel, nothing from beyond the image."""
+    """All pairs of special coordinates in textures from 1x1: the oracle's texel, nothing from outside the image."""
     outcomes = []
     uv = np.array(list(itertools.product(SPECIAL, repeat=2)))
     for (columns, rows), (lookup, wrap) in itertools.product(SIZES, KINDS):
@@ -53,8 +53,8 @@ def coordinates(bench: Bench) -> Outcome:
 
 
 def radiance(bench: Bench) -> Outcome:
-    """1e6, NaN with its payload, infinity, -0.0 and denormals in an EXR: the same bits; half warns; in a PNG NaN is 0
-    and +infinity 255."""
+    """1e6, NaN with its payload, infinity, -0.0 and denormals keep their bits in an EXR; half floats warn; in a PNG NaN
+    becomes 0 and +infinity 255."""
     bits = np.array([0x7FC12345, 0xFFC00001, 0x7F800000, 0xFF800000, 0x80000000, 1, 0x007FFFFF, 0x49742400], np.uint32)
     plane = np.ascontiguousarray(np.resize(bits, (6, 8)).view(np.float32))
     plane[5] = [1e6, 65504.0, 65520.0, 3.4e38, -1e6, 0.5, 1e-8, 0.0]

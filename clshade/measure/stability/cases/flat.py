@@ -1,4 +1,5 @@
-"""Triangles given in image coordinates: scenes that put them exactly there, and exact integer and rational answers."""
+"""Triangles in image coordinates: scenes that place them exactly there, and exact integer and rational
+rasterization."""
 
 from __future__ import annotations
 
@@ -22,8 +23,8 @@ Resolution = tuple[int, int]
 _Y, _Z = np.eye(3)[1:]
 ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
 
-# All unlit scenes share a material, and positions that float32 cannot hold: one program for all of them. The nudge is far
-# too small to move a snapped corner.
+# All unlit scenes share a material and have positions that are not float32 values, so that one program serves them all.
+# The nudge is far too small to move a snapped corner.
 NUDGE = 2.0**-38
 UNLIT = Material(0.0, 1.0, 0.0, 1.0)
 DEPTH = 1.0 + 2.0**-40
@@ -31,13 +32,13 @@ FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
 
 
 def camera(resolution: Resolution) -> Camera:
-    """Parallel projection in which world x and y are pixels from the middle of the image, and -z is the depth."""
+    """Return a parallel projection in which world x and y are pixels from the image's center, and -z is the depth."""
     columns, rows = resolution
     return Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
 
 
 def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | float = DEPTH) -> Scene:
-    """A mesh whose vertices lie at image coordinates uv (V, 2), in pixels."""
+    """Return a scene of one mesh with its vertices at image coordinates uv (V, 2), in pixels."""
     columns, rows = resolution
     verts = np.empty((len(uv), 3))
     verts[:, :2] = np.asarray(uv, np.float64) - [columns / 2, rows / 2]
@@ -47,17 +48,18 @@ def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | flo
 
 
 def separate(xy: Array) -> tuple[Array, Array]:
-    """Snapped triangles (F, 3, 2) as image coordinates (3F, 2) and faces (F, 3)."""
+    """Convert snapped triangles (F, 3, 2) to image coordinates (3F, 2) and faces (F, 3)."""
     return xy.reshape(-1, 2) / SUB, np.arange(3 * len(xy)).reshape(-1, 3)
 
 
 def draw(bench: Bench, xy: Array, resolution: Resolution, **options: object) -> Frame:
-    """Snapped triangles (F, 3, 2), no vertex shared."""
+    """Render snapped triangles (F, 3, 2) without shared vertices."""
     return bench.draw(scene_of(*separate(xy), resolution), **{**FLAT, **options})
 
 
 def exact(xy: Array, resolution: Resolution) -> tuple[Array, Array]:
-    """Ids and how many triangles cover each pixel, (M, N), row 0 at the TOP, in integers; the later face wins."""
+    """Return ids and the number of triangles that cover each pixel, (M, N), row 0 at the TOP, computed in integers; the
+    later face wins."""
     columns, rows = resolution
     ids, count = np.zeros(columns * rows, np.uint32), np.zeros(columns * rows, np.int64)
     setup = coverage.setup(xy, columns, rows)
@@ -70,11 +72,11 @@ def exact(xy: Array, resolution: Resolution) -> tuple[Array, Array]:
 
 
 def rational_mask(xy: Array, columns: int, rows: int) -> Array:
-    """(rows, columns) bool, row 0 at the BOTTOM: the pixels of one snapped triangle, in rational numbers.
+    """Return the pixels of one snapped triangle in rational arithmetic, (rows, columns) bool, row 0 at the BOTTOM.
 
-    The top-left rule says: a center counts as lying a little to the right of itself and, far less, below itself. So row
-    by row the pixels are those of a half-open interval between two crossings; edges that end at the row's height belong
-    to the side below it.
+    The top-left rule treats a center as displaced a little to the right and, far less, downwards. The pixels of a row
+    are therefore a half-open interval between two crossings; edges that end at the row's height belong to the side
+    below it.
     """
     mask = np.zeros((rows, columns), bool)
     corners = [[Fraction(int(value), SUB) for value in corner] for corner in xy]
@@ -94,10 +96,10 @@ def rational_mask(xy: Array, columns: int, rows: int) -> Array:
 
 
 def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> Outcome:
-    """A mesh of which all triangles are equally deep must draw each pixel of `inside` (M, N) bool exactly once.
+    """Check that a mesh whose triangles all have equal depth draws each pixel of `inside` (M, N) bool exactly once.
 
-    A pixel that two triangles draw gets the later one: with the faces in reverse order, another one. What lies outside
-    of `inside` may be drawn or not, but at most once.
+    A pixel drawn by two triangles gets the later one, so a different one with the faces in reverse order. Pixels
+    outside `inside` may be drawn at most once.
     """
     mesh = scene.meshes[0]
     count = len(mesh.faces)
@@ -110,8 +112,8 @@ def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> O
 
 
 def polygon_interior(corners: Array, resolution: Resolution, margin: float = 1 / 64) -> Array:
-    """(M, N) bool, row 0 at the TOP: centers inside a convex counter-clockwise polygon (n, 2), pixels, by a margin that
-    no snapping crosses."""
+    """Return the centers, (M, N) bool, row 0 at the TOP, inside a convex counter-clockwise polygon (n, 2) in pixels, by
+    a margin larger than snapping."""
     columns, rows = resolution
     x, y = np.arange(columns) + 0.5, (rows - 0.5 - np.arange(rows))[:, None]
     inside = np.ones((rows, columns), bool)
@@ -122,7 +124,7 @@ def polygon_interior(corners: Array, resolution: Resolution, margin: float = 1 /
 
 
 def each_alone(bench: Bench, scene: Scene, **options: object) -> Array:
-    """How many triangles of a mesh draw each pixel, (M, N), each rendered by itself."""
+    """Return how many triangles of a mesh draw each pixel, (M, N), each rendered by itself."""
     mesh = scene.meshes[0]
     alone = (
         Scene((Mesh(mesh.verts, face[None], material=UNLIT),), scene.camera, background=None) for face in mesh.faces

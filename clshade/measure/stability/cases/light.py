@@ -1,4 +1,4 @@
-"""Cases 21 to 24: the reflection model at single points, where it is stiff or undefined."""
+"""Cases 21 to 24: the reflection model at single points where it is ill-conditioned or undefined."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .bench import Bench, Case, Outcome, against_oracle, color_outcome, expected
 
 EXPONENTS = (0.0, 1.0, 20.0, 1e3, 1e5, 1e9)
 HALF_ULP = 2.0**-24
-LOBE = 16.0  # times sqrt(n) * 2^-24: the highlight's own relative error where it is at least 1/e
-DIGITS = 50  # of the reference beyond float64
+LOBE = 16.0  # times sqrt(n) * 2^-24: relative error of the highlight alone where it is at least 1/e
+DIGITS = 50  # of the reference that exceeds float64
 Points = tuple[Array, Array, Array]
 
 
@@ -33,8 +33,8 @@ def _float32(values: Array) -> Array:
 
 
 def in_the_lobe(n: float, count: int = 4000) -> Points:
-    """Points (K, 3) relative to the eye, unit normals (K, 3) and a light's position (3,), all float32 values, with R.V all
-    over the lobe (R.V)^n >= 1/e."""
+    """Return points (K, 3) relative to the eye, unit normals (K, 3) and a light's position (3,), all float32 values,
+    with R.V throughout the lobe (R.V)^n >= 1/e."""
     rng = np.random.default_rng(int(n))
     light = _float32(np.array([0.7, -0.4, 0.9]))
     points = _float32(unit(rng.normal(size=(count, 3))) * rng.uniform(1.0, 2.0, (count, 1)))
@@ -42,13 +42,14 @@ def in_the_lobe(n: float, count: int = 4000) -> Points:
     to_eye, to_light = unit(-points), unit(light - points)
     kept = (to_eye * to_light).sum(axis=1) > -0.8
     points, middle = points[kept], unit(to_eye + to_light)[kept]
-    # R.V is cos(2a) for a normal turned by a from the middle; it is e^(-1/n) at n (2a)^2 / 2 = 1.
+    # R.V is cos(2a) for a normal rotated by a from the lobe's axis; it is e^(-1/n) at n (2a)^2 / 2 = 1.
     turned = rng.uniform(0, 1, (len(points), 1)) * math.sqrt(0.5 / max(n, 4.0)) * unit(rng.normal(size=points.shape))
     return points, _float32(unit(middle + turned)), light
 
 
 def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> Array:
-    """(R.V)^n, (K,), of normals of about unit length, normalized first: DIGITS digits with mpmath, else float64."""
+    """Compute (R.V)^n, (K,), of roughly unit normals, normalized first, to DIGITS digits with mpmath, else in
+    float64."""
     try:
         import mpmath
     except ImportError:
@@ -66,14 +67,14 @@ def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> A
 
 
 def lobe_error(found: Array, exact: Array, n: float) -> float:
-    """Largest relative error inside the lobe, in sqrt(n) * 2^-24; infinite where a value is not finite."""
+    """Return the largest relative error inside the lobe, in sqrt(n) * 2^-24; infinite if a value is not finite."""
     inside = exact >= math.exp(-1.0)
     error = np.abs(found[inside] / exact[inside] - 1.0) / (math.sqrt(max(n, 1.0)) * HALF_ULP)
     return float(np.where(np.isfinite(error), error, np.inf).max(initial=0.0))
 
 
 def exponents(bench: Bench) -> Outcome:
-    """Highlights at n from 0 to 1e9: in the lobe against the exact power, over a sheet against the oracle."""
+    """Highlights with n from 0 to 1e9: in the lobe against the exact power, on a sheet against the oracle."""
     outcomes = []
     for n in EXPONENTS:
         points, normals, light = in_the_lobe(n, 600)
@@ -83,7 +84,7 @@ def exponents(bench: Bench) -> Outcome:
         amplified = error * math.sqrt(max(n, 1.0))
         outcomes.append(Outcome(0, error, LOBE, "sqrt(n)*2^-24", amplified, f"lobe, n = {n:g}"))
         material = Material(n=n) if n != 20.0 else lit.MATERIAL
-        # Without a power (n = 1) less would be built: with every feature on the program is one that there is already.
+        # n = 1 needs no power, hence another program; with every feature on, an existing one serves.
         frame = bench.draw(lit.scene_of(lit.patch(material=material)), forced=OPTIONAL if n == 1.0 else ())
         outcomes.append(replace(against_oracle(frame), detail=f"sheet, n = {n:g}"))
     for bad in (math.nan, -1.0, math.inf, 1e10):
@@ -96,7 +97,7 @@ def exponents(bench: Bench) -> Outcome:
 
 
 def _values(found: list[Array], expected: list[list[float]]) -> Outcome:
-    """How many single values are not exactly what they must be."""
+    """Count the values that are not exactly as expected."""
     wrong = [not np.array_equal(f, np.asarray(e, np.float32)) for f, e in zip(found, expected, strict=True)]
     return Outcome(sum(wrong), detail=f"{len(wrong)} closed forms")
 
@@ -108,7 +109,7 @@ def _one(bench: Bench, point: object, normal: object, light: object, **options: 
 
 
 def zero_power(bench: Bench) -> Outcome:
-    """Exact in float32. R.V = 0: nothing whatever n, 0^0 included; R.V < 0 likewise; R.V = 1: 1 at any n."""
+    """Inputs exact in float32. R.V <= 0: no highlight for any n, 0^0 included; R.V = 1: 1 for any n."""
     found, expected = [], []
     for n in EXPONENTS:
         found.append(_one(bench, (-2, 0, 0), (0, 0, 1), (-2, 0, 1), n=n))  # N.L = 1, R.V = 0
@@ -121,7 +122,7 @@ def zero_power(bench: Bench) -> Outcome:
 
 
 def negative_cosine(bench: Bench) -> Outcome:
-    """Lights behind the surface and in its plane: exactly nothing, whatever n."""
+    """Lights behind the surface and in its plane: exactly 0 for any n."""
     rng = np.random.default_rng(22)
     points, normals = _float32(rng.uniform(-2, 2, (4000, 3))), unit(rng.normal(size=(4000, 3)))
     light = np.array([0.5, 0.25, 1.5])
@@ -145,7 +146,7 @@ def grazing(bench: Bench) -> Outcome:
         exact = unit(normals)
         along = unit(np.cross(exact, rng.normal(size=(count, 3))))
         points = _float32(-2.0 * along - 2.0 * height * exact * rng.uniform(0.5, 2.0, (count, 1)))
-        # One light for each of a few points: it stands opposite the eye, as low above the plane.
+        # One light per cluster of points, opposite the eye and equally low above the plane.
         for k in range(0, count, 200):
             light = points[k] + 1.5 * along[k] * -1.0 + 1.5 * height * exact[k]
             lights = _float32(light[None]), np.ones((1, 3))
@@ -159,10 +160,10 @@ def grazing(bench: Bench) -> Outcome:
 
 
 def at_the_point(bench: Bench) -> Outcome:
-    """A light or the eye at the point, or both, or so near that no direction is left: they contribute 0, never NaN."""
+    """A light or the eye, or both, at the point or too close for a direction: the contribution is 0, never NaN."""
     found = [
         _one(bench, (1, 1, -2), (0, 0, 1), (1, 1, -2)),
-        _one(bench, (0, 0, 0), (0, 0, 1), (0, 0, 2)),  # the diffuse part stays
+        _one(bench, (0, 0, 0), (0, 0, 1), (0, 0, 2)),  # the diffuse term stays
         _one(bench, (0, 0, 0), (0, 0, 1), (0, 0, 0)),
         _one(bench, (1e-30, 0, 0), (0, 0, 1), (0, 0, 2), n=0.0),
         _one(bench, (0, 0, -2), (0, 0, 0), (0, 0, 0)),
@@ -182,7 +183,8 @@ DISTANCES = tuple(10.0**power for power in range(-6, 10))
 
 
 def near_light(distance: float) -> tuple[Array, Array]:
-    """Where a light stands `distance` before the sheet's middle, and a second light's place: (2, 3) and intensities."""
+    """Return the positions (2, 3) and intensities of a light `distance` in front of the sheet's center, and a second
+    one."""
     middle = np.array([0.013, 0.021, 0.15 * (1.0 - 0.013**2 - 0.5 * 0.021**2)])
     return np.stack([middle + distance * np.array([0.1, -0.2, 0.97]), [-4.0, 1.0, 2.0]]), np.ones((2, 3))
 

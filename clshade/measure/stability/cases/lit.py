@@ -1,4 +1,4 @@
-"""A lit scene that several cases vary: colored triangles of all sizes about the origin, two lights."""
+"""A lit scene that several cases modify: colored triangles of all sizes around the origin, two lights."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LIGHTS = (
 CAMERA = Camera(
     np.array([0.3, 0.2, 5.0]), np.array([0.05, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 1.3, (1.0, 1.0), (61, 61)
 )
-MATERIAL = Material()  # shared by all meshes: a second one would be another program to build
+MATERIAL = Material()  # shared by all meshes: a second one would need another program
 
 
 def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
-    """Triangles that share no vertex, in coordinates that need float64."""
+    """Return triangles without shared vertices, in coordinates that need float64."""
     rng = np.random.default_rng(seed)
     verts = rng.normal(size=(count, 1, 3)) + rng.uniform(0.05, 1, (count, 1, 1)) * rng.normal(size=(count, 3, 3))
     colors = rng.uniform(0, 1, (3 * count, 3))
@@ -31,20 +31,21 @@ def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
 
 
 def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
-    """The meshes (default: the blob) under CAMERA and LIGHTS, over a background."""
+    """Return a scene of the meshes (default: the blob) with CAMERA and LIGHTS, over a background."""
     given = {"meshes": meshes or (blob(),), "camera": CAMERA, "lights": LIGHTS, "background": (0.25, 0.5, 2.0)}
     return Scene(**{**given, **fields})
 
 
 def triangle(*corners: tuple[float, float, float], **fields: Any) -> Mesh:
-    """One colored triangle, drawn by the blob's program."""
+    """Return one colored triangle, drawn by the blob's program."""
     colors = np.array([[1.0, 0.5, 0.2], [0.1, 0.9, 0.3], [0.2, 0.3, 0.7]])
     material = {"material": MATERIAL, **fields}
     return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, **material)
 
 
 def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) -> Mesh:
-    """A colored sheet of 2*cells^2 triangles before the camera, bent so that normals differ; `size` about the origin."""
+    """Return a colored sheet of 2*cells^2 triangles in front of the camera, `size` wide around the origin, bent so that
+    normals differ."""
     line = np.linspace(-1.0, 1.0, cells + 1)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
     verts = size * np.stack([x, y, bend * (1.0 - x * x - 0.5 * y * y)], axis=1) * (1 + 2.0**-40)
@@ -56,7 +57,7 @@ def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) 
 
 
 def shifted(scene: Scene, scale: float, shift: float | Array) -> Scene:
-    """Everything times `scale` plus `shift`: vertices, camera and lights."""
+    """Return the scene with vertices, camera and lights times `scale` plus `shift`."""
     camera = scene.camera
     eye, lookat = camera.eye * scale + shift, camera.lookat * scale + shift
     lights = tuple(replace(light, position=light.position * scale + shift) for light in scene.lights)
@@ -65,5 +66,5 @@ def shifted(scene: Scene, scale: float, shift: float | Array) -> Scene:
 
 
 def on_a_grid(mesh: Mesh, bits: int) -> Mesh:
-    """Vertices rounded to multiples of 2^-bits and moved by half of one, so that float32 does not hold them."""
+    """Round vertices to multiples of 2^-bits and move them by half of one, so that float32 cannot represent them."""
     return replace(mesh, verts=np.round(mesh.verts * 2.0**bits) / 2.0**bits + 2.0 ** -(bits + 1))

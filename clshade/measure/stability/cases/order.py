@@ -1,4 +1,4 @@
-"""Cases 18 to 20 and 30: which triangle is seen, and that the answer is always the same."""
+"""Cases 18 to 20 and 30: visibility, and reproducibility."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ MAGNITUDES = (1e-30, 1e-10, 1.0, 1e6, 1e15, 1e30)
 
 
 def equal_depth(bench: Bench) -> Outcome:
-    """Triangles on top of each other, equally deep to the last bit: the later face wins, in any order of the list; and
-    -0.0 among the coordinates is 0.0."""
+    """Coincident triangles of bit-identical depth: the later face wins, in any order of the list; -0.0 among the
+    coordinates equals 0.0."""
     rng = np.random.default_rng(18)
     size = flat.SUB * np.exp2(rng.uniform(1.0, 6.0, (300, 1, 1)))
     xy = np.rint(rng.uniform(0, 80 * flat.SUB, (300, 1, 2)) + size * rng.uniform(-1, 1, (300, 3, 2))).astype(np.int64)
@@ -39,8 +39,8 @@ def equal_depth(bench: Bench) -> Outcome:
 
 
 def close_depths(bench: Bench) -> Outcome:
-    """In each of 64 cells two triangles, one float32 ulp apart in depth, or 16 float64 ulp (with visibility `depth`
-    2^-10 of a float32 ulp): the nearer one is seen, although it comes first."""
+    """Two triangles in each of 64 cells, one float32 ulp apart in depth, or 16 float64 ulp (with visibility `depth`
+    2^-10 of a float32 ulp): the nearer one is visible, although it comes first."""
     outcomes = []
     rng = np.random.default_rng(19)
     cell = np.stack(np.divmod(np.arange(64), 8), axis=1)[:, None, :] * 8 * flat.SUB
@@ -67,7 +67,8 @@ def close_depths(bench: Bench) -> Outcome:
 
 
 def _bars() -> tuple[Mesh, np.ndarray]:
-    """Three bars, each over the next at its start and under the one before at its end, and where each must be on top."""
+    """Return three bars, each over the next at its start and under the previous one at its end, and where each must be
+    on top."""
     angle = np.radians([90.0, 210.0, 330.0])
     tips = 0.9 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     verts, faces = [], []
@@ -86,7 +87,7 @@ def _bars() -> tuple[Mesh, np.ndarray]:
 
 
 def cyclic_overlap(bench: Bench) -> Outcome:
-    """`depth`: each bar over the next. `painter`: one mean depth per triangle, as the oracle says, at every run."""
+    """`depth`: each bar is over the next. `painter`: one mean depth per triangle, as in the oracle, in every run."""
     mesh, tips = _bars()
     camera = replace(lit.CAMERA, eye=np.array([0.0, 0.0, 5.0]), lookat=np.zeros(3))
     outcomes = []
@@ -101,7 +102,7 @@ def cyclic_overlap(bench: Bench) -> Outcome:
 
 
 def fingerprint(frame: Frame) -> str:
-    """SHA-256 of every bit of image and layers."""
+    """Return the SHA-256 of the image and layers."""
     digest = hashlib.sha256(np.ascontiguousarray(frame.rgba).tobytes())
     for name in frame.layers:
         digest.update(np.ascontiguousarray(frame[name]).tobytes())
@@ -109,7 +110,7 @@ def fingerprint(frame: Frame) -> str:
 
 
 def same_input_twice(bench: Bench) -> Outcome:
-    """Three scenes, drawn twice; the fingerprint is what devices must agree on."""
+    """Three scenes, rendered twice; devices must agree on the fingerprint."""
     outcomes, prints = [], []
     subjects: tuple[tuple[Scene, dict[str, Any]], ...] = (
         (lit.scene_of(), {}),

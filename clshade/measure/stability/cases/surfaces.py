@@ -1,4 +1,4 @@
-"""Cases 25 to 27: normals that fail, intensities and positions out at the ends of the number range."""
+"""Cases 25 to 27: degenerate normals, and intensities and positions at the limits of the number range."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .extremes import PRESETS, different_bits
 OFFSETS = (1e6, 1e9)
 SCALES = (1e-20, 1e-10, 1e10, 1e20)
 POWERS = (-70, -3, 90)
-_BITS = 22  # vertices are odd multiples of 2^-23: float64 still holds them at 1e9, float32 nowhere
+_BITS = 22  # vertices are odd multiples of 2^-23: exact in float64 even at 1e9, nowhere in float32
 
 
 def degenerate_normals(bench: Bench) -> Outcome:
-    """Normals that are 0, cancel between the corners or between faces, or are 1e-300 and 1e300 long."""
+    """Normals that are 0, cancel between corners or faces, or have lengths of 1e-300 and 1e300."""
     mesh = lit.patch()
     count = len(mesh.verts)
     rng = np.random.default_rng(25)
@@ -35,7 +35,7 @@ def degenerate_normals(bench: Bench) -> Outcome:
         up * 10.0 ** rng.uniform(-300, 300, (count, 1)),
         np.where(rng.random((count, 1)) < 0.3, 0.0, rng.normal(size=(count, 3))),
     )
-    doubled = np.concatenate([mesh.faces, mesh.faces[:, [0, 2, 1]]])  # each face with its back: the normals sum to 0
+    doubled = np.concatenate([mesh.faces, mesh.faces[:, [0, 2, 1]]])  # each face with its reverse: the normals sum to 0
     meshes = [replace(mesh, normals=normals) for normals in sets]
     meshes.append(replace(mesh, faces=doubled))
     outcomes = [against_oracle(bench.draw(lit.scene_of(m), preset=preset)) for m in meshes for preset in PRESETS]
@@ -43,7 +43,7 @@ def degenerate_normals(bench: Bench) -> Outcome:
 
 
 def renormalized(bench: Bench) -> Outcome:
-    """Corner normals up to 150 degrees apart: between them they are short, and renormalized per pixel."""
+    """Corner normals up to 150 degrees apart: interpolated normals are short, and renormalized per pixel."""
     rng = np.random.default_rng(26)
     outcomes = []
     for degrees in (30.0, 90.0, 150.0):
@@ -57,13 +57,13 @@ def renormalized(bench: Bench) -> Outcome:
 
 def _lit_by(*intensities: float, **coefficients: Any) -> Scene:
     lights = [replace(lit.LIGHTS[i % 2], intensity=np.full(3, value)) for i, value in enumerate(intensities)]
-    # Hardly any ambient light, but some: without it there would be another program to build.
+    # Almost no ambient light, but not zero, which would need another program.
     material = replace(lit.MATERIAL, ka=1e-35, **coefficients)
     return lit.scene_of(lit.patch(material=material), lights=tuple(lights))
 
 
 def intensities(bench: Bench) -> Outcome:
-    """Lights of 1e-30 to 1e30, together too: finite, within the bound of the light budget."""
+    """Lights of 1e-30 to 1e30, also together: finite, within the bound of the light budget."""
     outcomes = []
     for given in ((1e-30, 1e-30), (1e-20, 1e-25), (1e-30, 1e30), (1e20, 1.0), (1e30, 1e30), (1e30, -1e30)):
         outcomes.append(against_oracle(bench.draw(_lit_by(*given))))
@@ -71,7 +71,8 @@ def intensities(bench: Bench) -> Outcome:
 
 
 def _saturated(bench: Bench, scene: Scene) -> Outcome:
-    """Pixels beyond float32 hold the largest finite value, others do not, and stats["saturated"] counts them."""
+    """Check that exactly the pixels beyond float32 hold the largest finite value, and that stats["saturated"] counts
+    them."""
     most = oracle_bounds.FLOAT32_MAX
     frame = bench.draw(scene)
     expected = oracle.render(frame.scene, frame.settings)
@@ -87,7 +88,7 @@ _BRIGHT = ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38))
 
 
 def overflow(bench: Bench) -> Outcome:
-    """Light beyond float32 on surfaces of color 2. A light that is itself beyond float32 is refused."""
+    """Reflected light beyond float32 on surfaces of color 2. A light that is itself beyond float32 is refused."""
     outcomes = []
     for given in _BRIGHT:
         scene = _lit_by(*given, kd=3.0, ks=2.0)
@@ -103,12 +104,12 @@ def overflow(bench: Bench) -> Outcome:
 
 
 def colored_overflow(bench: Bench) -> Outcome:
-    """The same on surfaces darker than 1, of which some bring the light back into float32."""
+    """Light beyond float32 on surfaces darker than 1, some of which bring it back into range."""
     return worst([_saturated(bench, _lit_by(*given, kd=3.0, ks=2.0)) for given in _BRIGHT], "colors 0.2 to 1")
 
 
 def centered() -> Scene:
-    """The blob, its camera and lights on the grid of 2^-22."""
+    """Return the blob, its camera and lights on the grid of 2^-22."""
 
     def snapped(point: Array) -> Array:
         return np.round(np.asarray(point) * 2.0**_BITS) / 2.0**_BITS
@@ -119,7 +120,7 @@ def centered() -> Scene:
 
 
 def _as_centered(frame: Frame, first: Frame) -> Outcome:
-    """The centered scene's ids, and its oracle's colors within the bound."""
+    """Compare with the centered scene: its ids, and its oracle's colors within the bound."""
     expected = oracle.render(first.scene, first.settings)
     other = frame["id"] != first["id"]
     measured = color_outcome(frame.rgb, expected, skip=other)
@@ -127,8 +128,8 @@ def _as_centered(frame: Frame, first: Frame) -> Outcome:
 
 
 def offsets(bench: Bench) -> Outcome:
-    """The scene at +1e6 and +1e9, where its vertices are still exact: the oracle's image of the same float64 data, and
-    the centered scene's."""
+    """The scene moved to +1e6 and +1e9, where its vertices are still exact: the oracle's image of the same float64
+    data, and the centered scene's."""
     outcomes = []
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
@@ -141,7 +142,7 @@ def offsets(bench: Bench) -> Outcome:
 
 
 def scales(bench: Bench) -> Outcome:
-    """The scene times 1e-20 to 1e20: the same ids, colors within the bound; times a power of two: the same bits."""
+    """The scene scaled by 1e-20 to 1e20: the same ids, colors within the bound; by a power of two: the same bits."""
     outcomes = []
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
