@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-# Files of a control group (cgroup v2, v1): limit, usage, and the part of it that is cached files, which the kernel drops
-# when memory is needed.
+# Files of a control group (cgroup v2, v1): limit, usage, and the part of it that is cached files, which the kernel
+# drops when memory is needed.
 _GROUP_FILES = (
     ("memory.max", "memory.current", "inactive_file"),
     ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),

@@ -1,1 +1,1 @@
-"""Pixels as arrays, files and figures: EXR, PNG, tone maps, decoding, metrics, statistics, comparison."""
+"""Pixels as arrays, files and figures: EXR, PNG, tone mapping, decoding, metrics, statistics, comparison."""

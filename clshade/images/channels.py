@@ -1,4 +1,4 @@
-"""Channels of an image file to the layers that they are components of."""
+"""Grouping of the channels of an image file into layers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FAMILIES = ("RGB", "XYZ", "UVW")  # components that belong together, by the last
 class Group(NamedTuple):
     """A layer: one plane (M, N), or two or three of a family of components.
 
-    family: `RGB`, `XYZ` or `UVW`; "" for a channel by itself.
+    family: `RGB`, `XYZ` or `UVW`; "" for a single channel.
     names, planes: of its channels, in the family's order.
     """
 
@@ -23,10 +23,11 @@ class Group(NamedTuple):
 
 
 def grouped(channels: Mapping[str, Array]) -> dict[str, Group]:
-    """Layers by name, in the order of their first channels.
+    """Return layers by name, in the order of their first channels.
 
-    R, G, B (X, Y, Z; U, V, W) of one prefix, at least two of them, in either case, are the layer of that prefix: N.X,
-    N.Y and N.Z are `N`; without a prefix R, G and B are `RGB`. All other channels, A included, are layers of their own.
+    R, G, B (X, Y, Z; U, V, W) of one prefix, at least two of them, in either case, form the layer of that prefix: N.X,
+    N.Y and N.Z are `N`; without a prefix R, G and B are `RGB`. All other channels, including A, are layers of their
+    own.
     """
     found: dict[tuple[str, str], dict[str, str]] = {}
     for name in channels:
@@ -50,15 +51,17 @@ def grouped(channels: Mapping[str, Array]) -> dict[str, Group]:
 
 
 def _free(title: str, taken: Mapping[str, Group]) -> str:
-    """The title, with primes behind it where another layer has it: names of a file may meet in any way."""
+    """Return the title, with primes appended while another layer has it: names in a file may collide in any way."""
     while title in taken:
         title += "'"
     return title
 
 
 def color_group(channels: Mapping[str, Array]) -> tuple[str, list[Array]] | None:
-    """The layer that is the image, and its planes R, G, B: `RGB`, else a gray `Y` or `L` three times, else the first
-    color layer of any name. None where there is none."""
+    """Return the layer that is the image, and its planes R, G, B.
+
+    It is `RGB`, else a gray `Y` or `L` three times, else the first color layer of any name; None if there is none.
+    """
     groups = grouped(channels)
     colors = {name: group for name, group in groups.items() if group.family == "RGB" and len(group.planes) == 3}
     if "RGB" in colors:

@@ -1,4 +1,4 @@
-"""How far an image is from another one, layer by layer: what `compare` finds."""
+"""Comparison of an image with a reference, layer by layer."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .image_file import Picture, named_pixel
 from .layer_words import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
-_STRIP = 1 << 20  # pixels that are compared at a time
-UNEQUAL = math.inf  # the error of a value that is NaN or infinite where the other is not the same
+_STRIP = 1 << 20  # pixels compared at a time
+UNEQUAL = math.inf  # error of a value that is NaN or infinite and differs from the other
 
 
 class Worst(NamedTuple):
-    """The pixel with the largest error: column x, row y from the top, and its channels' values in both images."""
+    """The pixel with the largest error: column x, row y from the top, and the values of its channels in both images."""
 
     x: int
     y: int
@@ -34,14 +34,14 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """One layer. A pixel's error is the largest of its channels' |value - reference|.
+    """The differences of one layer. A pixel's error is the largest |value - reference| of its channels.
 
-    exact: whole numbers, of which it counts alone whether they are the same.
+    exact: the layer holds integers, for which only equality counts.
     different: pixels that are not equal. over: pixels with an error above the threshold (without one: above 0).
-    nonfinite: pixels with a value that is NaN or infinite where the other is not the same; they are over any threshold.
-        NaN is equal to NaN, infinity to infinity of the same sign.
-    maximum, mean, rmse, relmse: over the values that are finite in both, see `image_errors`; None where exact.
-    psnr, ssim, flip: of colors as they are seen; None for other layers, and without the packages that they need.
+    nonfinite: pixels with a value that is NaN or infinite and differs from the other; they are over any threshold.
+        NaN equals NaN, infinity equals infinity of the same sign.
+    maximum, mean, rmse, relmse: over the values that are finite in both, see `metrics.ImageError`; None if exact.
+    psnr, ssim, flip: of display colors; None for other layers, and without the packages that they need.
     """
 
     exact: bool
@@ -59,7 +59,7 @@ class Difference:
     worst: Worst | None = None
 
     def stats(self) -> dict[str, Any]:
-        """The figures as JSON takes them: null for the infinite PSNR of equal images."""
+        """Return the figures for JSON: null for the infinite PSNR of equal images."""
         found = asdict(self)
         worst = None if self.worst is None else plain(self.worst._asdict(), words=True)
         return {**plain({name: value for name, value in found.items() if name != "worst"}), "worst": worst}
@@ -67,9 +67,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compared` found. layers: by name. threshold: None where none was given.
+    """The result of `compared`. layers: by name. threshold: None if none was given.
 
-    only_image, only_reference: layers, or channels of layers, that are in one image alone and were not compared.
+    only_image, only_reference: layers, or channels of layers, that only one image has and that were not compared.
     """
 
     shape: tuple[int, int]
@@ -80,8 +80,7 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether no pixel of any layer is over the threshold, and no layer is in one image alone; without a threshold
-        there is nothing to fail."""
+        """Whether no pixel is over the threshold and no layer is in one image only; True without a threshold."""
         return self.threshold is None or not (self._partial or any(each.over for each in self.layers.values()))
 
     @property
@@ -100,7 +99,7 @@ class Comparison:
         return {**head, "passed": self.passed, "identical": self.identical, **lacking, "layers": layers}
 
     def lines(self) -> list[str]:
-        """A table, a line for each layer, and what came of it."""
+        """Return a table, one line per layer, and the verdict."""
         limit = f"> {self.threshold or 0.0:g}"
         header = ("layer", "unequal", limit, "max", "mean", "RMSE", "relMSE", "PSNR", "SSIM", "FLIP", "worst at")
         rows = [
@@ -141,16 +140,16 @@ class Comparison:
         return f"FAILED: {'; '.join([*found, *self.lacking()])}"
 
     def lacking(self) -> list[str]:
-        """Which layers were not compared, for the image and for the reference, where there are any."""
+        """Return one text each for the image and the reference that has layers which were not compared."""
         each = (("the image", self.only_image), ("the reference", self.only_reference))
         return [f"{', '.join(map(in_line, names))} of {where} alone" for where, names in each if names]
 
 
 def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = ()) -> dict[str, tuple[Group, Group]]:
-    """The layers that both images have, of the channels that both have; or those of these names, which may also be
-    channels, and which both must have.
+    """Return the layers that both images have, with the channels that both have; or the named layers or channels.
 
-    Raises InputError, which names the image, for another size or kind than the reference's, and where nothing is left.
+    Both must have the named ones. Raises InputError, which names the image, if its size or kind differs from the
+    reference's, and if nothing is left.
     """
     if picture.shape != reference.shape:
         (rows, columns), (height, width) = picture.shape, reference.shape
@@ -175,12 +174,12 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
 
 
 def _shared(picture: Picture, reference: Picture) -> list[str]:
-    """The channels of both images, in the reference's order."""
+    """Return the channels of both images, in the reference's order."""
     return [name for name in reference.channels if name in picture.channels]
 
 
 def alone(picture: Picture, other: Picture) -> tuple[str, ...]:
-    """What one image has and the other lacks: layers, or single channels of those that the other has in part."""
+    """Return the layers that the other image lacks, or single channels of those that it has in part."""
     found: list[str] = []
     for name, group in grouped(picture.channels).items():
         lacking = [channel for channel in group.names if channel not in other.channels]
@@ -189,7 +188,7 @@ def alone(picture: Picture, other: Picture) -> tuple[str, ...]:
 
 
 def _listed(groups: dict[str, Group]) -> str:
-    """Layers by name, with their channels where the name alone does not tell them."""
+    """Return layers by name, with their channels if the name does not imply them."""
     return ", ".join(
         name if name in ("".join(group.names), *group.names) else f"{name} ({'+'.join(group.names)})"
         for name, group in groups.items()
@@ -207,7 +206,7 @@ def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
 
 
 def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Group]]:
-    """Rows of a layer of both images, few enough at a time that large images need little more memory than they have."""
+    """Yield rows of a layer of both images, few at a time, so that large images need little additional memory."""
     count, columns = group.planes[0].shape
     step = max(1, _STRIP // columns)
     for start in range(0, count, step):
@@ -217,7 +216,7 @@ def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Grou
 
 
 def errors_of(group: Group, reference: Group) -> Array:
-    """(M, N) float64: each pixel's error; of whole numbers 1 where they differ."""
+    """Return (M, N) float64: each pixel's error; for integers 1 where they differ."""
     worst = np.zeros(group.planes[0].shape)
     for rows, part, other in _strips(group, reference):
         for plane, expected in zip(part.planes, other.planes, strict=True):
@@ -235,15 +234,17 @@ def _errors(value: Array, expected: Array) -> Array:
 
 
 def is_exact(group: Group, reference: Group) -> bool:
-    """Are the values whole numbers, in either image?"""
+    """Return whether the values are integers, in either image."""
     return any(plane.dtype.kind in "iub" for plane in (*group.planes, *reference.planes))
 
 
 def compared(
     picture: Picture, reference: Picture, names: Sequence[str] = (), threshold: float | None = None
 ) -> Comparison:
-    """Layers of an image against those of a reference, all that both have or these. See `chosen_layers` for what is
-    refused."""
+    """Compare layers of an image with those of a reference: all that both have, or the named ones.
+
+    See `chosen_layers` for the errors raised.
+    """
     layers = {
         name: _difference(picture, reference, pair, threshold)
         for name, pair in chosen_layers(picture, reference, names).items()
@@ -276,7 +277,7 @@ def _worst(picture: Picture, reference: Picture, pair: tuple[Group, Group], erro
 
 
 def _measures(group: Group, reference: Group) -> dict[str, float | None]:
-    """Over the values that are finite in both images; 0 where there are none."""
+    """Return measures over the values that are finite in both images; 0 if there are none."""
     count, maximum, total, squared, relative = 0, 0.0, 0.0, 0.0, 0.0
     for _, part, other in _strips(group, reference):
         for plane, wanted in zip(part.planes, other.planes, strict=True):
@@ -300,7 +301,7 @@ def _measures(group: Group, reference: Group) -> dict[str, float | None]:
 
 
 def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str, float | None]:
-    """Those of colors: of three channels R, G, B, or of the gray of a PNG."""
+    """Return the measures of display colors, for three channels R, G, B, or the gray of a PNG."""
     if (group.family, len(group.planes)) != ("RGB", 3) and not (picture.bits and group.names == ("Y",)):
         return {}
 
@@ -313,7 +314,7 @@ def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str
         for _, part, other in _strips(group, reference)
     )
     found: dict[str, float | None] = {"psnr": decibels(squared / (3 * group.planes[0].size))}
-    if has_ssim() or has_flip():  # of whole images
+    if has_ssim() or has_flip():  # these need whole images
         images = (shown(group), shown(reference))
         found = {**found, "ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
     return found

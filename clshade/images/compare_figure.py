@@ -1,4 +1,4 @@
-"""The picture of a comparison: for each layer the image, the reference and how far each pixel is off."""
+"""Figure of a comparison: for each layer the image, the reference and the error of each pixel."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 from .compare import errors_of
 
-MOST = 40  # layers in the picture, which has at most 2^16 pixels a side
-SIDE = 512  # pixels along the longer side of a panel, at most
+MOST = 40  # layers in the figure, which has at most 2^16 pixels a side
+SIDE = 512  # most pixels along the longer side of a panel
 UNEQUAL_COLOR = (0, 255, 255)
 
 _PANEL, _TITLE, _BAR = 3.6, 0.5, 0.9  # inches
 
 
 def draw(layers: Mapping[str, tuple[Group, Group]], *, encoded: bool, titles: tuple[str, str]) -> Figure:
-    """layers: as `comparing.chosen_layers` gives them. titles: of image and reference. Both are shown in one range of
-    values. Of a large image every k-th pixel, but the largest error of each k x k."""
+    """Draw image and reference in one range of values, and their difference.
+
+    layers: from `compare.chosen_layers`. titles: of image and reference. Of a large image every k-th pixel is shown,
+    but the largest error of each k x k.
+    """
     width, height = panel_size(next(iter(layers.values()))[0].planes[0].shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(layers) * (height + _TITLE), dpi=100)
     rows = figure.subplots(len(layers), 3, squeeze=False)
@@ -39,7 +42,7 @@ def draw(layers: Mapping[str, tuple[Group, Group]], *, encoded: bool, titles: tu
 
 
 def _side_by_side(name: str, group: Group, reference: Group, encoded: bool) -> tuple[Array, Array]:
-    """Pictures of both, made as one so that a color means the same in both."""
+    """Return thumbnails of both, computed together so that a color means the same in both."""
     planes = zip(group.planes, reference.planes, strict=True)
     joined = {
         channel: np.concatenate([thinned(a, SIDE), thinned(b, SIDE)])
@@ -68,7 +71,7 @@ def _draw_errors(figure: Any, axes: Any, errors: Array) -> None:
 
 
 def _largest(errors: Array) -> Array:
-    """The largest error of each block of pixels of which `thinned` shows the first."""
+    """Return the largest error of each block of pixels of which `thinned` shows the first."""
     rows, columns = thinned(errors, SIDE).shape
     down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
     padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))

@@ -1,4 +1,4 @@
-"""A contact sheet: pictures with titles and captions side by side. Knows nothing of rendering."""
+"""A contact sheet: images with titles and captions in a grid. Independent of rendering."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 DPI = 100
-LINE = 1.8  # pixels between lines, per point of the text's size
-ACROSS = 4  # panels in a row
-PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: a panel's width, and the room around it
+LINE = 1.8  # line spacing in pixels per point of text size
+ACROSS = 4  # panels per row
+PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: width of a panel, and the space around it
 
 
 @dataclass
 class Panel:
-    """One picture, (height, PANEL, 3) uint8 or, shown in false colors, (height, PANEL); row 0 at the top.
+    """One image, (height, PANEL, 3) uint8 or, shown in false colors, (height, PANEL); row 0 at the top.
 
     title: above it. text: the lines below.
     """
@@ -29,7 +29,7 @@ class Panel:
 
 
 def reduced(picture: np.ndarray) -> np.ndarray:
-    """A picture (M, N, 3) or (M, N), uint8, in a panel's size."""
+    """Resize an image (M, N, 3) or (M, N), uint8, to a panel."""
     from PIL import Image
 
     rows, columns = picture.shape[:2]
@@ -38,13 +38,13 @@ def reduced(picture: np.ndarray) -> np.ndarray:
 
 
 def prepare() -> None:
-    """Imports what is slow to import."""
+    """Import modules that are slow to import."""
     import matplotlib.ft2font  # noqa: F401
 
 
 @cache
 def _font() -> Any:
-    """The font that comes with matplotlib, alone: the rest of matplotlib takes as long to import as the figures."""
+    """Return matplotlib's default font without importing the rest of it, which takes as long as the figures."""
     from matplotlib import get_data_path
     from matplotlib.ft2font import FT2Font
 
@@ -53,7 +53,7 @@ def _font() -> Any:
 
 @cache
 def _unhinted() -> Any:
-    """The flag with which letters keep their distances, under its name in this version of matplotlib."""
+    """Return the flag for unhinted glyph spacing, whose name depends on the version of matplotlib."""
     from matplotlib import ft2font
 
     names: Any = ft2font
@@ -62,7 +62,10 @@ def _unhinted() -> Any:
 
 @cache
 def _line(text: str, size: float) -> tuple[np.ndarray, int]:
-    """A line of text of a size in points, (height, width) uint8, 255 where it is black; rows below its baseline."""
+    """Render a line of text as (height, width) uint8, 255 for black; and return its rows below the baseline.
+
+    size: points.
+    """
     font = _font()
     font.set_size(size, DPI)
     font.set_text(text, 0.0, flags=_unhinted())
@@ -71,18 +74,18 @@ def _line(text: str, size: float) -> tuple[np.ndarray, int]:
 
 
 def _center(sheet: np.ndarray, x: float, y: float, size: float, text: str) -> None:
-    """Darkens a sheet (height, width, 3) with lines of text, the first one's baseline y pixels from the top."""
+    """Draw centered lines of text on a sheet (height, width, 3), the first baseline y pixels from the top."""
     for k, line in enumerate(text.split("\n")):
         ink, descent = _line(line, size)
         left, bottom = round(x - ink.shape[1] / 2), round(y + k * LINE * size) + descent
-        # What reaches beyond the sheet is cut off.
+        # Text is clipped at the sheet.
         ink = ink[:, max(-left, 0) : sheet.shape[1] - left]
         place = sheet[bottom - len(ink) : bottom, max(left, 0) :][:, : ink.shape[1]]
         np.minimum(place, 255 - ink[:, :, None], out=place)
 
 
 def compose(panels: Sequence[Panel], heading: str) -> np.ndarray:
-    """The sheet, (height, width, 3) uint8: the panels, all of one size, in rows of ACROSS."""
+    """Return the sheet, (height, width, 3) uint8: the panels, all of one size, in rows of ACROSS."""
     from matplotlib import colormaps
 
     height = len(panels[0].picture)

@@ -1,4 +1,4 @@
-"""Image files as textures: decoded under limits, mostly by Pillow, 16 bits kept, alpha kept where it is asked for."""
+"""Decoding of image files as textures, with limits: mostly by Pillow, keeping 16 bits, and alpha on request."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MAX_SIDE = 32768  # pixels
 MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
-# Pillow's decoders keep 8 bits a channel of a 16-bit color image. How they are told to give the low bytes: the raw mode,
-# the raw mode of the same size that shows the other byte, and the channels that then hold them.
+# Pillow's decoders keep the high 8 bits per channel of a 16-bit color image. To get the low bytes: the raw mode -> the
+# raw mode of the same size that selects the other byte, and the channels that then hold them.
 _NATIVE_SWAPPED = "B" if sys.byteorder == "little" else "L"
 _LOW_BYTES = {
     ("PNG", "RGB;16B"): ("RGB;16L", slice(0, 3)),
@@ -45,14 +45,14 @@ def srgb_to_linear(values: Array) -> Array:
 
 
 def read_image(path: Path, *, srgb: bool) -> Array:
-    """An image file as (h, w, 3) float32, row 0 at the top.
+    """Read an image file as (h, w, 3) float32, row 0 at the top.
 
-    srgb: whether the values are decoded from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
-    for PPM and PGM images value/most, most being the file's largest value.
-    Gray images get three equal channels, palettes are resolved, of animations the first picture is taken. Alpha is
-    dropped, with a warning when it is not opaque everywhere. Formats: see FORMATS.
+    srgb: whether to decode the values from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
+    for PPM and PGM images value/most, where most is the file's largest value.
+    Gray images get three equal channels, palettes are resolved, of animations the first frame is used. Alpha is
+    dropped, with a warning unless it is opaque everywhere. Formats: see FORMATS.
 
-    Raises InputError naming the file when it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
+    Raises InputError naming the file if it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     owner = shown(path)
     image = decode_image(read_file(path, MAX_BYTES), owner, srgb=srgb)
@@ -62,16 +62,16 @@ def read_image(path: Path, *, srgb: bool) -> Array:
 
 
 def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
-    """The bytes of an image file as (h, w, 3) float32, or (h, w, 4) where it has alpha that is not 1 everywhere.
+    """Decode an image file to (h, w, 3) float32, or (h, w, 4) if it has alpha that is not 1 everywhere.
 
     Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages.
-    Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
+    Raises InputError if it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     try:
         pixels, most = _decoded(data, owner)
     except (InputError, ImportError):
         raise
-    except Exception as error:  # a decoder fed with a broken file raises anything at all
+    except Exception as error:  # decoders raise exceptions of many types on damaged files
         reason = reason_of(error) or type(error).__name__
         raise file_error(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
     levels = np.arange(most + 1) / most
@@ -87,22 +87,22 @@ def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
 
 
 def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tuple[Array, dict[str, Any]]:
-    """The bytes of a PNG as (h, w, C) uint8 or uint16 codes, gray, gray and alpha, RGB or RGBA; and its header.
+    """Decode a PNG to (h, w, C) uint8 or uint16 codes, gray, gray and alpha, RGB or RGBA; and its header.
 
-    Raises InputError when it cannot be decoded, or is larger than MAX_SIDE or `most_pixels`.
+    Raises InputError if it cannot be decoded, or is larger than MAX_SIDE or `most_pixels`.
     """
     try:
         image = _opened(data, owner, most_pixels, formats=("PNG",))
         codes, _ = _codes(image, data, owner)
     except (InputError, ImportError):
         raise
-    except Exception as error:  # a decoder fed with a broken file raises anything at all
+    except Exception as error:  # decoders raise exceptions of many types on damaged files
         raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
     return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
 
 
 def _decoded(data: bytes | memoryview, owner: str) -> tuple[Array, int]:
-    """(h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
+    """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
     if bytes(data[:1]) == b"P":
         data = bytes(data)
         head = pnm.header(data, owner)
@@ -127,13 +127,13 @@ def _check_size(width: int, height: int, owner: str, most_pixels: int, found: st
 
 
 def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tuple[str, ...] = FORMATS) -> Any:
-    """Pillow's image, not yet decoded."""
+    """Return Pillow's image, not yet decoded."""
     from PIL import Image, PngImagePlugin
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
-            if formats == ("PNG",):  # Image.open refuses more than 1.8e8 pixels of whatever format
+            if formats == ("PNG",):  # Image.open refuses more than 1.8e8 pixels in any format
                 image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
             else:
                 image = Image.open(io.BytesIO(data), formats=formats)
@@ -147,7 +147,7 @@ def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tup
 
 
 def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int]:
-    """(h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of full intensity."""
+    """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of full intensity."""
     raw = image.tile[0][3] if image.format in ("PNG", "TIFF") and image.tile else ""
     raw = raw if isinstance(raw, str) else raw[0]
     image.load()
@@ -163,7 +163,7 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
 
 
 def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
-    """The 16-bit codes, (h, w, C), of an image of which Pillow gives the high bytes."""
+    """Return the 16-bit codes, (h, w, C), of an image for which Pillow gives the high bytes."""
     from PIL import Image
 
     low_mode, channels = _LOW_BYTES[image.format, raw]
@@ -180,7 +180,7 @@ def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
 
 
 def _decoded_as(tile: Any, raw: str) -> Any:
-    """A tile of an image of Pillow, with another raw mode; what else the decoder is told stays."""
+    """Return a tile of one of Pillow's images with another raw mode and otherwise the same arguments of its decoder."""
     arguments = raw if isinstance(tile[3], str) else (raw, *tile[3][1:])
     return tile._replace(args=arguments) if hasattr(tile, "_replace") else (*tile[:3], arguments)
 
@@ -192,7 +192,7 @@ def _png(data: bytes | memoryview) -> Any:
 
 
 def _keyed(codes: Array, image: Any) -> Array:
-    """16-bit codes with an alpha channel that is 0 where they are the one transparent color of a PNG, if it has one."""
+    """Return 16-bit codes with an alpha channel that is 0 at the one transparent color of a PNG, if it has one."""
     key = image.info.get("transparency")
     if image.format != "PNG" or key is None or codes.shape[2] not in (1, 3):
         return codes

@@ -1,4 +1,4 @@
-"""Figures without a display and without pyplot, saved whole or not at all."""
+"""Figures without a display and without pyplot, saved atomically."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OURS, OTHER, MUTED = "#1f5fa8", "#c0504d", "gray"
 
 
 def blank(width: float, height: float, dpi: int = 110) -> Figure:
-    """An empty figure; inches."""
+    """Create an empty figure; sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -26,7 +26,7 @@ def blank(width: float, height: float, dpi: int = 110) -> Figure:
 
 
 def save(figure: Figure, path: str | Path, colors: int | None = None) -> None:
-    """As PNG, with a palette of so many colors if these are given: a third of the size. Raises OutputError."""
+    """Save as PNG, optionally with a palette of `colors` colors: a third of the size. Raises OutputError."""
     from PIL import Image
 
     figure.canvas.draw()

@@ -1,4 +1,4 @@
-"""Image files of this program and others, EXR or PNG, as channels."""
+"""EXR and PNG files of any program, as channels."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from . import decode, exr
 from .channels import color_group
 
 _EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
-_MAX_BYTES = 1 << 31  # of a PNG
+_MAX_BYTES = 1 << 31  # size of a PNG
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An image. channels: name -> (M, N), row 0 at the top, as stored; of a PNG code/255 or code/65535, float32.
+    """An image. channels: name -> (M, N), row 0 at the top, as stored; for PNG code/255 or code/65535, float32.
 
-    header: attributes of the file. bits: a channel's, of a PNG, whose values are taken as encoded by the sRGB curve; 0 of
-    an EXR or an array, whose values are linear. name: for messages.
+    header: attributes of the file. bits: per channel of a PNG, whose values are taken as sRGB-encoded; 0 for EXR and
+    arrays, whose values are linear. name: for messages.
     """
 
     channels: dict[str, Array]
@@ -42,7 +42,7 @@ class Picture:
         return rows, columns
 
     def color(self) -> tuple[str, Array] | None:
-        """The layer that is the image, and its (M, N, 3) linear floats, read-only where gray; None where there is none."""
+        """Return the layer that is the image, and its (M, N, 3) linear floats, read-only if gray; None without one."""
         found = color_group(self.channels)
         if found is None:
             return None
@@ -59,7 +59,7 @@ class Picture:
 
 
 def read_picture(path: Path) -> Picture:
-    """An EXR or PNG file, told apart by how it begins. Raises InputError, one line that names it, for anything else."""
+    """Read an EXR or PNG file, recognized by its signature. Raises InputError, one line that names it, for others."""
     start = time.perf_counter()
     picture = _read(path, shown(path))
     taken = (time.perf_counter() - start) * 1e3
@@ -87,7 +87,7 @@ def _read(path: Path, owner: str) -> Picture:
 
 
 def picture_of(source: Path | Mapping[str, Array] | Array | Picture) -> Picture:
-    """A picture from a file's path, from what `exr.flatten` takes (linear), or itself."""
+    """Return a Picture from a file's path, from input of `exr.flatten` (linear), or the Picture itself."""
     if isinstance(source, Picture):
         return source
     if isinstance(source, (str, os.PathLike)):
@@ -96,9 +96,9 @@ def picture_of(source: Path | Mapping[str, Array] | Array | Picture) -> Picture:
 
 
 def named_pixel(picture: Picture, x: int, y: int) -> dict[str, Any]:
-    """The values of all channels, NumPy scalars, in column x from the left and row y from the TOP, both from 0.
+    """Return the values of all channels, NumPy scalars, in column x from the left and row y from the TOP, both from 0.
 
-    Raises InputError for a pixel outside of the image.
+    Raises InputError for a pixel outside the image.
     """
     rows, columns = picture.shape
     if not (0 <= x < columns and 0 <= y < rows):

@@ -1,4 +1,4 @@
-"""Figures of layers side by side. Imports matplotlib, without pyplot: import it where a figure is drawn."""
+"""Figures of layers in a grid. Imports matplotlib, without pyplot: import this module where a figure is drawn."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .thumbnails import Thumbnail
 
 MOST = 60  # layers in a figure
 
-_INCHES = 3.0  # a panel's longer side
-_TITLE = 0.45  # above it
+_INCHES = 3.0  # longer side of a panel
+_TITLE = 0.45  # inches above it
 _COLUMNS = 4
-_LETTERS = 18  # to an inch of a line above a panel
+_LETTERS = 18  # per inch of a panel's title
 
 
 class ShownFigure(Figure):
-    """A figure that notebooks show when it is a cell's value, whether or not pyplot was imported."""
+    """A figure that notebooks display as the value of a cell, whether or not pyplot is imported."""
 
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
@@ -37,13 +37,13 @@ class ShownFigure(Figure):
 
 
 def panel_size(shape: tuple[int, ...], longer: float = _INCHES) -> tuple[float, float]:
-    """Width and height in inches of a panel for an image of (M, N, ...); strips are stretched until they can be seen."""
+    """Return width and height in inches of a panel for an image of (M, N, ...); strips are widened to be visible."""
     aspect = min(max(shape[0] / shape[1], 0.25), 4.0)
     return (longer, longer * aspect) if aspect < 1.0 else (longer / aspect, longer)
 
 
 def show_pixels(axes: Any, pixels: Array, title: str, **options: Any) -> Any:
-    """An image with a title and nothing else, pixel for pixel where it is large enough."""
+    """Show an image with a title, without axes or interpolation; strips are stretched."""
     strip = not 0.25 <= pixels.shape[0] / pixels.shape[1] <= 4.0
     shown = axes.imshow(pixels, aspect="auto" if strip else "equal", interpolation="nearest", **options)
     axes.set_title(title, fontsize=8)
@@ -53,7 +53,7 @@ def show_pixels(axes: Any, pixels: Array, title: str, **options: Any) -> Any:
 
 
 def draw_thumbnails(figure: Any, pictures: Mapping[str, Thumbnail], columns: int) -> None:
-    """The pictures, each with name and note, in rows of so many, into a figure or a part of one."""
+    """Draw the thumbnails, each with name and note, in `columns` columns into a figure or a subfigure."""
     rows = math.ceil(len(pictures) / columns)
     panels = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     letters = max(12, int(_LETTERS * figure.bbox.width / figure.dpi / columns))
@@ -64,7 +64,7 @@ def draw_thumbnails(figure: Any, pictures: Mapping[str, Thumbnail], columns: int
 
 
 def plot_thumbnails(pictures: Mapping[str, Thumbnail]) -> ShownFigure:
-    """A figure of the pictures, the first 60 of them, at most four in a row."""
+    """Return a figure of the thumbnails, the first 60 of them, at most four in a row."""
     pictures = first_few(pictures)
     columns = min(len(pictures), _COLUMNS)
     width, height = panel_size(next(iter(pictures.values())).pixels.shape)
@@ -75,7 +75,7 @@ def plot_thumbnails(pictures: Mapping[str, Thumbnail]) -> ShownFigure:
 
 
 def first_few(pictures: Mapping[str, Thumbnail]) -> dict[str, Thumbnail]:
-    """As many as a picture has room for, which has at most 2^16 pixels a side. The last one's note counts the others."""
+    """Return the thumbnails that fit into a figure of at most 2^16 pixels a side; the last note counts the others."""
     shown = dict(itertools.islice(pictures.items(), MOST))
     if len(pictures) > MOST:
         name, last = shown.popitem()
@@ -84,6 +84,6 @@ def first_few(pictures: Mapping[str, Thumbnail]) -> dict[str, Thumbnail]:
 
 
 def plain_text(text: str) -> str:
-    """A name from a file for a figure: matplotlib would take dollar signs for formulas and lines for lines."""
+    """Return a name from a file for a figure: short, and without what matplotlib takes for formulas or line breaks."""
     printable = text if text.isprintable() else ascii(text)
     return (printable if len(printable) <= 48 else printable[:45] + "...").replace("$", r"\$")

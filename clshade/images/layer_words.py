@@ -1,4 +1,4 @@
-"""Other words for layers, by which a misspelt or foreign name is answered with the one that is meant."""
+"""Synonyms of layer names, for suggestions on a misspelled or foreign name."""
 
 from __future__ import annotations
 

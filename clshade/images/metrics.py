@@ -1,4 +1,4 @@
-"""How far an image is from a reference, in the field's usual measures. Images are (M, N, 3), linear, any floats."""
+"""Standard measures of image error. Images are (M, N, 3), linear, of any float type."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ..base.json_values import plain
 from ..base.validation import value_error
 from .tonemap import srgb_curve
 
-# Of relMSE: keeps black pixels from dividing by 0; a hundredth of white, as is usual.
+# Of relMSE, against division by 0 in black pixels; a hundredth of white, as is usual.
 RELATIVE_FLOOR = 1e-2
 SSIM_WINDOW = 11  # pixels
 
 
 @dataclass(frozen=True)
 class ImageError:
-    """What `image_error` found.
+    """The result of `image_error`.
 
-    rmse: root of the mean squared difference, over pixels and channels, in units of radiance (display white is 1).
-    relmse: mean of squared difference / (squared reference + 1e-4).
-    psnr: decibels, of the images as they are seen: held to [0, 1] and encoded by the sRGB curve. Infinite for equal ones.
-    flip: mean of FLIP over the image, 0 to 1, of the same encoded images; None where `flip-evaluator` is not installed.
+    rmse: root mean squared error over pixels and channels, in units of radiance (display white is 1).
+    relmse: mean of squared error / (squared reference + 1e-4).
+    psnr: decibels, of the display images: clamped to [0, 1] and sRGB-encoded. Infinite for equal ones.
+    flip: mean of FLIP over the image, 0 to 1, of the same encoded images; None if `flip-evaluator` is not installed.
     """
 
     rmse: float
@@ -35,7 +35,7 @@ class ImageError:
     flip: float | None
 
     def stats(self) -> dict[str, float | None]:
-        """The figures, as JSON takes them: null for the infinite PSNR of equal images."""
+        """Return the figures for JSON: null for the infinite PSNR of equal images."""
         figures: dict[str, float | None] = plain(vars(self))
         return figures
 
@@ -58,16 +58,18 @@ def flip(image: Array, reference: Array) -> float | None:
 
 
 def decibels(squared: float) -> float:
-    """PSNR of a mean squared difference of values from 0 to 1; infinite for none."""
+    """Return the PSNR for a mean squared error of values from 0 to 1; infinite for 0."""
     return -10.0 * math.log10(squared) if squared else math.inf
 
 
 def flip_of_seen(image: Array, reference: Array) -> float | None:
-    """Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020, at 67 pixels per degree: the mean
-    over encoded images from 0 to 1. None without `flip-evaluator`."""
+    """Return the mean FLIP of encoded images from 0 to 1, at 67 pixels per degree. None without `flip-evaluator`.
+
+    Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020.
+    """
     if not has_flip():
         return None
-    if np.array_equal(image, reference):  # takes seconds a megapixel otherwise
+    if np.array_equal(image, reference):  # otherwise seconds per megapixel
         return 0.0
     import flip_evaluator
 
@@ -76,30 +78,33 @@ def flip_of_seen(image: Array, reference: Array) -> float | None:
 
 
 def ssim_of_seen(image: Array, reference: Array) -> float | None:
-    """Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004: the mean over encoded
-    images from 0 to 1, Gaussian windows of 11x11 pixels. None without `scikit-image`, and for smaller images."""
+    """Return the mean SSIM of encoded images from 0 to 1, with Gaussian windows of 11x11 pixels.
+
+    Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004. None without
+    `scikit-image`, and for smaller images.
+    """
     if not has_ssim() or min(image.shape[:2]) < SSIM_WINDOW:
         return None
     if np.array_equal(image, reference):
         return 1.0
     from skimage.metrics import structural_similarity
 
-    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}  # the authors' own
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}  # as in the paper
     return float(structural_similarity(image, reference, data_range=1.0, channel_axis=2, **options))
 
 
 def has_flip() -> bool:
-    """Whether `flip-evaluator` is installed (clshade's extras `report` and `compare`)."""
+    """Return whether `flip-evaluator` is installed (clshade's extras `report` and `compare`)."""
     return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def has_ssim() -> bool:
-    """Whether `scikit-image` is installed (clshade's extra `compare`)."""
+    """Return whether `scikit-image` is installed (clshade's extra `compare`)."""
     return importlib.util.find_spec("skimage") is not None
 
 
 def image_error(image: Array, reference: Array) -> ImageError:
-    """All measures. Raises InputError for images of different sizes."""
+    """Return all measures. Raises InputError for images of different sizes."""
     if image.shape != reference.shape:
         raise value_error("image_error", "image", f"the reference's shape {reference.shape}", image)
     return ImageError(rmse(image, reference), relmse(image, reference), psnr(image, reference), flip(image, reference))
@@ -110,5 +115,5 @@ def _squared(image: Array, reference: Any) -> Array:
 
 
 def seen(image: Array) -> Array:
-    """A linear image as a display shows it: held to [0, 1], NaN 0, and encoded by the sRGB curve."""
+    """Return a linear image as a display shows it: clamped to [0, 1], NaN 0, and sRGB-encoded."""
     return srgb_curve(np.clip(np.nan_to_num(np.asarray(image, np.float64)), 0.0, 1.0))

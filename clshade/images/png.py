@@ -12,16 +12,16 @@ from ..base.atomic_files import Path, shown
 from ..base.input_files import file_error, read_file, reason_of
 from ..errors import InputError
 
-_LEVEL = 1  # zlib's: the filters cost most of the time, and higher levels gain little on renders
-_MAX_BYTES = 1 << 31  # of a file that is read
+_LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
+_MAX_BYTES = 1 << 31  # size of the largest file that is read
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
 
 def write(path: Path, rgb8: np.ndarray) -> None:
-    """Write an image as PNG, whole or not at all; the same image gives the same bytes.
+    """Write an image as PNG, atomically; the same image gives the same bytes.
 
     rgb8: uint8 (M, N, 3), row 0 at the top, as `tonemap` returns it; need not be contiguous.
-    Raises InputError for another shape or type, OutputError when it cannot be written.
+    Raises InputError for another shape or type, OutputError if the file cannot be written.
     """
     rgb8 = np.asarray(rgb8)
     if rgb8.ndim != 3 or rgb8.shape[2] != 3 or 0 in rgb8.shape or rgb8.dtype != np.uint8:
@@ -31,14 +31,14 @@ def write(path: Path, rgb8: np.ndarray) -> None:
 
 
 def encode(file: BinaryIO, rgb8: np.ndarray) -> None:
-    """The same into an open file."""
+    """Encode an image as PNG into an open file, see `write`."""
     from PIL import Image
 
     Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
 
 
 def resolution(path: Path) -> tuple[int, int] | None:
-    """Columns and rows as the header says, nothing else being read; None where there is no PNG that can be read."""
+    """Return columns and rows from the header of a PNG, without reading more; None if there is no readable PNG."""
     try:
         with open(path, "rb") as file:
             head = file.read(24)  # signature, the first chunk's length and name, columns, rows
@@ -52,15 +52,15 @@ def resolution(path: Path) -> tuple[int, int] | None:
 def read(path: Path) -> np.ndarray:
     """Read a PNG as uint8 (M, N, 3), row 0 at the top.
 
-    Gray and palette images are expanded, alpha is dropped, 16 bits become the nearest 8 where gray.
-    Raises InputError, one line naming the file, when it is missing, no PNG, truncated, damaged or too large.
+    Gray and palette images are expanded, alpha is dropped, 16-bit gray is rounded to 8 bits.
+    Raises InputError, one line naming the file, if it is missing, not a PNG, truncated, damaged or too large.
     """
     from PIL import PngImagePlugin
 
     owner = shown(path)
     data = read_file(path, _MAX_BYTES)
     try:
-        # Not Image.open: it refuses more than 1.8e8 pixels, which this project may well have written.
+        # Not Image.open, which refuses more than 1.8e8 pixels: clshade writes larger images.
         with PngImagePlugin.PngImageFile(io.BytesIO(data)) as image:
             if image.width * image.height > _MAX_PIXELS:
                 raise file_error(owner, "file", f"at most {_MAX_PIXELS} pixels", f"{image.width} x {image.height}")
@@ -70,5 +70,5 @@ def read(path: Path) -> np.ndarray:
             return np.array(image if image.mode == "RGB" else image.convert("RGB"))
     except InputError:
         raise
-    except Exception as error:  # a decoder fed with a broken file raises anything at all
+    except Exception as error:  # decoders raise exceptions of many types on damaged files
         raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None

@@ -1,4 +1,4 @@
-"""Gray and RGB images of the PNM family, text and binary, of any largest value: Pillow keeps 8 bits of their colors."""
+"""Gray and RGB images of the PNM family, text and binary, with any maximum value: Pillow keeps only 8 bits of color."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from ..base.arrays import Array
 from ..base.input_files import file_error, quoted
 
-_MAX_HEADER = 1 << 16  # bytes, of which most are comments
+_MAX_HEADER = 1 << 16  # bytes, mostly for comments
 _CHUNK = 1 << 20  # bytes of text taken at once
 _GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _NUMBER = rb"(\d{1,9})"
-# A comment may touch the last number; one white space then begins the pixels.
+# A comment may follow the last number directly; a single white space precedes the pixels.
 _HEADER = re.compile(rb"P([2356])" + (_GAP + _NUMBER) * 3 + rb"(?:#[^\r\n]*)?\s")
 _COMMENT = re.compile(rb"#[^\r\n]*")
 _SPACE, _LINE_END = re.compile(rb"\s"), re.compile(rb"[\r\n]")
@@ -22,7 +22,7 @@ _SPACE, _LINE_END = re.compile(rb"\s"), re.compile(rb"[\r\n]")
 
 @dataclass(frozen=True)
 class Header:
-    """channels: 1 or 3. most: the largest value. start: of the pixels, in bytes."""
+    """The header of a PNM image. channels: 1 or 3. most: the maximum value. start: byte offset of the pixels."""
 
     width: int
     height: int
@@ -33,9 +33,9 @@ class Header:
 
 
 def header(data: bytes, owner: str) -> Header | None:
-    """The header of a PGM or PPM file (P2, P3, P5, P6); None for anything else.
+    """Parse the header of a PGM or PPM file (P2, P3, P5, P6); None for anything else.
 
-    Raises InputError for a broken one, and where the file has fewer bytes than its pixels take.
+    Raises InputError if it is malformed, and if the file has fewer bytes than its pixels take.
     """
     if data[:1] != b"P" or data[1:2] not in (b"2", b"3", b"5", b"6"):
         return None
@@ -56,9 +56,9 @@ def header(data: bytes, owner: str) -> Header | None:
 
 
 def codes(data: bytes, found: Header, owner: str) -> Array:
-    """(h, w, 1 or 3) uint8 or uint16 values from 0 to found.most. What follows the first image is left out.
+    """Return (h, w, 1 or 3) uint8 or uint16 values from 0 to found.most. Data after the first image is ignored.
 
-    Raises InputError for text where a number is due, and for values above found.most.
+    Raises InputError for text in place of a number, and for values above found.most.
     """
     count = found.width * found.height * found.channels
     kind = np.dtype(np.uint8 if found.most < 256 else ">u2")
@@ -76,9 +76,9 @@ def _text_values(data: bytes, found: Header, count: int, kind: np.dtype, owner: 
     while place < count:
         if start >= len(data):
             raise file_error(owner, "image", f"{count} values", str(place))
-        end = _end(_SPACE, data, start + _CHUNK)  # no number is cut in two
+        end = _end(_SPACE, data, start + _CHUNK)  # at a space: never within a number
         line = max(data.rfind(b"\n", start, end), data.rfind(b"\r", start, end)) + 1
-        if data.find(b"#", max(line, start), end) >= 0:  # nor is a comment
+        if data.find(b"#", max(line, start), end) >= 0:  # or a comment
             end = _end(_LINE_END, data, end + 1)
         part = _numbers(_COMMENT.sub(b"", data[start:end]), count - place, owner)
         if len(part) and part.max() > found.most:
@@ -89,13 +89,13 @@ def _text_values(data: bytes, found: Header, count: int, kind: np.dtype, owner: 
 
 
 def _end(pattern: re.Pattern[bytes], data: bytes, least: int) -> int:
-    """Where the first match that ends at `least` bytes or later ends, each being a byte; else the end of the data."""
+    """Return the end of the first match of a one-byte pattern that ends at `least` bytes or later, or of the data."""
     found = pattern.search(data, least - 1)
     return found.end() if found else len(data)
 
 
 def _numbers(text: bytes, most: int, owner: str) -> Array:
-    """The whole numbers in text, at most so many."""
+    """Return the integers in text, at most `most`."""
     words = text.split(None, most)[:most]
     bad = next((word for word in words if not (word.isdigit() and len(word) < 10)), None)
     if bad is not None:

@@ -1,4 +1,4 @@
-"""What is in an image file: statistics per channel, dynamic range, header, single pixels."""
+"""Contents of an image file: statistics per channel, dynamic range, header, single pixels."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .image_file import Picture, named_pixel, picture_of
 PERCENTILES = (1, 5, 50, 95, 99)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ
 
-_BLOCK = 1 << 18  # pixels whose temporary arrays, of float64, are small beside an image
+_BLOCK = 1 << 18  # pixels whose temporary float64 arrays are small compared with an image
 _TYPES = {"float16": "half", "float32": "float", "uint32": "uint"}  # as EXR calls them
 
 
 @dataclass(frozen=True)
 class ChannelStatistics:
-    """One channel. minimum, maximum, mean and percentiles are over its finite values, NaN where there are none.
+    """Statistics of one channel. minimum, maximum, mean and percentiles: of its finite values, NaN if there are none.
 
-    type: half, float or uint, as EXR calls them; of a PNG 8-bit or 16-bit, whose values are code / largest code.
-    percentiles: the values at 1, 5, 50, 95 and 99 percent, each of them a value of some pixel (nearest rank).
+    type: half, float or uint, as EXR calls them; for PNG 8-bit or 16-bit, with values code / largest code.
+    percentiles: the values at 1, 5, 50, 95 and 99 percent, each the value of a pixel (nearest rank).
     nan, inf, negative: numbers of pixels; inf counts both signs, negative counts finite values below 0.
     """
 
@@ -43,12 +43,12 @@ class ChannelStatistics:
 
 @dataclass(frozen=True)
 class Statistics:
-    """An image. shape: (M, N). channels: by name, in the file's order with R, G, B, A first.
+    """Statistics of an image. shape: (M, N). channels: by name, in the file's order with R, G, B, A first.
 
-    color: the layer that luminance is of: `RGB`, else `Y`, else the first color layer; None where there is none.
+    color: the layer whose luminance is used: `RGB`, else `Y`, else the first color layer; None if there is none.
     stops: dynamic range, log2(highest / lowest luminance) over the pixels of finite luminance above 0. None without
         color or without such a pixel.
-    stops_most: the same between the 0.1 and 99.9 percent of those pixels, which single pixels do not change.
+    stops_most: the same between the 0.1 and 99.9 percent of those pixels, which is robust against single pixels.
     """
 
     shape: tuple[int, int]
@@ -58,7 +58,7 @@ class Statistics:
     stops_most: float | None
 
     def stats(self) -> dict[str, Any]:
-        """The figures as JSON takes them: null for what there is none of."""
+        """Return the figures for JSON: null for missing ones."""
         rows, columns = self.shape
         channels = {
             name: {**asdict(c), "percentiles": dict(zip(map(str, PERCENTILES), c.percentiles, strict=True))}
@@ -71,7 +71,7 @@ class Statistics:
 
 
 def _nearest(values: Array, percents: tuple[float, ...], *, overwrite: bool = False) -> list[float]:
-    """Percentiles by nearest rank. overwrite: whether the values may be reordered, which saves a copy."""
+    """Return percentiles by nearest rank. overwrite: whether the values may be reordered, which saves a copy."""
     found = np.percentile(values, percents, method="nearest", overwrite_input=overwrite)
     return [float(value) for value in found]
 
@@ -100,7 +100,7 @@ def _of_channel(plane: Array, kind: str) -> ChannelStatistics:
 
 
 def luminance(color: Array) -> Array:
-    """(M, N) float64 of linear Rec.709 (M, N, 3)."""
+    """Return (M, N) float64 luminance of linear Rec.709 (M, N, 3)."""
     with np.errstate(invalid="ignore", over="ignore"):
         total = np.multiply(color[..., 0], LUMINANCE[0], dtype=np.float64)
         for k in (1, 2):
@@ -109,7 +109,7 @@ def luminance(color: Array) -> Array:
 
 
 def stops_of(color: Array) -> Array:
-    """log2 of the luminance of linear Rec.709 (M, N, 3) where it is finite and above 0, in one row."""
+    """Return log2 of the luminance of linear Rec.709 (M, N, 3), in one row, for pixels where it is finite and above 0."""
     rows, columns = color.shape[:2]
     step, count = max(1, _BLOCK // columns), 0
     stops = np.empty(rows * columns)
@@ -122,10 +122,10 @@ def stops_of(color: Array) -> Array:
 
 
 def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statistics:
-    """Statistics of every channel of an image.
+    """Return statistics of every channel of an image.
 
-    source: path of an EXR or PNG file, a Picture, or what `exr.flatten` takes: a dict of (M, N) arrays, or an array
-        (M, N, 3|4). Of an EXR the display window counts, 0 where the data window has no pixels.
+    source: path of an EXR or PNG file, a Picture, or input of `exr.flatten`: a dict of (M, N) arrays, or an array
+        (M, N, 3|4). For EXR the display window counts, with 0 where the data window has no pixels.
     Raises InputError for a file that cannot be read or for arrays of other shapes.
     """
     picture = picture_of(source)
@@ -147,12 +147,12 @@ def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> St
 
 
 def format_statistics(found: Statistics) -> str:
-    """The statistics as a table of text, one line per channel, with the size above and the dynamic range below."""
+    """Format the statistics as a table, one line per channel, with the size above and the dynamic range below."""
     head = ["channel", "type", "min", "1 %", "5 %", "median", "mean", "95 %", "99 %", "max", "NaN", "Inf", "negative"]
     rows = []
     for name, c in found.channels.items():
         first, low, middle, high, last = c.percentiles
-        form = ".0f" if c.type == "uint" else ".6g"  # names of things are shown whole
+        form = ".0f" if c.type == "uint" else ".6g"  # identifiers are not rounded
         ranks = [f"{v:{form}}" for v in (c.minimum, first, low, middle, high, last, c.maximum)]
         ranks.insert(4, f"{c.mean:.6g}")
         rows.append([in_line(name), c.type, *ranks, str(c.nan), str(c.inf), str(c.negative)])
@@ -166,7 +166,7 @@ def format_statistics(found: Statistics) -> str:
 
 
 def format_header(header: Mapping[str, Any]) -> str:
-    """The attributes of a file, a line each."""
+    """Format the attributes of a file, one per line."""
     return "\n".join(
         [
             "header:" if header else "header: empty",
@@ -176,7 +176,7 @@ def format_header(header: Mapping[str, Any]) -> str:
 
 
 def format_pixels(picture: Picture, places: Sequence[tuple[int, int]]) -> str:
-    """The values of all channels at columns x and rows y, a line for each pixel. Raises InputError outside the image."""
+    """Format all channels at columns x and rows y, one line per pixel. Raises InputError outside the image."""
     lines = []
     for x, y in places:
         lines.append(f"pixel {x},{y} (column, row from the top): {named_values(named_pixel(picture, x, y))}")
@@ -184,5 +184,5 @@ def format_pixels(picture: Picture, places: Sequence[tuple[int, int]]) -> str:
 
 
 def pixel_stats(picture: Picture, places: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
-    """The same as JSON takes it, with the texts nan, inf and -inf for values that are none."""
+    """Return the same for JSON, with the strings nan, inf and -inf for nonfinite values."""
     return [{"x": x, "y": y, "values": plain(named_pixel(picture, x, y), words=True)} for x, y in places]

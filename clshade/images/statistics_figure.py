@@ -1,4 +1,4 @@
-"""A figure of an image: exposures from -4 to +4 stops, where its luminance lies, false color, and all of its layers."""
+"""Figure of an image: exposures from -4 to +4 stops, a luminance histogram, false colors, and all of its layers."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STOPS = tuple(range(-4, 5))
-NAN, INFINITE, BLACK = (255, 0, 255), (255, 255, 255), (0, 0, 0)  # false colors of what has no stops
+NAN, INFINITE, BLACK = (255, 0, 255), (255, 255, 255), (0, 0, 0)  # false colors of values without stops
 
-_SIDE = 480  # pixels of the image along a panel's longer side, at most
+_SIDE = 480  # most pixels of the image along the longer side of a panel
 _PANEL = 2.1  # inches along the longer side of an exposure; false color is twice as long
 _TITLE = 0.3
 _WIDTH = 13.0  # inches of the figure
 _BINS = 120  # of the histogram, at most
-_MIDDLE = (0.1, 99.9)  # percent of the lit pixels that false colors spread over
+_MIDDLE = (0.1, 99.9)  # percentiles of the lit pixels that false colors span
 
 
 def draw(picture: Picture, title: str) -> Figure:
-    """The figure. Without a color layer it has the layers alone. Every k-th pixel of a large image is shown, so that
-    none is averaged away; the histogram counts all of them."""
+    """Draw the figure; without a color layer, the layers alone.
+
+    Of a large image every k-th pixel is shown, so that none is averaged away; the histogram counts all of them.
+    """
     pictures = first_few(thumbnails(picture.channels, encoded=bool(picture.bits)))
     columns = min(len(pictures), 6)
     rows = math.ceil(len(pictures) / columns)
@@ -63,7 +65,7 @@ def _blank(height: float, title: str) -> Figure:
 
 
 def _draw_ladder(figure: Any, color: Array) -> None:
-    """Nine exposures of linear (M, N, 3), tone map `srgb`."""
+    """Draw nine exposures of linear (M, N, 3), tone map `srgb`."""
     for axes, stops in zip(figure.subplots(3, 3).reshape(-1), STOPS, strict=True):
         show_pixels(
             axes,
@@ -73,7 +75,7 @@ def _draw_ladder(figure: Any, color: Array) -> None:
 
 
 def _draw_luminance(figure: Any, color: Array) -> None:
-    """False colors and a histogram of linear (M, N, 3), on one scale of stops."""
+    """Draw false colors and a histogram of linear (M, N, 3), on one scale of stops."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -88,7 +90,7 @@ def _draw_luminance(figure: Any, color: Array) -> None:
 
 
 def _limits(stops: Array) -> tuple[float, float]:
-    """The whole stops that false colors go from and to."""
+    """Return the range of false colors, in whole stops."""
     if not stops.size:
         return -1.0, 1.0
     low, high = np.percentile(stops, _MIDDLE)
@@ -97,7 +99,7 @@ def _limits(stops: Array) -> tuple[float, float]:
 
 
 def false_colors(values: Array, low: float, high: float) -> Thumbnail:
-    """Luminances (M, N) by their stops, from blue at `low` to red at `high`; what has none in colors of its own."""
+    """Map luminances (M, N) by stops from blue at `low` to red at `high`; those without stops get their own colors."""
     from matplotlib import colormaps
 
     lit = np.isfinite(values) & (values > 0.0)
@@ -111,7 +113,7 @@ def false_colors(values: Array, low: float, high: float) -> Thumbnail:
 
 
 def _draw_histogram(axes: Any, stops: Array, pixels: int) -> None:
-    """How many pixels have which luminance: bins of a power of two of a stop, the smallest that are not too many."""
+    """Draw a luminance histogram: bins of a power of two of a stop, the smallest that give at most _BINS."""
     axes.set_xlabel("luminance in stops, 0 is 1.0", fontsize=8)
     axes.set_ylabel("% of pixels", fontsize=8)
     axes.tick_params(labelsize=8)

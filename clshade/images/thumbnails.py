@@ -1,4 +1,4 @@
-"""Layers as small pictures that can be looked at, whatever they hold."""
+"""Layers of any content as small display images."""
 
 from __future__ import annotations
 
@@ -12,33 +12,35 @@ from .channels import Group, grouped
 from .decode import srgb_to_linear
 from .tonemap import tonemap
 
-SIDE = 320  # pixels of a thumbnail along its longer side, at most; more are skipped over, so that none is averaged away
-UNIT_OFF = 1e-2  # by how much a direction's length may differ from 1: half floats are off by 1e-3
+SIDE = 320  # most pixels along the longer side of a thumbnail; others are skipped, so that none is averaged away
+UNIT_OFF = 1e-2  # tolerance for the length of a direction: half floats are off by 1e-3
 COLORS = ("red", "green", "blue")
-NOTHING = (96, 96, 96)  # gray of what is NaN or infinite where colors stand for numbers
-_RANGE = (1.0, 99.0)  # percentiles between which colors spread: one far pixel would take them all
+NOTHING = (96, 96, 96)  # gray for NaN and infinity where colors stand for numbers
+_RANGE = (1.0, 99.0)  # percentiles that colors span: a single outlier would take them all
 
 
 class Thumbnail(NamedTuple):
-    """pixels: (h, w, 3) uint8, row 0 at the top. note: what their colors stand for, a few words."""
+    """A small display image. pixels: (h, w, 3) uint8, row 0 at the top. note: what its colors mean, a few words."""
 
     pixels: Array
     note: str
 
 
 def thinned(plane: Array, side: int = SIDE) -> Array:
-    """Every k-th pixel of (M, N, ...) from the first on, a view, at most `side` along the longer side. Of strips more
-    along the shorter one, so that something is left of it."""
+    """Return every k-th pixel of (M, N, ...) from the first on, a view, at most `side` along the longer side.
+
+    Strips are thinned less along the shorter side, so that some of it remains.
+    """
     longer = -(-max(plane.shape[:2]) // side)
     down, across = (min(longer, -(-4 * length // side)) for length in plane.shape[:2])
     return plane[::down, ::across]
 
 
 def thumbnails(channels: Mapping[str, Array], *, encoded: bool = False, side: int = SIDE) -> dict[str, Thumbnail]:
-    """A picture of each layer of an image. channels: name -> (M, N); encoded: whether colors are sRGB-encoded.
+    """Return a thumbnail of each layer of an image. channels: name -> (M, N); encoded: whether colors are sRGB-encoded.
 
-    Whole numbers are taken for names of things, each with a color of its own, 0 black; X, Y, Z for a direction where
-    they have length 1, shown as (n + 1)/2, else for a position; R, G, B for a color; single floats for a quantity.
+    Integers are taken as identifiers, each with a color of its own, 0 black; X, Y, Z as a direction if they have length
+    1, shown as (n + 1)/2, else as a position; R, G, B as a color; single floats as a quantity.
     """
     return {
         name: _of_group(group._replace(planes=tuple(thinned(plane, side) for plane in group.planes)), encoded)
@@ -67,7 +69,7 @@ def _of_group(group: Group, encoded: bool) -> Thumbnail:
 
 
 def _directions(vectors: Array) -> bool:
-    """Are (M, N, 3) floats unit vectors, apart from zeros, of which there may be any number but not all?"""
+    """Return whether (M, N, 3) floats are unit vectors, except for any number of zeros, but not only zeros."""
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = np.sqrt(np.square(vectors).sum(axis=-1))
     lengths = lengths[lengths != 0.0]
@@ -75,13 +77,13 @@ def _directions(vectors: Array) -> bool:
 
 
 def _three(components: Array) -> Array:
-    """(M, N, 2|3) -> (M, N, 3), 0 for what is missing."""
+    """Pad (M, N, 2|3) to (M, N, 3) with 0."""
     missing = 3 - components.shape[-1]
     return np.pad(components, ((0, 0), (0, 0), (0, missing)))
 
 
 def _codes(values: Array) -> Array:
-    """Floats from 0 to 1 to uint8; gray where a component is none."""
+    """Convert floats from 0 to 1 to uint8; gray where a component is not finite."""
     finite = np.asarray(np.isfinite(values).all(axis=-1))
     codes = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0)).astype(np.uint8)
     codes[~finite] = NOTHING
@@ -89,7 +91,7 @@ def _codes(values: Array) -> Array:
 
 
 def _spread(plane: Array) -> tuple[Array, float, float]:
-    """A plane with the middle of its finite values spread over 0 to 1, NaN where it is not finite; and their range."""
+    """Return a plane, its finite values mapped from a percentile range to [0, 1], NaN where not finite; and the range."""
     plane = plane.astype(np.float64)
     finite = np.isfinite(plane)
     if not finite.any():
@@ -110,12 +112,12 @@ def _quantity(plane: Array) -> Thumbnail:
 
 
 def _categories(planes: tuple[Array, ...]) -> Array:
-    """A color for each different (tuple of) number, the same in every image; 0 is black."""
+    """Return a color for each different (tuple of) number, the same in every image; 0 is black."""
     state = np.zeros(planes[0].shape, np.uint32)
     nothing = np.ones(planes[0].shape, bool)
     for plane in planes:
         nothing &= plane == 0
-        # Steps of a hash by multiplying with odd numbers and folding the high bits down, so that neighbors look different.
+        # A multiplicative hash: odd factors, and the high bits folded down, so that neighbors look different.
         state = (state ^ (np.nan_to_num(plane.astype(np.float64)) % 2**32).astype(np.uint32)) * np.uint32(0x9E3779B1)
         state = (state ^ (state >> np.uint32(15))) * np.uint32(0x85EBCA6B)
         state ^= state >> np.uint32(13)

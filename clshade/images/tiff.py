@@ -1,4 +1,4 @@
-"""TIFF images with 16 bits a channel in the layouts that Pillow does not know, or cuts to 8 bits, through tifffile."""
+"""TIFF images with 16 bits per channel in layouts that Pillow lacks, or truncates to 8 bits, through tifffile."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
 _PLANAR, _EXTRA, _FORMAT = 284, 338, 339
 _NONE, _DEFLATE = (1,), (8, 32946)  # compressions
-_MAX_PART = 1 << 28  # values in a strip or tile: of the largest image that is read, all in one
-_ASSOCIATED = 1  # alpha that the colors are multiplied by
+_MAX_PART = 1 << 28  # values in a strip or tile: the largest image that is read may be a single one
+_ASSOCIATED = 1  # associated (premultiplied) alpha
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the first image of a file says of itself. bits: of the deepest channel. unsigned: whole numbers from 0."""
+    """The layout of the first image of a file. bits: of the deepest channel. unsigned: unsigned integers."""
 
     width: int
     height: int
@@ -38,14 +38,14 @@ class Layout:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether it has 16 bits a channel, and Pillow gives them cut, wrong or not at all."""
+        """Whether it has 16 bits per channel, and Pillow gives them truncated, wrong or not at all."""
         gray = self.photometric in (0, 1) and (self.samples == 2 or (self.planar and self.samples == 1))
         color = self.photometric == 2 and self.samples in (3, 4)
         return self.bits == 16 and self.unsigned and (gray or (color and (self.planar or _ASSOCIATED in self.extra)))
 
 
 def layout(data: bytes | memoryview) -> Layout | None:
-    """The layout of a TIFF file's first image, None for other files and for what is too broken to say."""
+    """Return the layout of a TIFF file's first image, or None for other files and for ones too damaged to tell."""
     from PIL import TiffImagePlugin
 
     head = bytes(data[:16])
@@ -68,14 +68,14 @@ def layout(data: bytes | memoryview) -> Layout | None:
             orientation=int(directory.get(_ORIENTATION, 1)),
             extra=tuple(directory.get(_EXTRA, ())),
         )
-    except Exception:  # a broken file raises anything at all; Pillow then says what is wrong
+    except Exception:  # a damaged file raises exceptions of many types; Pillow then reports the fault
         return None
 
 
 def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
-    """(h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout, of a size already checked.
+    """Return (h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout, of a size already checked.
 
-    Raises InputError where tifffile is not installed, and for a compression other than deflate.
+    Raises InputError if tifffile is not installed, and for a compression other than deflate.
     """
     try:
         import tifffile
@@ -84,7 +84,7 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
         found_none = "none: `pip install tifffile`"
         raise file_error(owner, "image", expected, found_none) from None
     wanted = (found.samples, found.height, found.width) if found.planar else (found.height, found.width, found.samples)
-    logger = logging.getLogger("tifffile")  # which complains of broken files on standard error
+    logger = logging.getLogger("tifffile")  # it reports damaged files on standard error
     before, logger.disabled = logger.disabled, True
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
@@ -103,8 +103,11 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
 
 
 def _check_parts(page: Any, wanted: tuple[int, int, int], owner: str) -> None:
-    """Raises InputError where a file of a few bytes claims more pixels, in depth, or more or larger strips or tiles than
-    those of an image of the wanted shape: tifffile would make them all."""
+    """Raise InputError if the file claims more data than an image of the wanted shape has.
+
+    A file of a few bytes may claim more pixels, in depth, or more or larger strips or tiles: tifffile would allocate
+    all.
+    """
     if page.size != math.prod(wanted) or page.dtype != np.uint16:
         raise file_error(owner, "image", f"16-bit pixels of shape {wanted}", f"{page.dtype} of shape {page.shape}")
     parts, listed = math.prod(page.chunked), len(page.dataoffsets)
@@ -115,7 +118,7 @@ def _check_parts(page: Any, wanted: tuple[int, int, int], owner: str) -> None:
 
 
 def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
-    """Raises InputError for a compression that is not known, and for more data than the pixels take."""
+    """Raise InputError for an unsupported compression, and for more data than the pixels take."""
     compression = int(page.compression)
     if compression not in _NONE + _DEFLATE:
         expected = "no compression or deflate, for 16 bits in planes, with associated alpha, or gray with alpha"
@@ -130,7 +133,7 @@ def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
 
 
 def _divided(pixels: Array) -> Array:
-    """Colors that are multiplied by alpha, the last channel, as they are without; 0 where alpha is."""
+    """Divide colors by alpha, the last channel; 0 where alpha is."""
     alpha = pixels[:, :, -1:].astype(np.uint32)
     straight = (pixels[:, :, :-1].astype(np.uint32) * 65535 + alpha // 2) // np.maximum(alpha, 1)
     straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
@@ -138,7 +141,7 @@ def _divided(pixels: Array) -> Array:
 
 
 def _upright(pixels: Array, orientation: int) -> Array:
-    """Turned and mirrored so that row 0 is the top and column 0 the left, as the orientation of the TIFF standard says."""
+    """Rotate and mirror so that row 0 is the top and column 0 the left, by the orientation of the TIFF standard."""
     if orientation in (5, 6, 7, 8):
         pixels = pixels.transpose(1, 0, 2)
     rows = -1 if orientation in (3, 4, 7, 8) else 1

@@ -1,8 +1,8 @@
-"""Tone maps: linear HDR radiance to the 8-bit codes of a display image, exactly rounded and fast.
+"""Tone mapping: linear HDR radiance to the 8-bit codes of a display image, exactly rounded and fast.
 
-Every operator acts on each channel alone and never falls as its input rises, so the 8-bit code is a step function of
-the input: 255 thresholds describe it. They are found once per (operator, exposure) by bisection over the floats' bit
-patterns with the float64 formula; pixels then need one table look-up each and get exactly the formula's code.
+Every operator acts on each channel independently and is nondecreasing, so the 8-bit code is a step function of the
+input, described by 255 thresholds. They are found once per (operator, exposure) by bisection over the bit patterns of
+floats with the float64 formula; each pixel then needs one table lookup and gets exactly the formula's code.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces"]
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
 
-_TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds come near the denormals, where a table's entries are too coarse
-_SATURATED = 1e30  # every operator has reached its last code long before; keeps the squares below finite
-_LOW_BITS = 15  # a table entry covers the float32 values that agree in all but their last 15 bits
+_TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds approach the denormals, where table entries are too coarse
+_SATURATED = 1e30  # every operator reaches its last code far below; keeps squares finite
+_LOW_BITS = 15  # a table entry covers the float32 values that differ only in their last 15 bits
 _BLOCK = 1 << 15  # values per pass, so that the buffers stay in the cache
 
 
 def srgb_curve(linear: Array) -> Array:
-    """The exact sRGB transfer curve of IEC 61966-2-1: linear values in [0, 1] to encoded ones, float64."""
+    """Encode linear values in [0, 1] with the exact sRGB transfer curve of IEC 61966-2-1, float64."""
     linear = np.asarray(linear, np.float64)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
 
@@ -63,7 +63,7 @@ _CURVES: dict[str, Callable[[Array], Array]] = {
 
 
 def _codes(values: Array, operator: str, exposure: float) -> Array:
-    """The formula itself: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
+    """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
     with np.errstate(over="ignore", under="ignore"):
         x = np.minimum(values * 2.0**exposure, _SATURATED)
         y = np.clip(_CURVES[operator](x), 0.0, 1.0)
@@ -72,10 +72,10 @@ def _codes(values: Array, operator: str, exposure: float) -> Array:
 
 
 def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
-    """Bit patterns, int64 (255,), of the smallest `dtype` values whose codes are at least 1, 2, ... 255."""
+    """Return bit patterns, int64 (255,), of the smallest `dtype` values whose codes are at least 1, 2, ... 255."""
     integer: type = np.int32 if dtype is np.float32 else np.int64
     wanted = np.arange(1, 256)
-    # Patterns of non-negative floats order like the floats. Zero has code 0, infinity 255: the answer is between.
+    # Bit patterns of non-negative floats are ordered like the floats. Zero has code 0, infinity 255: they bracket all.
     low = np.zeros(255, np.int64)
     high = np.full(255, np.array(np.inf, dtype).view(integer), np.int64)
     while (high - low > 1).any():
@@ -89,11 +89,11 @@ def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _table(operator: str, exposure: float) -> Array:
-    """uint32 (2^17,): indexed by the upper 17 bits of a float32; adding the lower 15 carries into the code's bits.
+    """Return uint32 (2^17,), indexed by the upper 17 bits of a float32; adding the lower 15 carries into the code.
 
     Neighboring thresholds are at least 1/254.5 apart, relative to their size (operator `none`; the others' are wider
     apart), and an entry of normal floats covers at most 1/256 of its values' size: so no entry holds two thresholds.
-    It is (code at its start) * 2^15, plus what makes the sum carry from the threshold on, if it holds one.
+    An entry is (code at its start) * 2^15, plus what makes the sum carry from the threshold on, if it holds one.
     """
     size = 1 << _LOW_BITS
     thresholds = _thresholds(operator, exposure, np.float32)
@@ -142,7 +142,7 @@ def _map64(values: Array, codes: Array, thresholds: Array) -> None:
 
 
 def checked(operator: str, exposure: float) -> float:
-    """The exposure in stops. Raises InputError for an operator or exposure that `tonemap` refuses."""
+    """Return the exposure in stops. Raises InputError for an operator or exposure that `tonemap` refuses."""
     choice("tonemap", "operator", operator, OPERATORS)
     try:
         stops = float(exposure)
@@ -154,7 +154,7 @@ def checked(operator: str, exposure: float) -> float:
 
 
 def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) -> Bytes:
-    """8-bit display image of a linear one.
+    """Convert a linear image to an 8-bit display image.
 
     rgb: (M, N, 3), linear radiance, any floats (float32 is the fast case; float64 is not rounded to float32 first).
     operator: y of x = rgb * 2^exposure, channel by channel:
@@ -166,12 +166,12 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
                     0.10, 0.20, 0.02, 0.30. J. Hable, "Filmic Tonemapping Operators", filmicworlds.com, 2010.
         `aces`      y = x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14). K. Narkowicz, "ACES Filmic Tone Mapping Curve",
                     2016: a fit, without its optional factor 0.6.
-      y is then held to [0, 1] and, except for `none`, encoded by the exact sRGB curve (IEC 61966-2-1).
-    exposure: stops, -300 to 300; +1 doubles the radiance. Comes before the operator.
+      y is then clamped to [0, 1] and, except for `none`, encoded by the exact sRGB curve (IEC 61966-2-1).
+    exposure: stops, -300 to 300; +1 doubles the radiance. Applied before the operator.
 
     Returns uint8 (M, N, 3), floor(255 * encoded + 0.5): to the nearest code, halves up, never off by one against the
     formula in float64 (for float64 values: unless within the formula's own rounding, 1e-13, of a step). NaN and
-    everything negative give 0, +infinity gives 255. Row order is kept.
+    all negative values give 0, +infinity gives 255. Row order is kept.
     Raises InputError for another shape, type, operator or exposure.
     """
     rgb = np.asarray(rgb)
@@ -192,7 +192,7 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
 
 
 def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
-    """What `tonemap` may have been given: codes uint8 of any shape to float64 of that shape.
+    """Invert `tonemap`: codes uint8 of any shape to float64 of that shape.
 
     The middle of the values that have the code; for 255 the least of them, as everything brighter has it too.
     """

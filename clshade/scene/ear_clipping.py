@@ -17,8 +17,8 @@ _ALWAYS = 64  # corners of a polygon that is cut at any cost
 _UNCHECKED = 1 << 11  # corners of a polygon that is cut even if it intersects itself
 _MOST = 1 << 16  # corners of a polygon that is cut at all
 _PAIRS = 1 << 25  # of edges, tested for intersections of a large polygon with itself: a second or two
-# Cost of a polygon as a multiple of the square of its corners, a third of a nanosecond each: usually, and with edges that
-# intersect many times. Cost of testing a pair of edges.
+# Cost of a polygon as a multiple of the square of its corners, a third of a nanosecond each: usually, and with edges
+# that intersect many times. Cost of testing a pair of edges.
 _CLEAN, _TANGLED, _PAIR = 1, 512, 128
 _WORK = 1 << 34  # total cost of all polygons of more than _ALWAYS corners: several seconds
 _BLOCK = 1 << 16  # pairs of edges whose temporary arrays stay in the cache

@@ -46,7 +46,7 @@ def mesh_fields(
 
 
 def _upright(owner: str, names: Mapping[str, str], given: Mapping[str, Any]) -> list[Array]:
-    """Return the arrays with one row per item, as views. Those that are not square show the layout of all; default 3xN."""
+    """Return the arrays with one row per item, as views. Those that are not square show the layout; default 3xN."""
     shown_by: dict[bool, str] = {}  # whether 3xN, and the first array that shows it
     for field, array in given.items():
         width = _WIDTHS[field]

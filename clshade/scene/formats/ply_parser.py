@@ -34,7 +34,7 @@ class Property:
 
 @dataclass
 class Element:
-    """An element. rows: their number. columns: by property, (rows,) values, or (values, lengths) of lists, row after row."""
+    """An element of `rows` rows. columns: by property, (rows,) values, or (values, lengths) of lists, row by row."""
 
     name: str
     rows: int
