@@ -15,11 +15,11 @@ MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, a
 OUTSIDE = {"Z": "Zbackground"}  # channels -> the header attribute with their value outside the data window
 MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 
-# The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2 bits;
-# PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3 where
-# all are the same. DWA runs deflate over the RLE data of alpha, and over the at least 4 bytes of a block of 8x8 floats of a
-# color; other channels get deflate alone. Zstandard has 128 KiB in a block of 4 bytes; the same is assumed of compressions
-# that are not listed.
+# The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2
+# bits; PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3
+# where all are the same. DWA runs deflate over the RLE data of alpha, and over the at least 4 bytes of a block of 8x8
+# floats of a color; other channels get deflate alone. Zstandard has 128 KiB in a block of 4 bytes; the same is assumed
+# of compressions that are not listed.
 _DEFLATE = 1032
 _DENSEST = {"none": 1, "rle": 64, "zips": _DEFLATE, "zip": _DEFLATE, "pxr24": _DEFLATE * 4 // 3, "piz": 410}
 _DENSEST |= {"b44": 11, "b44a": 11, "dwaa": _DEFLATE, "dwab": _DEFLATE}

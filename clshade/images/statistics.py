@@ -109,7 +109,7 @@ def luminance(color: Array) -> Array:
 
 
 def stops_of(color: Array) -> Array:
-    """Return log2 of the luminance of linear Rec.709 (M, N, 3), in one row, for pixels where it is finite and above 0."""
+    """Return log2 of the luminance of linear Rec.709 (M, N, 3), flattened, where it is finite and above 0."""
     rows, columns = color.shape[:2]
     step, count = max(1, _BLOCK // columns), 0
     stops = np.empty(rows * columns)

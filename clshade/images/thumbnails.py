@@ -91,7 +91,7 @@ def _codes(values: Array) -> Array:
 
 
 def _spread(plane: Array) -> tuple[Array, float, float]:
-    """Return a plane, its finite values mapped from a percentile range to [0, 1], NaN where not finite; and the range."""
+    """Return a plane, its finite values mapped from a percentile range to [0, 1], others NaN; and the range."""
     plane = plane.astype(np.float64)
     finite = np.isfinite(plane)
     if not finite.any():

@@ -73,7 +73,7 @@ def layout(data: bytes | memoryview) -> Layout | None:
 
 
 def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
-    """Return (h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout, of a size already checked.
+    """Return (h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout and a checked size.
 
     Raises InputError if tifffile is not installed, and for a compression other than deflate.
     """

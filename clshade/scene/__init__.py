@@ -1,1 +1,1 @@
-"""What is drawn and where it comes from: model, camera, built-in scenes, file formats."""
+"""Scenes and their sources: model, camera, built-in scenes, file formats."""

@@ -104,7 +104,7 @@ def _mixed_fans(counts: Array) -> Array:
 
 
 def _unit_size(verts: Array) -> Array:
-    """Return (3, V) float64 positions, by coordinate, scaled (exactly) by the power of two that brings the largest to 1."""
+    """Return (3, V) float64 positions by coordinate, times the power of two (exact) that brings the largest to 1."""
     exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
     if abs(exponent) < 1000:
         scaled: Floats = np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
@@ -113,7 +113,7 @@ def _unit_size(verts: Array) -> Array:
 
 
 def _by_count(counts: Array) -> Iterator[Array]:
-    """Yield, for each number of corners, the ascending indices of the polygons that have it."""
+    """Return an iterator over the ascending indices of the polygons with the same number of corners."""
     if (counts == counts[0]).all():
         return iter([np.arange(len(counts))])
     order = np.argsort(counts, kind="stable")

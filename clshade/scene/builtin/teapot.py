@@ -2,7 +2,7 @@
 
 Units and axes of the tables are Newell's: z up from the table at 0 to 3.15, spout towards +x, handle towards -x, in the
 proportions that became customary (lower than the pot itself). The 28 bicubic Bezier patches and the 4 of the bottom
-are written in their shortest form: what is round is given by its profile, what is symmetric by one half.
+are stored in compact form: rotational parts as a profile, symmetric parts as one half.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...base.arrays import Floats, Floats32, Reals
 
 Grids = tuple[Floats, Floats]  # positions and unit normals of a grid of points, (rows+1, columns+1, 3) each
 
-# One quarter of a round patch. A row (radius, inner, height) stands for the four control points (radius, 0),
+# One quarter of a surface of revolution. A row (radius, inner, height) stands for the four control points (radius, 0),
 # (radius, inner), (inner, radius), (0, radius) at that height. Each patch runs outwards along the outside of the pot.
 RIM = ((1.4, 0.784, 2.4), (1.3375, 0.749, 2.53125), (1.4375, 0.805, 2.53125), (1.5, 0.84, 2.4))
 BODY_UPPER = ((1.5, 0.84, 2.4), (1.75, 0.98, 1.875), (2.0, 1.12, 1.35), (2.0, 1.12, 0.9))
@@ -58,9 +58,9 @@ SPOUT_UPPER = (
 
 
 def parts(level: int) -> dict[str, Grids]:
-    """Body, seat, lid, handle and spout as grids, y up, each patch cut into level x level cells.
+    """Return body, seat, lid, handle and spout as grids, y up, each patch cut into level x level cells.
 
-    (Down the rows) x (along the columns) points outwards. Points on borders that patches share are equal bit for bit.
+    (Down the rows) x (along the columns) points outwards. Points on shared borders of patches are equal bit for bit.
     The seat is an addition: a flat ring, one cell wide, that closes the gap between Newell's rim and lid.
     """
     seat = np.linspace(LID[3], RIM[0], 4)
@@ -74,7 +74,7 @@ def parts(level: int) -> dict[str, Grids]:
 
 
 def _bernstein(count: int) -> tuple[Floats, Floats]:
-    """Cubic Bernstein polynomials and their slopes at 0, 1/count ... 1, (count+1, 4) each; exactly symmetric."""
+    """Return cubic Bernstein polynomials and their derivatives at 0, 1/count ... 1, (count+1, 4); exactly symmetric."""
     t = np.arange(count + 1) / count
     s = t[::-1]
     return (
@@ -84,16 +84,16 @@ def _bernstein(count: int) -> tuple[Floats, Floats]:
 
 
 def _mix(weights: Floats, points: Floats) -> Floats:
-    """(K, ...) sums of four (4, ...) points by (K, 4) weights, added in the same order wherever a point lies."""
+    """Return (K, ...) sums of four (4, ...) points by (K, 4) weights, added in the same order for every point."""
     a, b, c, d = (weights[:, k].reshape(-1, *[1] * (points.ndim - 1)) * points[k] for k in range(4))
     mixed: Floats = (a + d) + (b + c)
     return mixed
 
 
 def _bezier(points: Floats, rows: int, columns: int) -> Grids:
-    """The patch of (4, 4, 3) control points; its normal is (d/drow) x (d/dcolumn).
+    """Evaluate the patch of (4, 4, 3) control points; its normal is (d/drow) x (d/dcolumn).
 
-    In a row of control points that coincide, a pole, d/dcolumn is 0; its direction's limit is that of the next row.
+    In a row of coincident control points, a pole, d/dcolumn is 0; its direction's limit is that of the next row.
     """
     (over, over_slope), (along, along_slope) = (_bernstein(count) for count in (rows, columns))
     across = points.swapaxes(0, 1)
@@ -109,7 +109,7 @@ def _bezier(points: Floats, rows: int, columns: int) -> Grids:
 
 
 def _round(profile: Any, rows: int, columns: int) -> Grids:
-    """A quarter's profile turned about z into four, 4*columns cells round."""
+    """Revolve a quarter's profile about z: four patches, 4*columns cells around."""
     radius, inner, height = np.array(profile).T
     zero = np.zeros(4)
     quarter = [(radius, zero, height), (radius, inner, height), (inner, radius, height), (zero, radius, height)]
@@ -123,14 +123,14 @@ def _turned(grid: Floats) -> Floats:
 
 
 def _mirrored(half: Any, level: int) -> Grids:
-    """One half of a tube, y <= 0, and its mirror image, 2*level cells round."""
+    """Return one half of a tube, y <= 0, and its mirror image, 2*level cells around."""
     points = np.array(half)
     (a, a_normals), (b, b_normals) = (_bezier(p, level, level) for p in (points[:, ::-1], points * [1.0, -1.0, 1.0]))
     return np.concatenate([a, b[:, 1:]], axis=1), np.concatenate([a_normals, b_normals[:, 1:]], axis=1)
 
 
 def _joined(patches: Sequence[Grids]) -> Grids:
-    """Patches, each beginning with the row the one before ends with, as one; from z up to y up."""
+    """Join patches, each beginning with the last row of the one before, and turn them from z up to y up."""
     below = [_each(patch, lambda grid: grid[1:]) for patch in patches[1:]]
     positions, normals = (np.concatenate(grids) for grids in zip(patches[0], *below, strict=True))
     return _each((positions, normals), lambda grid: np.stack([grid[..., 0], grid[..., 2], 0.0 - grid[..., 1]], axis=-1))
@@ -146,7 +146,10 @@ _REACH, _CELLS = 8.0, 128  # half the side of the square of floor that can be in
 
 
 def shadows(lights: Sequence[Floats], points: Floats) -> list[Floats]:
-    """For each light (3,): how much of it the pot hides from points of the floor y = 0, (K,) from 0 to 1, softened."""
+    """Return, for each light (3,), the softened fraction (K,) of it that the pot hides from points on the floor.
+
+    points: (K, 3) on the floor y = 0.
+    """
     pot = [positions for positions, _ in parts(24).values()]
     at = [np.clip(_cells(points[:, k]) - 0.5, 0.0, _CELLS - 1.001) for k in (0, 2)]
     (i, j), (u, v) = zip(*((c.astype(np.int64), c % 1.0) for c in at), strict=True)
@@ -163,10 +166,10 @@ def _cells(coordinate: Floats) -> Floats:
 
 
 def _cover(pot: Sequence[Floats], light: Floats) -> Floats:
-    """(_CELLS, _CELLS), rows along z: how much of each cell of the floor is hidden from a light.
+    """Return (_CELLS, _CELLS), rows along z: the hidden fraction of each cell of the floor, seen from a light.
 
-    The surface's quads, projected from the light, add their areas to the cells that their middles land in; the surface
-    is closed, so each cell gets its area at least twice.
+    The surface's quads, projected from the light, add their areas to the cells that contain their centers; the surface
+    is closed, so each cell is counted at least twice.
     """
     total = np.zeros(_CELLS * _CELLS)
     for grid in pot:
@@ -187,7 +190,7 @@ def _cover(pot: Sequence[Floats], light: Floats) -> Floats:
 
 
 def body_image() -> Floats32:
-    """(512, 512, 3): a quarter of the body, 3 wide, 4.45 from inside the rim down to the middle of the bottom."""
+    """Return (512, 512, 3): a quarter of the body, 3 wide, 4.45 from inside the rim to the center of the bottom."""
     scale = (3.0 / 512, 4.45 / 512)
     x, y = (np.arange(512) + 0.5) * scale[0], (np.arange(340)[:, None] + 0.5) * scale[1]
     ink = np.tile(
@@ -201,7 +204,7 @@ def body_image() -> Floats32:
     ink[band] += _petals(2.0 * x, y[band], 2.2, 2.68)
     band = slice(110, 216)
     ink[band] += 0.9 * _stroke((1.42 + 0.36 * np.sin(2.0 / 3.0 * np.pi * x) - y[band]) * 0.85, 0.035)
-    for turn, start in ((1.0, 0.0), (-1.0, 1.5)):  # the scroll's second half is its first upside down
+    for turn, start in ((1.0, 0.0), (-1.0, 1.5)):  # the second half of the scroll is the first upside down
         for at, rise, angle, length in ((0.06, 0.06, -0.75, 0.33), (0.02, 0.0, 1.5, 0.4), (-0.15, -0.12, 3.6, 0.36)):
             _leaf(ink, scale, (start + at, 1.42 + turn * rise), turn * angle, length)
         _flower(ink, scale, (start + 0.75, 1.42 - 0.12 * turn), 0.4)
@@ -210,14 +213,14 @@ def body_image() -> Floats32:
 
 
 def lid_image() -> Floats32:
-    """(256, 256, 3): a quarter of the lid, 2.25 from the top of the knob to the edge."""
+    """Return (256, 256, 3): a quarter of the lid, 2.25 from the top of the knob to the edge."""
     x, y = (np.arange(256) + 0.5) / 256, (np.arange(256)[:, None] + 0.5) * (2.25 / 256)
     ink = _lines(y, (0.0, 0.56), (0.66, 0.05), (0.93, 0.08), (1.03, 0.03), (1.95, 0.05), (2.1, 0.12))
     return _glazed(ink + _petals(3.0 * x, y, 1.86, 1.08), 2)
 
 
 def tube_image() -> Floats32:
-    """(256, 128, 3): handle or spout, once round it (columns) and 4 from end to end: a winding stem on either side."""
+    """Return (256, 128, 3): handle or spout, once around (columns), 4 from end to end: a winding stem on either side."""
     x, y = (np.arange(128) + 0.5) / 64 % 1.0, (np.arange(256)[:, None] + 0.5) / 64
     ink = 0.9 * _stroke(0.5 + 0.16 * np.sin(2.0 * np.pi * y) - x, 0.05, 0.03)
     ink += _lines(y, (0.3, 0.12), (0.45, 0.04), (3.55, 0.04), (3.7, 0.12), (4.0, 0.2))
@@ -228,7 +231,7 @@ def tube_image() -> Floats32:
 
 
 def marble_image() -> Floats32:
-    """(384, 384, 3): two by two tiles of a darker and a lighter marble."""
+    """Return (384, 384, 3): two by two tiles of a darker and a lighter marble."""
     x = (np.arange(384) + 0.5) / 384
     y = x[:, None]
     noise = _clouds(384, 4, 10)
@@ -241,7 +244,7 @@ def marble_image() -> Floats32:
 
 
 def swirl_image() -> Floats32:
-    """(256, 256, 3): stripes winding round, smooth enough to be looked up at vertices only."""
+    """Return (256, 256, 3): winding stripes, smooth enough for lookups at vertices only."""
     u, v = (np.arange(256) + 0.5) / 256, (np.arange(256)[:, None] + 0.5) / 256
     stripe = smoothstep(0.1, 0.9, 0.5 + 0.5 * np.sin(2.0 * np.pi * (4.0 * u + v)))[..., None]
     dark, light = np.array([[0.04, 0.29, 0.36], [0.55, 0.49, 0.36]])
@@ -249,23 +252,23 @@ def swirl_image() -> Floats32:
 
 
 def smoothstep(edge0: float, edge1: float, x: Reals) -> Floats:
-    """0 on the side of edge0, 1 on that of edge1, a cubic between."""
+    """Return 0 on the side of edge0, 1 on that of edge1, and a cubic between."""
     t = np.clip((x - edge0) / (edge1 - edge0), 0.0, 1.0)
     cubic: Floats = t * t * (3.0 - 2.0 * t)
     return cubic
 
 
 def quantized(colors: Floats) -> Floats32:
-    """Colors in steps of 2^-12, so that the last bit of some machine's cosine does not show in a texture."""
+    """Round colors to multiples of 2^-12, so that the last bit of a machine's cosine does not show in a texture."""
     colors = colors * 4096.0
     steps: Floats32 = np.rint(colors, out=colors).astype(np.float32) * np.float32(1.0 / 4096.0)
     return steps
 
 
 def _clouds(size: int, seed: int, scale: int) -> Floats:
-    """(size, size) smooth noise of about unit size that repeats at the borders, of up to `scale` waves a side.
+    """Return (size, size) smooth noise of about unit size, periodic, of up to `scale` waves per side.
 
-    Made of waves at every fourth texel, bilinear between.
+    A sum of waves sampled at every fourth texel, with bilinear interpolation between.
     """
     rng = np.random.default_rng(seed)
     turn = 2.0 * np.pi * np.arange(size // 4) / (size // 4)
@@ -283,7 +286,7 @@ def _clouds(size: int, seed: int, scale: int) -> Floats:
 
 
 def _glazed(ink: Floats, seed: int) -> Floats32:
-    """Cobalt under a white glaze: how much light comes back through the ink; the brush varied a little."""
+    """Return cobalt ink under a white glaze: the light reflected through the ink, with slight brush variation."""
     rows, columns = ink.shape
     passed = np.exp(-ink * (1.0 + 0.18 * _clouds(columns, seed, 8)[np.arange(rows) % columns]))
     cubed = passed * passed * passed
@@ -300,7 +303,7 @@ def _lines(y: Reals, *strokes: tuple[float, float]) -> Floats:
 
 
 def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
-    """A row of pointed petals, one a unit of x, from their tips at y = tip to y = base."""
+    """Return a row of pointed petals, one per unit of x, from their tips at y = tip to y = base."""
     t = np.clip((y - tip) / (base - tip), 0.0, 1.0)
     edge = 0.46 * np.sqrt(t) * (1.3 - 0.3 * t) - np.abs(x % 1.0 - 0.5)
     inside = (y > min(tip, base)) & (y < max(tip, base))
@@ -309,7 +312,7 @@ def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
 
 
 def _window(ink: Floats, scale: Sequence[float], at: Sequence[float], reach: float) -> tuple[Any, Reals, Reals]:
-    """The texels within `reach` of a point: their index (columns repeat), and their distances from it in x and y."""
+    """Return the index of the texels within `reach` of a point (columns repeat), and their x and y offsets from it."""
     columns, rows = (
         np.arange(math.floor((c - reach) / unit), math.ceil((c + reach) / unit))
         for c, unit in zip(at, scale, strict=True)
@@ -320,7 +323,7 @@ def _window(ink: Floats, scale: Sequence[float], at: Sequence[float], reach: flo
 
 
 def _leaf(ink: Floats, scale: Sequence[float], at: Sequence[float], angle: float, length: float) -> None:
-    """Paints a leaf that starts at a point and goes in direction `angle`, darker to its tip, with a light vein."""
+    """Paint a leaf that starts at a point in direction `angle`, darker towards its tip, with a light vein."""
     window, dx, dy = _window(ink, scale, at, length)
     along = (dx * math.cos(angle) + dy * math.sin(angle)) / length
     across = np.abs(dy * math.cos(angle) - dx * math.sin(angle)) / length
@@ -330,7 +333,7 @@ def _leaf(ink: Floats, scale: Sequence[float], at: Sequence[float], angle: float
 
 
 def _flower(ink: Floats, scale: Sequence[float], at: Sequence[float], radius: float) -> None:
-    """Paints three rounds of petals, each dark at its edge, over what is there."""
+    """Paint three rings of petals, each dark at its edge, over the existing ink."""
     window, dx, dy = _window(ink, scale, at, 1.2 * radius)
     distance, angle = np.hypot(dx, dy) / radius, np.arctan2(dy, dx)
     flower = np.zeros(distance.shape)

@@ -109,13 +109,13 @@ def _lights(fields: _Fields) -> tuple[PointLight, ...]:
 
 
 def save_course(scene: Scene, path: Path) -> None:
-    """Write a course scene as a course .npy file (3xN layout, face indices int64), whole or not at all.
+    """Write a course scene as a course .npy file (3xN layout, face indices int64), atomically.
 
     `load(path)` then gives the same arrays, bit for bit: those of one mesh, camera, lights and material. Names are not
     kept; vertex colors of None are written as ones, and uv_faces of None as the faces.
 
     Raises InputError for what the format cannot hold: another preset, several meshes or instances, a placement, given
-    normals, a texture (its image is a file apart), no background. Raises OutputError when the file cannot be written.
+    normals, a texture (its image is a separate file), no background. Raises OutputError if the file cannot be written.
     """
     owner = "save_course"
     if not os.fspath(path).lower().endswith(".npy"):

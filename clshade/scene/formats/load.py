@@ -96,8 +96,8 @@ def load(
     Warns
     -----
     UserWarning
-        One line on what the file refers to and is missing, or on what is left out; what is not
-        rendered is also in `Scene.ignored`.
+        One line on missing files that the file refers to, or on content that is ignored; features
+        that are not rendered are also listed in `Scene.ignored`.
 
     Notes
     -----

@@ -30,7 +30,7 @@ MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
 _COLORS = {"ka": "ka", "kd": "kd", "ks": "ks"}
 # Defaults of a material in an MTL file: no highlight.
 DEFAULTS = {"kd": 0.8, "ks": 0.0, "n": 20.0}
-# What is not rendered, by keyword.
+# Keywords -> features that are not rendered.
 _IGNORED = {
     **dict.fromkeys(("bump", "map_bump", "norm", "map_kn"), "normal maps"),
     **dict.fromkeys(("ke", "map_ke"), "emission"),
@@ -41,9 +41,9 @@ _IGNORED = {
     **dict.fromkeys(("disp", "map_disp", "decal"), "displacement and decals"),
     "refl": "reflection maps",
 }
-# Options of a map -> number of arguments; -1: one to three numbers.
+# Options of a map -> number of arguments; 0: one to three numbers.
 _OPTIONS = {
-    **dict.fromkeys(("-s", "-o", "-t"), 0),  # up to three numbers
+    **dict.fromkeys(("-s", "-o", "-t"), 0),
     **dict.fromkeys(("-blendu", "-blendv", "-cc", "-clamp", "-texres", "-boost", "-bm", "-imfchan", "-type"), 1),
     "-mm": 2,
 }
