@@ -121,6 +121,9 @@ def test_associated_alpha_is_divided_out():
     # Times is rounded by half a code, which alpha of at least a half doubles; the quotient's own half comes on top.
     assert np.abs(found - expected(straight)).max() <= 1.5 / 65535
     assert not found[0, 0].any()
+    codes = np.array([[[5, 6, 7, 0], [1, 1, 1, 1], [0, 1, 2, 2]]], np.uint16)  # alphas of 0 and of next to nothing
+    found = decoded(tiff_of(codes, extrasamples=["assocalpha"]))
+    assert np.array_equal(found[0, :, :3], [[0, 0, 0], [1, 1, 1], [0, np.float32(32768 / 65535), 1]])
 
 
 def test_white_is_zero():
@@ -293,7 +296,8 @@ def test_long_text_in_pieces(monkeypatch):
         monkeypatch.setattr(pnm, "_CHUNK", size)
         for end in ("\n", "\r\n", "\r"):
             data = ("P2 30 40 65535 " + end.join(lines)).encode()
-            assert np.array_equal(decoded(data), expected(codes))
+            for rest in (b"", end.encode() + b"7 " * 50, end.encode() + b"P2 1 1 1 0"):  # what follows is left out
+                assert np.array_equal(decoded(data + rest), expected(codes))
 
 
 @pytest.mark.parametrize(
