@@ -1,8 +1,8 @@
-// Texture lookups at given coordinates, among them those at the corners of the faces (texture_at vertex).
+// Texture lookups at given coordinates, such as those at the corners of the faces (texture_at vertex).
 #include "texture.clh"
 
-// A work-item takes LANES lookups.
-kernel void bilerp(global const real4 *uvs,               // K, u, v and what rounding leaves of them
+// A work-item does LANES lookups.
+kernel void bilerp(global const real4 *uvs,               // K, u, v and their low parts
                    global const int *texture_of,           // K, texture of each lookup
                    global const Texture *textures,
                    global const float4 *texels,            // of all textures, linear RGB

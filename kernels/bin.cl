@@ -1,9 +1,9 @@
-// Lists of triangles per tile, in the order given, without fixed-capacity bins: the sorted list is cut into chunks;
-// each chunk counts its entries per tile, the counts are summed up, then each chunk writes behind those before it.
+// Lists of triangles per tile, in the given order, without fixed-capacity bins: the sorted list is split into chunks;
+// each chunk counts its entries per tile, a prefix sum is taken, then each chunk writes after the chunks before it.
 #include "samples.clh"
 
-// A triangle's edge tests, as edge_test without its limits, at their most within a tile: where one is negative the
-// triangle misses it.
+// A triangle's edge tests, as edge_test without its limits, at their maximum within a tile: if one is negative, the
+// triangle misses the tile.
 typedef struct {
     long most[3];          // in the first tile of its box
     long right[3], up[3];  // change from tile to tile
@@ -32,8 +32,8 @@ INLINE int misses_tile(const TileTests *tests, int right, int up)
     return signs < 0;
 }
 
-// Runs through the tiles (tile_x, tile_y), `tile` in all, that a triangle may cover a sample of. Its box is (left, bottom) to
-// (right, top), in pixels.
+// Loops over the tiles (tile_x, tile_y), with index `tile`, of which a triangle may cover a sample. Its box is (left,
+// bottom) to (right, top), in pixels.
 #define FOR_TILES_OF(b, index, tile)                                                                  \
     uint left = (b).box & 0xffff, bottom = (b).box >> 16 & 0xffff, right = (b).box >> 32 & 0xffff, top = (b).box >> 48; \
     int first_x = left / TILE_SIZE, first_y = bottom / TILE_SIZE;                                        \
@@ -50,7 +50,7 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
                       global const Triangle *triangles,   // F + C, from setup
                       global const Bounds *bounds,        // F + C, from setup
                       global const Image *image,          // 1
-                      global Bounds *sorted,              // T: the bounds in that order, for bin_fill
+                      global Bounds *sorted,              // T: the bounds in this order, for bin_fill
                       global uint *counts,                // chunks x tiles
                       int chunk_size, int count)          // T
 {
@@ -69,8 +69,8 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
     }
 }
 
-// The sums go over parts of the tiles: first each part's total, then each part's tiles from the totals before it. A part
-// alone needs no totals.
+// The prefix sum works on parts of the tiles: first each part's total, then each part's tiles from the totals before it.
+// A single part needs no totals.
 int part_begin(int part, int tiles)
 {
     return (int)((long)tiles * part / (int)get_global_size(0));
@@ -93,7 +93,7 @@ kernel void bin_sums(global const Image *image,   // 1
 
 kernel void bin_scan(global const Image *image,   // 1
                      global const ulong *sums,    // from bin_sums, with as many work-items
-                     global uint *counts,         // chunks x tiles: counts in, where each chunk's entries begin out
+                     global uint *counts,         // chunks x tiles: in: counts; out: where each chunk's entries begin
                      global uint *starts,         // tiles + 1: where each tile's list begins
                      global Counters *counters,   // 1: entries, empty tiles
                      int chunks)

@@ -1,11 +1,12 @@
-// Gouraud shading: the corners are lit, their light is interpolated. Without LIT the colors themselves are (nolight).
+// Gouraud shading: the corners are lit and their light is interpolated; without LIT (nolight) the colors themselves.
 #include "fill.clh"
 #include "gather.clh"
 
 #if !PHONG
 #if LIT
 
-// The light of the three corners of each visible triangle, without the `plain` ambient term. A work-item takes LANES of them.
+// The light at the three corners of each visible triangle, without the `plain` ambient term. A work-item does LANES of
+// them.
 kernel void gouraud_corners(SURFACE_PARAMETERS,
                             global const uint *order,       // T, visible triangles
                             global real4 *corner_light,    // (F + C) x 3, linear RGB, written for visible triangles
@@ -58,14 +59,14 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 }
 #endif
 
-// What a block's pixels show.
+// The inputs of shading at a block's pixels.
 typedef struct {
     colors3 color;
     Surface surface;
     Texels texels;
 } ShadingInput;
 
-// Sets the lanes that are `mine`, which triangle `index` owns.
+// Sets the lanes in `mine`, which triangle `index` owns.
 INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, int index, int2 at, global const real4 *corner_light)
 {
     global const Triangle *t = in->triangles + index;
@@ -87,7 +88,7 @@ INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, int index
 }
 
 #if GATHERS
-// Sets as many as it can of the lanes in `todo`; returns those.
+// Sets as many of the lanes in `todo` as it can; returns those.
 INLINE ints see_lanes(ShadingInput *seen, ints todo, const Inputs *in, ints owner, int2 at, global const real4 *corner_light)
 {
     ints own = todo ? owner : (ints)(lane_of(owner, todo));

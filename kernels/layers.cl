@@ -2,7 +2,7 @@
 #include "attributes.clh"
 #include "samples.clh"
 
-// Face of each pixel, counted from 1; 0 for the background.
+// Face of each pixel, from 1; 0 for the background.
 kernel void layer_id(global const int *owners,            // M x N, from the pixel stage
                      global const Triangle *triangles,    // F + C, from setup
                      global uint *ids,                    // M x N
@@ -13,7 +13,7 @@ kernel void layer_id(global const int *owners,            // M x N, from the pix
         ids[i] = owners[i] < 0 ? 0 : triangles[owners[i]].face + 1;
 }
 
-// What each pixel's face is numbered with; 0 for the background.
+// Number assigned to each pixel's face; 0 for the background.
 kernel void layer_number(global const int *owners,            // M x N, from the pixel stage
                          global const Triangle *triangles,    // F + C, from setup
                          global const uint *numbers,          // F, from the host

@@ -1,7 +1,7 @@
-// The reflection model at points given one by one.
+// The reflection model at single points.
 #include "surface.clh"
 
-// A work-item takes LANES points.
+// A work-item does LANES points.
 kernel void light(global const real4 *points,        // K, relative to the eye, world axes, scaled
                   global const real4 *normals,       // K, unit or 0, world axes
                   global const real4 *colors,        // K, linear RGB

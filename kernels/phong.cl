@@ -1,9 +1,9 @@
-// Phong shading: the normal is interpolated, each owned pixel lit once.
+// Phong shading: the normal is interpolated and each owned pixel lit once.
 #include "fill.clh"
 #include "gather.clh"
 
 #if PHONG
-// What the lights see at the pixels of a block.
+// The inputs of shading at the pixels of a block.
 typedef struct {
     reals3 point, normal;
     colors3 color;
@@ -11,7 +11,7 @@ typedef struct {
     Texels texels;
 } ShadingInput;
 
-// Sets the lanes that are `mine`, which triangle t owns.
+// Sets the lanes in `mine`, which triangle t owns.
 INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, global const Triangle *t, int2 at)
 {
     int face = t->face;
@@ -41,7 +41,7 @@ INLINE void see_owner(ShadingInput *seen, ints mine, const Inputs *in, global co
 }
 
 #if GATHERS
-// Sets as many as it can of the lanes in `todo`; returns those.
+// Sets as many of the lanes in `todo` as it can; returns those.
 INLINE ints see_lanes(ShadingInput *seen, ints todo, const Inputs *in, ints owner, int2 at)
 {
     Gathered t = gather_triangles(in, todo ? owner : (ints)(lane_of(owner, todo)), at);

@@ -1,4 +1,4 @@
-// Vertices from world space to snapped image positions, in float64. Where the device has none,
+// Projection of vertices from world space to snapped image positions, in float64. For devices without it,
 // clshade/pipeline/host_projection.py does the same on the host.
 #include "reals.clh"
 
@@ -18,7 +18,7 @@ int snap(double pixels)
     return (int)((pixels * (1 << SUBPIXEL_BITS) + 0x1.8p52) - 0x1.8p52);  // 1.5 * 2^52 has no fraction bits
 }
 
-// A scaled coordinate, held to what float32 takes; only vertices far out of sight need it.
+// A scaled coordinate, clamped to float32's range; only vertices far outside the view need it.
 real held(double scaled)
 {
     scaled = scaled < MOST_LENGTH ? scaled : MOST_LENGTH;

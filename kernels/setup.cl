@@ -1,14 +1,14 @@
-// Triangles from faces and from the pieces of clipped ones, with sort keys. Crossing faces are left to the host.
+// Triangle setup for faces and for the pieces of clipped ones, with sort keys. Faces to clip are left to the host.
 #include "corners.clh"
 
-// A depth's order as unsigned bits.
+// A depth as an unsigned integer of the same order.
 ulong depth_order(ulong bits)
 {
     bits = bits << 1 ? bits : 0;  // -0.0 is 0.0
     return (bits >> 63) ? ~bits : bits | (1UL << 63);
 }
 
-// Depths as they are compared: on a device without float64, where they are stored as its bits, by the order of these.
+// Depths in comparable form: a device without float64, where they are stored as its bits, compares their order.
 #if FP64
 typedef double depth_t;
 #define DEPTH_OF(stored) (stored)
@@ -20,14 +20,14 @@ typedef ulong depth_t;
 #endif
 
 // A depth's order with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the smallest key is the
-// nearest triangle and, of equal ones, the latest. The host settles what the dropped bits decide.
+// nearest triangle and, of equal ones, the latest. The host resolves what the dropped bits decide.
 ulong sort_key(ulong order, int index)
 {
     ulong index_bits = (1UL << KEY_INDEX_BITS) - 1;
     return (order & ~index_bits) | (index_bits - (ulong)index);
 }
 
-// The mask of lanes whose faces are drawn only where they are seen from the front.
+// The mask of lanes whose back faces are culled.
 fixeds front_only_lanes(const int *face, global const int *face_materials, global const Material *materials)
 {
 #if SIDES && !CULL
@@ -65,7 +65,7 @@ void add_culled(global Counters *counters, const Culled *culled)
 
 #define WHOLE_FACE (-1)
 
-// The corners of LANES triangles as they are read.
+// The corners of LANES triangles, in arrays.
 typedef struct {
     int x[3][LANES], y[3][LANES];
     real w[3][LANES];
@@ -82,7 +82,7 @@ Corners corners_of(const Rows *rows)
     return t;
 }
 
-// Writes the triangles of the lanes that are `seen` as number index[lane]. piece: of the first lane, WHOLE_FACE for faces.
+// Writes the triangles of the lanes in `seen` at index[lane]. piece: of the first lane, WHOLE_FACE for faces.
 void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int *index, const int *face, int piece,
                      global Triangle *triangles, global Bounds *bounds)
 {
@@ -111,8 +111,8 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
     }
 }
 
-// A work-item takes SETUP_RUN faces, LANES at a time, and appends their keys in one piece; the sort makes the order of
-// pieces irrelevant.
+// A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block; the sort makes the order of
+// blocks irrelevant.
 kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project
                   global const int *face_materials,    // F, with SIDES
@@ -122,7 +122,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
                   global Bounds *bounds,           // F, likewise
-                  global ulong *keys,              // F and more, the first counters->visible are written
+                  global ulong *keys,              // at least F, the first counters->visible are written
                   global int *to_clip,             // F, the first counters->to_clip are written: faces
                   global Counters *counters,       // 1
                   int count)                       // F

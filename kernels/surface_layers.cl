@@ -1,9 +1,9 @@
-// Layers of the surface that each pixel's sample nearest the center shows: normal, position, color, texture coordinates,
-// weights of the corners. Never a mean over samples.
+// Layers of the surface at each pixel's sample nearest the center: normal, position, color, texture coordinates,
+// barycentric coordinates. Never averaged over samples.
 #include "surface.clh"
 #include "samples.clh"
 
-// Which of them are asked for (clshade/pipeline/layer_buffers.py).
+// The layers asked for (clshade/pipeline/layer_buffers.py).
 #if !defined(LAYER_N) || !defined(LAYER_P) || !defined(LAYER_ALBEDO) || !defined(LAYER_UV)
 #error "a layer is not defined"
 #endif
@@ -20,8 +20,8 @@ typedef struct {
     reals3 weights;
 } Shown;
 
-// Weights of the corners as the mesh has them: where a placement mirrors, the renderer has turned the last two. Rounding may
-// take one of them below 0.
+// Weights in the mesh's order of corners: if a placement mirrors, the renderer has swapped the last two. Rounding may
+// leave one of them below 0.
 void put_weights(reals3 *target, ints mine, Weights m, int turned)
 {
     reals zero = (reals)(0.0f), last = fmax(m.b2, zero), middle = fmax(m.b1, zero);
@@ -29,7 +29,7 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
     put_vector(target, mine, all);
 }
 
-// Sets the lanes that are `mine`, which triangle t owns.
+// Sets the lanes in `mine`, which triangle t owns.
 INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at,
                        global const int *mirrored)
 {
@@ -43,7 +43,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 #if LAYER_P
     global const int *v = in->faces + 3 * face;
-    // As depth, whatever the interpolation of attributes: the point that is seen.
+    // In perspective, like depth, with any interpolation of attributes: the visible point.
     Weights p = weights_at(t, in->pieces, at, !ORTHOGRAPHIC);
     put_vector(&shown->point, mine, mix_vectors(p, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));
 #endif
@@ -72,7 +72,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 }
 
-// A block whose first pixel is looked at in `at`.
+// The layers of a block whose first pixel is sampled at `at`.
 Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored)
 {
     Shown shown;
@@ -88,7 +88,7 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
     return shown;
 }
 
-// Component k of `width` of a layer, at the pixels of a block within the image.
+// Writes component k of `width` of a layer at the pixels of a block that lie within the image.
 void write_layer(global real *layer, int width, int k, reals values, global const Image *image, int column, int row)
 {
     real each[LANES];
@@ -107,12 +107,12 @@ void write_vector(global real *layer, reals3 v, global const Image *image, int c
     write_layer(layer, 3, 2, v.z, image, column, row);
 }
 
-// Where the layers go; those that are not asked for are not written.
+// The output arrays; layers not asked for are not written.
 typedef struct {
     global real *normals;         // M x N x 3, unit or 0, world axes
     global real *points;          // M x N x 3, relative to the eye, world axes, scaled
     global real *albedos;         // M x N x 3, linear RGB
-    global real *coordinates;     // M x N x 2, u and v as the mesh has them
+    global real *coordinates;     // M x N x 2, the mesh's u and v
     global real *weights;         // M x N x 3, of the face's corners
 } LayerOutputs;
 
@@ -143,7 +143,7 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, i
 #endif
 }
 
-// The owners of a block's pixels, -1 for nobody and beyond the image.
+// The owners of a block's pixels, -1 for none and beyond the image.
 ints owners_in(global const int *owners, global const Image *image, int column, int row)
 {
     integer each[LANES];
@@ -155,7 +155,7 @@ ints owners_in(global const int *owners, global const Image *image, int column, 
     return LOAD_LANES(each);
 }
 
-// A work-item takes a tile, or a block of it: ITEMS_PER_TILE.
+// A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
 kernel void surface_layers(SURFACE_PARAMETERS,
                            global const int *owners,      // M x N, from the pixel stage
                            global const int *mirrored,    // F, whether the face's placement mirrors; with MIRRORED

@@ -1,6 +1,6 @@
-"""The float64 reference: what an image should be, stage by stage, written for obviousness and not for speed.
+"""The float64 reference: what an image should be, stage by stage, written for clarity and not for speed.
 
-It shares nothing with the renderer but the scene model. `render(scene, settings)` gives a whole `OracleFrame`,
+It shares nothing with the renderer but the scene model. `render(scene, settings)` returns a whole `OracleFrame`,
 `render_layers` its further layers; the modules' public functions each take one stage's inputs.
 """
 

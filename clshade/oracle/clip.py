@@ -1,8 +1,8 @@
-"""Clipping in camera space: near plane and guard band. Triangles that need neither pass through untouched.
+"""Clipping in camera space: near plane and guard band. Triangles that need neither pass through unchanged.
 
-A crossing is computed from the edge's end points in a canonical order (the smaller (x, y, z) first), so that the
-triangles on both sides of an edge get the same point. What a clip point inherits is kept as its weights with respect
-to the three original corners.
+A crossing is computed from the edge's end points in a canonical order (nearer the plane, then smaller (x, y, z),
+first), so that the triangles on both sides of an edge get the same point. What a clip point inherits is kept as its
+barycentric coordinates in the original triangle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Triangles ready for the image, in the order of their faces.
+    """Triangles ready for rasterization, in the order of their faces.
 
     face: (K,) the face each is a piece of. xy: (K, 3, 2) snapped corners, int64. z: (K, 3) corner depths, all > 0.
     weights: (K, 3, 3): row i holds corner i's weights with respect to the face's original corners; they sum to 1.
@@ -32,7 +32,7 @@ class Pieces:
 
 
 def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Floats, Floats, Bools]:
-    """Sutherland-Hodgman against one plane.
+    """Clip a polygon against one plane by Sutherland and Hodgman's algorithm.
 
     points: (n, 3), weights: (n, 3), distance: (n,) signed, >= 0 is inside. Returns the points and weights of the part
     inside, and which of them are crossings, (m,) bool.
@@ -44,8 +44,8 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
         if distance[i] >= 0.0:
             kept.append((points[i], weights[i], False))
         if (distance[i] >= 0.0) != (distance[j] >= 0.0):
-            # From the end nearer the plane, whichever way round the edge is run: faces that share it share the point,
-            # and an end 1e38 away costs no digits.
+            # From the end nearer the plane, in whichever direction the edge is traversed: faces that share it share the
+            # point, and an end 1e38 away costs no digits.
             first = (abs(distance[i]), points[i].tolist()) <= (abs(distance[j]), points[j].tolist())
             a, b = (i, j) if first else (j, i)
             t = distance[a] / (distance[a] - distance[b])
@@ -56,14 +56,14 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
 
 
 def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Floats]:
-    """The part with z >= near; crossings lie at z = near exactly."""
+    """Return the part with z >= near; crossings lie at z = near exactly."""
     points, weights, crossing = clip_polygon(points, weights, points[:, 2] - near)
     points[crossing, 2] = near
     return points, weights
 
 
 def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Floats]:
-    """The part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, in that order; needs z > 0."""
+    """Return the part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, clipped in that order; needs z > 0."""
     for axis in (0, 1):
         extent, pixels, principal = (
             lens.plane[1 - axis],
@@ -76,7 +76,7 @@ def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Flo
             depth = 1.0 if lens.orthographic else points[:, 2]
             distance = side * (slope * points[:, axis]) + (GUARD + side * principal) * depth
             points, weights, crossing = clip_polygon(points, weights, distance)
-            # A crossing lies at u = -side*GUARD; an edge from -1e38 to 1e38 leaves no digit of that.
+            # A crossing lies at u = -side*GUARD; on an edge from -1e38 to 1e38 no digit of that is left.
             depth = 1.0 if lens.orthographic else points[crossing, 2]
             points[crossing, axis] = -side * (GUARD + side * principal) * depth / slope
             if len(points) == 0:
@@ -85,12 +85,12 @@ def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Flo
 
 
 def beyond_guard(uv: Floats) -> Bools:
-    """Which triangles (or polygons) have a vertex out of the guard band; uv: (..., n, 2)."""
+    """Return which triangles (or polygons) have a vertex outside the guard band; uv: (..., n, 2)."""
     return np.asarray(~(np.abs(uv) <= GUARD).all(axis=(-1, -2)))
 
 
 def clip_face(corners: Floats, near: float, lens: Lens) -> list[tuple[Floats, Floats]]:
-    """One triangle, camera space (3, 3), as a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
+    """Clip one triangle, camera space (3, 3), into a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
     points, weights = corners, np.eye(3)
     if (points[:, 2] < near).any():
         points, weights = clip_near(points, weights, near)
@@ -106,7 +106,7 @@ def clip_face(corners: Floats, near: float, lens: Lens) -> list[tuple[Floats, Fl
 
 
 def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
-    """All triangles (F, 3, 3) of camera-space corners, clipped, projected and snapped."""
+    """Clip, project and snap triangles (F, 3, 3) of camera-space corners."""
     in_front = corners[:, :, 2] >= near
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         uv = project(corners, *lens)
@@ -125,7 +125,7 @@ def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
     all_points = all_points[order]
     return Pieces(
         face=all_faces[order],
-        # Rounding can leave a crossing of an edge 1e36 long beyond the guard band: held to it, as integers must be.
+        # Rounding can put a crossing of an edge 1e36 long beyond the guard band: clamp it, for the integers' sake.
         xy=snap(np.clip(project(all_points, *lens), -GUARD, GUARD)),
         z=all_points[:, :, 2],
         weights=np.concatenate(weights)[order],

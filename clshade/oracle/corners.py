@@ -13,16 +13,16 @@ from .normals import placed_normal_errors, placed_normals, vertex_normal_errors,
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices
 
-MOST_UV = 2.0**40  # whole numbers beyond 2^24 have no texel of their own left in float32
+MOST_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """What the corners of each face carry. F faces.
+    """Attributes at the corners of each of F faces.
 
-    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) by how much rounding in
-    float64 may change the worst of them, 0 for normals that the mesh has. colors: (F, 3, 3) vertex colors, white where
-    the mesh has none. uvs: (F, 3, 2), `usable_uvs`, 0 where the mesh has none. mesh: (F,) index into scene.meshes.
+    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) how much rounding in float64
+    may change the worst of them. colors: (F, 3, 3) vertex colors, white if the mesh has none. uvs: (F, 3, 2), `usable_uvs`,
+    0 if the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
     world: Floats
@@ -34,7 +34,7 @@ class Corners:
 
 
 def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, Floats, Floats]:
-    """Positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
+    """Return positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
     verts = world_vertices(mesh.verts, matrix)
     if mesh.normals is None or compute_normals:
         normals = vertex_normals(verts, mesh.faces)[mesh.faces]
@@ -49,12 +49,12 @@ def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, 
 
 
 def usable_uvs(uvs: Reals) -> Floats:
-    """Texture coordinates as they count, float64: those that are NaN or infinite as 0, and none beyond MOST_UV."""
+    """Return texture coordinates in float64, with NaN and infinity replaced by 0, clamped to MOST_UV."""
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
 
 
 def gather(scene: Scene) -> Corners:
-    """All faces of a scene, instances placed. Scenes of the preset `course` have their normals computed always."""
+    """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed."""
     world, normals, errors, colors, uvs, owner = [], [], [], [], [], []
     for index, mesh in enumerate(scene.meshes):
         count = len(mesh.faces)
@@ -65,7 +65,7 @@ def gather(scene: Scene) -> Corners:
             mesh_uvs = usable_uvs(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
-            # A placement that mirrors turns the corners' order round: what was the front stays the front.
+            # A placement that mirrors reverses the winding: what was the front stays the front.
             turned = [0, 2, 1] if mirrors(matrix) else slice(None)
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
@@ -85,20 +85,22 @@ def gather(scene: Scene) -> Corners:
 
 
 def from_first(weights: Floats, uvs: Floats) -> Floats:
-    """Texture coordinates (K, 3, 2) at corner weights (K, 3), less those of the first corner: (K, 2)."""
+    """Interpolate texture coordinates (K, 3, 2) at corner weights (K, 3), relative to the first corner: (K, 2)."""
     difference: Floats = (weights[:, 1:, None] * (uvs[:, 1:] - uvs[:, :1])).sum(axis=1)
     return difference
 
 
 def interpolated(weights: Floats, uvs: Floats) -> Floats:
-    """Texture coordinates (K, 3, 2) at corner weights (K, 3) whose sum is 1: (K, 2).
+    """Interpolate texture coordinates (K, 3, 2) at corner weights (K, 3) whose sum is 1: (K, 2).
 
-    From the first corner on, as weighted means of large coordinates that differ by little would lose the difference."""
+    Relative to the first corner, as weighted means of large coordinates that differ by little would lose the difference.
+    """
     return uvs[:, 0] + from_first(weights, uvs)
 
 
 def alpha_passes(scene: Scene, corners: Corners, face: Integers, weights: Floats) -> Bools:
-    """(K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's cutoff."""
+    """Return (K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's
+    cutoff."""
     passes = np.ones(len(face), bool)
     for index in np.unique(corners.mesh[face]):
         mesh = scene.meshes[index]
@@ -113,12 +115,12 @@ def alpha_passes(scene: Scene, corners: Corners, face: Integers, weights: Floats
 
 
 def textured(mesh: Mesh) -> bool:
-    """Is there a texture to look up? Without texture coordinates there is not."""
+    """Return whether there is a texture to look up; without texture coordinates there is not."""
     return mesh.material.texture is not None and mesh.uvs is not None
 
 
 def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Integers) -> Floats:
-    """Colors at the corners of faces `face` (U,): (U, 3, 3).
+    """Return colors at the corners of faces `face` (U,): (U, 3, 3).
 
     With texture_at=vertex the texel replaces (course lookup) or multiplies the vertex color; with texture_at=pixel a
     course texture leaves white, to be multiplied by the texel later.
@@ -142,7 +144,7 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Inte
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """Of pixels, (K, 3) each: the texel, and the largest magnitude among those that it is a mean of."""
+    """Texels of pixels, (K, 3) each: the color, and the largest magnitude among the texels it is a mean of."""
 
     color: Floats
     most: Floats
@@ -152,7 +154,7 @@ _mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()
 
 
 def mipmap_of(texture: Texture) -> list[Reals]:
-    """The levels of a texture without its alpha; kept as long as the texture lives."""
+    """Return the levels of a texture without its alpha; kept as long as the texture lives."""
     if texture not in _mipmaps:
         _mipmaps[texture] = levels(texture.image[..., :3])
     return _mipmaps[texture]
@@ -166,9 +168,9 @@ def texels(
     weights: Floats,
     steps: tuple[Floats, Floats] | None,
 ) -> Texels:
-    """Texels of pixels on faces `face` (K,) with corner weights (K, 3), 1 where none is looked up per pixel.
+    """Return texels of pixels on faces `face` (K,) at corner weights (K, 3), 1 where none is looked up per pixel.
 
-    steps: by how much the weights change from pixel to pixel, to the right and up, (K, 3) each; None with texture_filter
+    steps: derivatives of the weights from pixel to pixel, to the right and up, (K, 3) each; None with texture_filter
     bilinear.
     """
     found = Texels(np.ones((len(face), 3)), np.ones((len(face), 3)))

@@ -18,12 +18,12 @@ HALF = SUBPIXELS // 2
 
 
 class Setup(NamedTuple):
-    """What is known of triangles before any pixel is looked at.
+    """What is known of triangles before rasterization.
 
-    area: (...) twice the signed area, in 1/256^2 square pixels, positive when counter-clockwise.
+    area: (...) twice the signed area, in 1/256^2 square pixels, positive when counterclockwise.
     box: (..., 4) columns and rows whose centers the bounding box holds, within the image: first column, first row,
         last column, last row, both ends included; a last below its first means none.
-    culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or seen from behind.
+    culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or a culled back face.
     """
 
     area: Integers
@@ -32,13 +32,13 @@ class Setup(NamedTuple):
 
 
 def signed_area(xy: Integers) -> Integers:
-    """Twice the area, int64, positive for corners that go counter-clockwise with y up."""
+    """Return twice the area, int64, positive for counterclockwise corners with y up."""
     a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
     return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
 
 
 def setup(xy: Integers, columns: int, rows: int, cull: bool = False) -> Setup:
-    """Area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
+    """Return area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
     xy = np.asarray(xy, dtype=np.int64)
     area = signed_area(xy)
     a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
@@ -53,7 +53,7 @@ def setup(xy: Integers, columns: int, rows: int, cull: bool = False) -> Setup:
 
 
 def edge_functions(xy: Integers, column: Integers, row: Integers) -> Integers:
-    """Edge functions at pixel centers, (..., 3) int64: positive inside, whatever the winding.
+    """Evaluate edge functions at pixel centers, (..., 3) int64: positive inside for either winding.
 
     The leading axes of xy (..., 3, 2), column (...) and row (...) broadcast. Function i belongs to the edge opposite
     corner i; it is twice the area of the triangle that the pixel center makes with that edge, so the three sum to
@@ -72,9 +72,9 @@ def edge_functions(xy: Integers, column: Integers, row: Integers) -> Integers:
 
 
 def top_left(xy: Integers) -> Bools:
-    """(..., 3) bool: does edge i (opposite corner i) own the points on it?
+    """Return (..., 3) bool: whether edge i (opposite corner i) owns the points on it.
 
-    Taken counter-clockwise with y up, a left edge goes down and a top edge goes exactly left.
+    Traversed counterclockwise with y up, a left edge goes down and a top edge goes exactly left.
     """
     xy = np.asarray(xy, dtype=np.int64)
     winding = np.sign(signed_area(xy))
@@ -87,21 +87,21 @@ def top_left(xy: Integers) -> Bools:
 
 
 def covered(xy: Integers, edges: Integers) -> Bools:
-    """(...) bool: which pixels with edge functions (..., 3) the triangles (..., 3, 2) draw."""
+    """Return (...) bool: which pixels with edge functions (..., 3) the triangles (..., 3, 2) cover."""
     inside, touched = edges > 0, edges == 0
-    on_edge = touched[..., 0] | touched[..., 1] | touched[..., 2]  # few pixels: the rule is looked up for these alone
+    on_edge = touched[..., 0] | touched[..., 1] | touched[..., 2]  # few pixels: the rule is evaluated for these only
     inside[on_edge] |= touched[on_edge] & top_left(np.broadcast_to(xy, (*edges.shape[:-1], 3, 2))[on_edge])
     return inside[..., 0] & inside[..., 1] & inside[..., 2]
 
 
 def triangle_mask(xy: Integers, columns: int, rows: int) -> Bools:
-    """Pixels that one triangle (3, 2) draws: (rows, columns) bool, row 0 at the BOTTOM, either winding."""
+    """Return the pixels that one triangle (3, 2) covers: (rows, columns) bool, row 0 at the BOTTOM, either winding."""
     edges = edge_functions(xy, np.arange(columns)[None, :], np.arange(rows)[:, None])
     return covered(xy, edges)
 
 
 def painter_order(z: Floats, alive: Bools) -> Integers:
-    """Indices of the triangles with `alive` (F,) set, front to back, from their corner depths z (F, 3).
+    """Return indices of the triangles with `alive` (F,) set, front to back, by their corner depths z (F, 3).
 
     The smallest mean depth comes first; of equal ones the later triangle (-0.0 equals 0.0). NaN comes last.
     """
@@ -112,10 +112,10 @@ def painter_order(z: Floats, alive: Bools) -> Integers:
 def tile_lists(
     order: Integers, boxes: Integers, tile: int | tuple[int, int], columns: int, rows: int
 ) -> list[Integers]:
-    """Per tile the triangles whose bounding box meets it, in the given order.
+    """Return for each tile the triangles whose bounding box overlaps it, in the given order.
 
     order: indices of triangles. boxes: (F, 4) as of `setup`, not empty for those in `order`. tile: size in pixels, or
-    (width, height). Tiles are counted from the bottom-left corner, row by row; returns one array of indices each.
+    (width, height). Tiles are counted from the bottom-left corner, row by row; one array of indices each.
     """
     width, height = (tile, tile) if isinstance(tile, int) else tile
     first_column, first_row, last_column, last_row = boxes[order].T
@@ -130,7 +130,7 @@ def tile_lists(
 def samples(
     xy: Integers, boxes: Integers, limit: int = 1 << 18
 ) -> Iterator[tuple[Integers, Integers, Integers, Integers]]:
-    """Every pixel that each triangle draws, in batches of bounded size.
+    """Yield every pixel that each triangle covers, in batches of bounded size.
 
     xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle, column, row, each (S,), and edge functions (S, 3).
     """
@@ -154,7 +154,7 @@ def samples(
 def samples_at(
     xy: Integers, boxes: Integers, column: Integers, row: Integers, limit: int = 1 << 18
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
-    """Which of some pixels (column, row), (Q,) each, every triangle draws; for the others no time is spent.
+    """Yield which of the given pixels (column, row), (Q,) each, every triangle covers; others take no time.
 
     xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle and index of the pixel, each (S,), and edge functions
     (S, 3), in batches of bounded size; of one pixel a later batch holds later triangles only.
@@ -178,13 +178,13 @@ def samples_at(
 
 
 def _batches(count: Integers, limit: int) -> list[Integers]:
-    """Indices with a count above 0, in order, in runs whose counts sum to about `limit`."""
+    """Split the indices with a count above 0, in order, into runs whose counts sum to about `limit`."""
     present = np.flatnonzero(count)
     number = (np.cumsum(count[present]) - 1) // limit
     return [run for run in np.split(present, np.flatnonzero(np.diff(number)) + 1) if len(run)]
 
 
 def _spread(batch: Integers, count: Integers) -> tuple[Integers, Integers]:
-    """Each index of the batch as often as its count says, and which time it is, from 0."""
+    """Repeat each index of the batch as often as its count; also return the repetition's number, from 0."""
     index = np.repeat(batch, count[batch])
     return index, np.arange(len(index)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])

@@ -1,4 +1,4 @@
-"""A whole frame: who owns each pixel, then the colors of the owned ones."""
+"""A whole frame: the owner of each pixel, then the colors of the owned ones."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from .pixels import Shaded, shade_pixels
 
 BATCH = 1 << 15  # pixels shaded at a time
 
-# Of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool: which can be seen there?
+# From pieces (K,) with edge functions (K, 3) at a pixel to (K,) bool: which are opaque there.
 Opaque = Callable[[Integers, Integers], Bools]
-# Of triangles (T, 3, 2) with boxes (T, 4): index of the triangle and of the pixel it draws, (S,), and edge functions (S, 3).
+# From triangles (T, 3, 2) with boxes (T, 4) to indices of triangle and covered pixel, (S,), and edge functions (S, 3).
 Drawn = Callable[[Integers, Integers], Iterator[tuple[Integers, Integers, Integers]]]
 
 
 @dataclass(frozen=True, eq=False)
 class OracleFrame:
-    """The image and what its error is measured by. Leading axes (M, N), row 0 at the TOP; float64 unless stated.
+    """The image and the measures of its error. Leading axes (M, N), row 0 at the TOP; float64 unless stated.
 
-    rgb: (M, N, 3) linear, over the background. alpha: (M, N) share of the samples covered.
+    rgb: (M, N, 3) linear, over the background. alpha: (M, N) fraction of the samples covered.
     id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
     budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
         its own absolute value.
-    kappa: (M, N) amplification of rounding errors by the light's geometry.
-    jump: (M, N, 3) by how much highlights may change the color that may be decided either way, see `shade.jumps`.
+    kappa: (M, N) condition number of the light's geometry: how far it amplifies rounding errors.
+    jump: (M, N, 3) how much highlights that rounding may open or close can change the color, see `shade.jumps`.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
     those of the sample nearest the center, kappa and exponent the worst of all, budget and jump the mean.
@@ -49,7 +49,7 @@ class OracleFrame:
 
     @property
     def gate(self) -> Bools:
-        """(M, N) bool: where a highlight may be decided either way."""
+        """(M, N) bool: where rounding may open or close a highlight."""
         return np.asarray((self.jump > 0.0).any(axis=-1))
 
 
@@ -64,7 +64,7 @@ class Prepared:
 
 
 def prepare(scene: Scene, settings: Settings) -> Prepared:
-    """Everything up to the pixels: placing, camera, clipping, projection, snapping, set-up."""
+    """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
     corners = gather(scene)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
@@ -81,8 +81,8 @@ def _set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> 
 
 
 def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Prepared]:
-    """The scene as each sample of the pixels sees it, nearest to the center first: what a sample beside the center sees is
-    what the center sees of the scene moved the other way."""
+    """Return the scene as each sample of the pixels sees it, nearest to the center first: a sample off the center sees
+    what the center sees of the scene shifted the other way."""
     views = []
     for place in sampling.places(settings.samples):
         cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
@@ -97,10 +97,10 @@ def owners(
     opaque: Opaque | None = None,
     orthographic: bool = False,
 ) -> Integers:
-    """The piece seen at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
+    """Return the piece visible at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
 
     `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
-    opaque: of pieces (K,) with edge functions (K, 3) at a pixel, (K,) bool, which can be seen there; None: all.
+    opaque: from pieces (K,) with edge functions (K, 3) at a pixel to (K,) bool, which are opaque there; None: all.
     """
     columns, rows = resolution
 
@@ -119,7 +119,7 @@ def owners_at(
     opaque: Opaque | None = None,
     orthographic: bool = False,
 ) -> Integers:
-    """The same at pixels (column, row from the BOTTOM), (Q,) each: (Q,)."""
+    """Return the same at pixels (column, row from the BOTTOM), (Q,) each: (Q,)."""
 
     def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
         return coverage.samples_at(xy, boxes, column, row)
@@ -130,7 +130,7 @@ def owners_at(
 def _first(
     prepared: Prepared, visibility: str, count: int, drawn: Drawn, opaque: Opaque | None, orthographic: bool
 ) -> Integers:
-    """The piece seen at each of `count` pixels. drawn: which piece draws which pixel."""
+    """Return the piece visible at each of `count` pixels. drawn: which piece covers which pixel."""
     cut, alive = prepared.pieces, ~prepared.setup.culled
     if visibility == "painter":
         order = coverage.painter_order(prepared.z[cut.face], alive)
@@ -147,20 +147,20 @@ def _first(
         k, pixel, edges = k[seen], pixel[seen], edges[seen]
         z = shade.depth(edges, cut.z[order[k]], orthographic)
         np.minimum.at(nearest, pixel, z)
-        equal = z == nearest[pixel]  # a later batch holds later pieces only, so the later owner is the right one
+        equal = z == nearest[pixel]  # a later batch holds later pieces only, so the later owner is right
         np.maximum.at(owner, pixel[equal], order[k[equal]])
     return owner
 
 
 def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Bools:
-    """(K,) bool: where pixels of pieces (K,), edge functions (K, 3) there, pass their material's alpha test."""
+    """Return (K,) bool: where pixels of pieces (K,), with edge functions (K, 3), pass their material's alpha test."""
     cut = prepared.pieces
     weights = face_weights(scene, settings, prepared, piece, edges)
     return alpha_passes(scene, prepared.corners, cut.face[piece], weights)
 
 
 def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Floats:
-    """Weights (K, 3) of the original corners at pixels of pieces (K,) with edge functions (K, 3)."""
+    """Return weights (K, 3) of the original corners at pixels of pieces (K,) with edge functions (K, 3)."""
     cut = prepared.pieces
     interpolation = "affine" if scene.camera.orthographic else settings.interpolation
     on_piece = shade.barycentrics(edges, cut.z[piece], interpolation)
@@ -171,8 +171,8 @@ def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: In
 def face_weight_steps(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Floats, Floats]:
-    """By how much the `face_weights` of pixels (column, row from the bottom) on their pieces, (K,) each, change from pixel
-    to pixel: their derivatives to the right and up, (K, 3) each."""
+    """Return the derivatives of `face_weights` to the right and up, (K, 3) each, at pixels (column, row from the
+    bottom) on their pieces, (K,) each."""
     cut = prepared.pieces
     interpolation = "affine" if scene.camera.orthographic else settings.interpolation
     edges = coverage.edge_functions(cut.xy[piece], column, row)
@@ -186,7 +186,7 @@ def face_weight_steps(
 
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
-    """The frame of a scene's own camera, all layers."""
+    """Render the frame of a scene's own camera."""
     camera = scene.camera
     columns, rows = camera.resolution
     center = prepare(scene, settings)
@@ -207,9 +207,9 @@ def _grid(values: Array, rows: int, columns: int) -> Array:
 
 
 def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> OracleFrame:
-    """The same as `render` at some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,).
+    """Render some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,).
 
-    Takes the time of these pixels, and of getting the scene's triangles into the image.
+    Takes the time of these pixels, and of setting up the scene's triangles.
     """
     camera = scene.camera
     columns = np.asarray(columns, np.int64)
@@ -232,9 +232,10 @@ def _resolved(
     columns: Integers,
     upward: Integers,
 ) -> OracleFrame:
-    """Pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none.
+    """Resolve pixels (columns, upward: rows from the bottom), (K,), from the owners of their samples, (S, K), -1 for none.
 
-    center, views: the scene as the pixels' center sees it, and as their samples do."""
+    center, views: the scene as the pixels' center sees it, and as their samples do.
+    """
     if len(views) == 1:
         return _shaded(scene, settings, views[0], owner[0], columns, upward)
     total = _background(scene, owner.shape[1])
@@ -248,7 +249,7 @@ def _resolved(
         )
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     if settings.resolve == "weighted" and scene.background is None:
-        weights[0] = np.zeros_like(weights[0])  # nothing has no color to be weighed: the mean of what is covered
+        weights[0] = np.zeros_like(weights[0])  # no background has no color to weigh: the mean of the covered samples
     whole, rgb = np.zeros(len(total.Z)), np.zeros_like(total.rgb)
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
@@ -270,25 +271,25 @@ def _resolved(
 def _mean_budgets(
     parts: Sequence[tuple[Integers, Floats, OracleFrame]], rgb: Floats, resolve: str
 ) -> tuple[Floats, Floats]:
-    """budget and jump, (K, 3) each, of pixels with colors rgb (K, 3).
+    """Return budget and jump, (K, 3) each, of pixels with colors rgb (K, 3).
 
     parts: which pixels some samples belong to, the weight of these samples in each pixel, and what they see.
     """
     budget, jump = np.zeros_like(rgb), np.zeros_like(rgb)
     for lit, share, part in parts:
         most = part.budget
-        if resolve == "weighted":  # an error of a color's is one of its weight too
+        if resolve == "weighted":  # an error of a color changes its weight too
             apart = (np.abs(part.rgb) + np.abs(rgb[lit])) * sampling.weight(part.rgb, resolve)[:, None]
             most = most + apart * most.max(axis=-1, keepdims=True)
         budget[lit] += share[:, None] * most
         jump[lit] += share[:, None] * part.jump
-    if resolve == "weighted":  # a jump is one of the weights too, and not a small one
+    if resolve == "weighted":  # a jump changes the weights too, and not by little
         jump = np.where((jump > 0.0).any(axis=-1, keepdims=True), budget, 0.0)
     return budget, jump
 
 
 def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
-    """The alpha test of a scene, None where no material has one."""
+    """Return the alpha test of a scene, None if no material has one."""
     tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
     return partial(passes_alpha, scene, settings, prepared) if tested else None
 
@@ -296,7 +297,7 @@ def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque 
 def _shaded(
     scene: Scene, settings: Settings, prepared: Prepared, owner: Integers, columns: Integers, upward: Integers
 ) -> OracleFrame:
-    """Pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
+    """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
     frame = _background(scene, len(owner))
     drawn = np.flatnonzero(owner >= 0)
     for start in range(0, len(drawn), BATCH):
@@ -327,7 +328,7 @@ def _background(scene: Scene, count: int) -> OracleFrame:
 def _shade_batch(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Shaded, Floats]:
-    """Shade pixels (column, row from the bottom) on their pieces, (K,) each; also their depths (K,)."""
+    """Shade pixels (column, row from the bottom) on their pieces, (K,) each; return also their depths (K,)."""
     cut = prepared.pieces
     edges = coverage.edge_functions(cut.xy[piece], column, row)
     weights = face_weights(scene, settings, prepared, piece, edges)
@@ -340,7 +341,8 @@ def _shade_batch(
 
 
 def depth_at(scene: Scene, settings: Settings, face: Integers, row: Integers, column: Integers) -> Floats:
-    """Depth of faces at pixels' sample nearest the center, (K,): +inf where the face does not cover it (or is -1).
+    """Return the depth of faces at pixels' sample nearest the center, (K,): +inf where the face does not cover it (or
+    is -1).
 
     face: indices in the scene's face order. row: from the TOP. All broadcast to (K,).
     """
@@ -362,8 +364,8 @@ def depth_at(scene: Scene, settings: Settings, face: Integers, row: Integers, co
 
 
 def nearest_depths(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> Floats:
-    """Depths of the two nearest pieces at each sample of pixels, rows (from the TOP) and columns (K,): (S, 2, K), +inf
-    where there is none."""
+    """Return the depths of the two nearest pieces at each sample of pixels, rows (from the TOP) and columns (K,): (S,
+    2, K), +inf where there is none."""
     camera = scene.camera
     columns, upward = np.asarray(columns, np.int64), camera.resolution[1] - 1 - np.asarray(rows, np.int64)
     found = np.full((settings.samples, 2, len(columns)), np.inf)

@@ -1,4 +1,4 @@
-"""The layers of a frame besides Z and id: what the surface is that each pixel's sample nearest the center shows."""
+"""The layers of a frame besides Z and id: properties of the surface at each pixel's sample nearest the center."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from .vectors import length, unit
 
 @dataclass(frozen=True, eq=False)
 class OracleLayers:
-    """Leading axes (M, N), row 0 at the TOP; float64 unless stated; 0 for the background.
+    """The layers and the measures of their errors. Leading axes (M, N), row 0 at the TOP; float64 unless stated; 0 for the
+    background.
 
-    N: (M, N, 3) unit normal in world space, or 0; of a two-sided material seen from behind turned round.
-    P: (M, N, 3) position in world space; like Z always that of the point seen, whatever the interpolation.
-    albedo: (M, N, 3) what the light is multiplied by: vertex color times material's color times texel.
-    uv: (M, N, 2) texture coordinates as the mesh has them, not wrapped.
+    N: (M, N, 3) unit normal in world space, or 0; flipped on the back of a two-sided material.
+    P: (M, N, 3) visible position in world space, interpolated in perspective, as Z is, whatever the setting.
+    albedo: (M, N, 3) the factor of the light: vertex color times material color times texel.
+    uv: (M, N, 2) the mesh's texture coordinates, not wrapped.
     object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
         number, counted from 1 in the order of the meshes.
-    barycentrics: (M, N, 3) weights of the corners that the mesh's face names, in its order.
+    barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
 
-    What errors are measured by: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
+    Measures of errors: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
     normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
     corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame.
     """
@@ -48,7 +49,7 @@ class OracleLayers:
 
 
 def equal(a: Material, b: Material) -> bool:
-    """Do two materials agree in everything, the texture's image included?"""
+    """Return whether two materials agree in everything, the texture's image included."""
     for field in fields(Material):
         if field.name != "texture" and np.any(getattr(a, field.name) != getattr(b, field.name)):
             return False
@@ -59,7 +60,8 @@ def equal(a: Material, b: Material) -> bool:
 
 
 def material_numbers(scene: Scene) -> UInt32s:
-    """(meshes,) uint32: 1 for the first mesh's material, and for each that equals none before it the next number."""
+    """Return (meshes,) uint32: 1 for the first mesh's material, and the next number for each that equals none before
+    it."""
     different: list[Material] = []
     numbers = []
     for mesh in scene.meshes:
@@ -71,7 +73,7 @@ def material_numbers(scene: Scene) -> UInt32s:
 
 
 def mirrored_faces(scene: Scene) -> Bools:
-    """(F,) bool: does the face's placement turn left into right?"""
+    """Return (F,) bool: whether the face's placement mirrors."""
     found = [np.zeros(0, bool)]
     for mesh in scene.meshes:
         for matrix in np.asarray(mesh.instances):
@@ -80,7 +82,7 @@ def mirrored_faces(scene: Scene) -> Bools:
 
 
 def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
-    """The layers of a scene's own camera."""
+    """Render the layers of a scene's own camera."""
     camera = scene.camera
     view = samples_of(scene, settings, prepare(scene, settings))[0]
     opaque = opaque_test(scene, settings, view)
@@ -118,7 +120,7 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
 def _batch(
     scene: Scene, settings: Settings, view: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> OracleLayers:
-    """Pixels (column, row from the bottom) of pieces, (K,) each."""
+    """Render pixels (column, row from the bottom) of pieces, (K,) each."""
     corners, face, eye = view.corners, view.pieces.face[piece], scene.camera.eye
     edges = coverage.edge_functions(view.pieces.xy[piece], column, row)
     weights = face_weights(scene, settings, view, piece, edges)

@@ -8,14 +8,14 @@ from ..base.arrays import Array, Floats, Reals
 from .transform import mirrors
 from .vectors import cross, length, power_of_two, unit
 
-CANCELED = 2.0**-40  # of the sizes of a vertex's faces: their sum has no direction left
+CANCELED = 2.0**-40  # relative to the sizes of a vertex's faces: a smaller sum has no direction left
 
 
 def vertex_normals(verts: Reals, faces: Array) -> Floats:
-    """Normals of a mesh from its shape: at each vertex the sum of its faces' cross products, normalized.
+    """Return the normals of a mesh from its shape: at each vertex the sum of its faces' cross products, normalized.
 
     verts: (V, 3), faces: (F, 3) indices. Returns (V, 3): unit vectors, or 0 at a vertex that has no face, only faces
-    without area, or faces that cancel but for rounding (2^-40 of their sizes). A larger face counts for more: its cross
+    without area, or faces that cancel up to rounding (2^-40 of their sizes). A larger face weighs more: its cross
     product is twice its area.
     """
     total = np.zeros((len(verts), 3))
@@ -31,12 +31,12 @@ def vertex_normals(verts: Reals, faces: Array) -> Floats:
 
 
 def vertex_normal_errors(verts: Reals, faces: Array) -> Floats:
-    """How far two computations of `vertex_normals` in float64 may differ: (V,), absolute; 0 where there is no normal.
+    """Return how far two computations of `vertex_normals` in float64 may differ: (V,), absolute; 0 where there is no normal.
 
     A component of a x b is a difference of two products whose factors are rounded differences of coordinates: each
-    product is right to 3 units of 2^-53, the difference to one more, so the vector to sqrt(2)*3 + 1 < 6 units of
-    |a| |b|. That is much more than of |a x b| where a face is a sliver. A sum of m of them rounds m - 1 times. All this
-    relative to the length of the sum, and for both sides.
+    product is accurate to 3 units of 2^-53, the difference to one more, so the vector to sqrt(2)*3 + 1 < 6 units of
+    |a| |b|. That is much more than of |a x b| if a face is a sliver. A sum of m of them rounds m - 1 times. All this
+    is relative to the length of the sum, and counts for both sides.
     """
     if len(faces) == 0:
         return np.zeros(len(verts))
@@ -52,7 +52,7 @@ def vertex_normal_errors(verts: Reals, faces: Array) -> Floats:
 
 
 def _edges(verts: Reals, faces: Array) -> tuple[Floats, Floats]:
-    """The edges (F, 3) from each face's first corner to the others, in units in which no product overflows."""
+    """Return the edges (F, 3) from each face's first corner to the others, scaled so that no product overflows."""
     corners = np.asarray(verts, dtype=np.float64)[faces]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     scale = power_of_two(np.maximum(np.abs(first), np.abs(second)).max(axis=0))
@@ -60,7 +60,7 @@ def _edges(verts: Reals, faces: Array) -> tuple[Floats, Floats]:
 
 
 def placed_normals(normals: Reals, matrix: Floats) -> Floats:
-    """Given normals (K, 3) under a placement (4, 4), normalized: directions go by the inverse transpose.
+    """Transform normals (K, 3) by a placement (4, 4) and normalize them: directions go by the inverse transpose.
 
     That is the matrix of cofactors divided by the determinant, of which only the sign matters here: a singular
     placement needs no special case. Zero normals stay zero.

@@ -1,4 +1,4 @@
-"""Colors of pixels whose owner is known, with what the error measures need."""
+"""Colors of pixels whose owner is known, with the inputs of the error measures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .vectors import length
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Per pixel: rgb, budget and jump (K, 3); kappa and exponent (K,). See frame.OracleFrame."""
+    """Colors and measures per pixel: rgb, budget and jump (K, 3); kappa and exponent (K,). See frame.OracleFrame."""
 
     rgb: Floats
     budget: Floats
@@ -35,7 +35,7 @@ class Lights:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Material of each of some faces: ka_Ia, kd, ks (U, 3), n (U,)."""
+    """Materials of some faces: ka_Ia, kd, ks (U, 3), n (U,)."""
 
     ka_Ia: Floats
     kd: Floats
@@ -53,7 +53,7 @@ def scene_lights(scene: Scene) -> Lights:
 
 
 def surfaces(scene: Scene, mesh: Integers) -> Surface:
-    """Materials of faces that belong to meshes `mesh` (U,)."""
+    """Return the materials of faces that belong to meshes `mesh` (U,)."""
     materials = [m.material for m in scene.meshes]
     ka_Ia = np.array([m.ka * scene.ambient for m in materials])
     kd, ks, n = (np.array([getattr(m, name) for m in materials]) for name in ("kd", "ks", "n"))
@@ -61,7 +61,7 @@ def surfaces(scene: Scene, mesh: Integers) -> Surface:
 
 
 def blend(weights: Floats, values: Floats) -> Floats:
-    """Corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
+    """Interpolate corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
     a, b, c = (weights[:, corner, None] * values[:, corner] for corner in range(3))
     return (a + b) + c
 
@@ -71,8 +71,8 @@ class Batch:
     """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel: per pixel. tinted: does the color multiply the ambient light? turned: (K,) is the normal turned round?
-    view: None, or the unit vector towards an orthographic camera, the same everywhere.
+    texel: per pixel. tinted: whether the color multiplies the ambient light. turned: (K,) whether the normal is flipped.
+    view: None, or the unit vector toward an orthographic camera, the same everywhere.
     """
 
     points: Floats
@@ -89,8 +89,9 @@ class Batch:
     view: Floats | None
 
     def eye(self, point: Floats) -> Floats:
-        """Where the eye is for points (..., 3): the origin, as everything here is relative to it. An orthographic camera's
-        is as far from the point as the scene is large: 1 away from a point at 1e15 would leave no digit of the direction."""
+        """Return the position of the eye for points (..., 3): the origin, as everything here is relative to it. An
+        orthographic camera's is as far from the point as the scene is large: 1 away from a point at 1e15 would leave no
+        digit of the direction."""
         if self.view is None:
             return np.zeros(3)
         far: Floats = point + self.view * np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
@@ -106,8 +107,8 @@ def shade_pixels(
     behind: Bools,
     steps: tuple[Floats, Floats] | None = None,
 ) -> Shaded:
-    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners; behind: (K,) bool, is the face
-    seen from behind? steps: of the weights from pixel to pixel, see `corners.texels`."""
+    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
+    the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
@@ -135,7 +136,7 @@ def shade_pixels(
 
 
 def _nolight(batch: Batch) -> Shaded:
-    """The color itself."""
+    """Return the colors themselves."""
     rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
     worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most
     budget, ones = np.maximum(worst_color, 1.0), np.ones(len(rgb))
@@ -143,7 +144,7 @@ def _nolight(batch: Batch) -> Shaded:
 
 
 def _gouraud(batch: Batch) -> Shaded:
-    """Light at the corners, then interpolate. The texel multiplies all but the plain ambient light."""
+    """Light the corners, then interpolate. The texel multiplies all but the plain ambient light."""
     points, normals, where, lights = batch.points, batch.normals, batch.where, batch.lights
     ka_Ia, kd, ks, n = (s[:, None] for s in (batch.surface.ka_Ia, batch.surface.kd, batch.surface.ks, batch.surface.n))
     turned = np.zeros(len(points), bool)
@@ -159,7 +160,9 @@ def _gouraud(batch: Batch) -> Shaded:
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
     kappa = shade.conditioning(*place, eye, lights.positions, parallel)
     kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
-    jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel)
+    jump = shade.jumps(
+        points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate
+    )
     jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
@@ -182,8 +185,8 @@ def _phong(batch: Batch) -> Shaded:
     extent, parallel = batch.extent[where], batch.view is not None
     kappa = shade.conditioning(point, extent, normal_length, eye, lights.positions, parallel)
     kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
-    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel
-    # Of corners with colors of both signs each is rounded by itself.
+    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel, batch.gate
+    # Corners whose colors differ in sign are each rounded separately.
     most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most
     jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most
     budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)

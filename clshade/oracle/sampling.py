@@ -1,4 +1,4 @@
-"""Several samples a pixel: where they lie, and how their colors become the pixel's."""
+"""Several samples per pixel: their positions, and how their colors become the pixel's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 
 
 def places(samples: int) -> Integers:
-    """(S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
+    """Return (S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
 
     x = (i + 1/2)/S and y = fraction of 1/2 + (i - (S - 1)/2)/phi for i = 0, ..., S - 1, rounded to the grid.
     """
@@ -25,8 +25,8 @@ def places(samples: int) -> Integers:
 
 
 def lit_at(owner: Integers, every: bool) -> Integers:
-    """At which sample each sample's owner is lit, (S, K): the first one it owns, or S, for the center, where it owns them
-    all; with `every` the sample itself.
+    """Return the sample at which each sample's owner is lit, (S, K): the first one it owns, or S, for the center, if it owns
+    them all; with `every` the sample itself.
 
     owner: (S, K) the owners of K pixels' samples, nearest to the center first.
     """
@@ -38,7 +38,8 @@ def lit_at(owner: Integers, every: bool) -> Integers:
 
 
 def weight(rgb: Floats, resolve: str) -> Floats:
-    """How much colors (K, 3) count in the mean, (K,): 1, or with `weighted` 1/(1 + luminance), luminance held to 2^96."""
+    """Return the weights of colors (K, 3) in the mean, (K,): 1, or with `weighted` 1/(1 + luminance), luminance clamped
+    to 2^96."""
     if resolve == "mean":
         return np.ones(len(rgb))
     return 1.0 / (1.0 + np.clip(rgb @ [0.2126, 0.7152, 0.0722], 0.0, 2.0**96))

@@ -1,4 +1,4 @@
-"""Interpolation weights, the Phong reflection model, and how well conditioned the model is at a point.
+"""Interpolation weights, the Phong reflection model, and its condition number at a point.
 
 Every function broadcasts over leading axes: points, directions and colors are (..., 3).
 """
@@ -10,14 +10,18 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from .vectors import dot, length, unit
 
-# |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are right to 16 roundings
-# where kappa is 1. Where it is more, the directions that they are products of are off by kappa times as much: an error
-# 2^-24 s of P turns L by 2^-24 s/|P-L| and V by 2^-24 s/|P-eye|, one 2^-24 of the mean normal turns N by 2^-24/|N|.
+# |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are accurate to 16
+# roundings if kappa is 1. If it is larger, the directions that they are products of are off by kappa times as much: an
+# error 2^-24 s of P turns L by 2^-24 s/|P-L| and V by 2^-24 s/|P-eye|, one 2^-24 of the mean normal turns N by 2^-24/|N|.
 GATE = 1e-6
+# With precision `fast` lengths are accurate to 4.7e-6 only (kernels/numerics.clh). Those of L and V scale N.L and R.V and
+# leave their signs alone; that of N counts twice in the first of the terms 2(N.L)(N.V) - L.V, which are at most 1 and equal
+# where R.V is 0: 9.4e-6 more.
+FAST_GATE = 1.1e-5
 
 
 def barycentrics(edges: Array, z: Floats, interpolation: str) -> Floats:
-    """Weights (..., 3) of a triangle's corners at a point, from edge functions and corner depths, both (..., 3).
+    """Return barycentric coordinates (..., 3) of a point in a triangle from edge functions and corner depths, both (..., 3).
 
     `affine`: linear in the image. `perspective`: linear in space. They sum to 1.
     """
@@ -28,8 +32,8 @@ def barycentrics(edges: Array, z: Floats, interpolation: str) -> Floats:
 
 
 def barycentric_steps(edges: Array, steps: Array, z: Floats, interpolation: str) -> Floats:
-    """By how much the weights of `barycentrics` change (..., 3) where the edge functions change by steps (..., 3): their
-    derivative, by the quotient rule."""
+    """Return the derivative (..., 3) of `barycentrics` if the edge functions change by steps (..., 3), by the quotient
+    rule."""
     share, step = np.asarray(edges, np.float64), np.asarray(steps, np.float64)
     if interpolation == "perspective":
         share, step = share / z, step / z
@@ -39,7 +43,7 @@ def barycentric_steps(edges: Array, steps: Array, z: Floats, interpolation: str)
 
 
 def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
-    """Depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
+    """Return the depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
     e = np.asarray(edges, dtype=np.float64)
     if orthographic:
         share = e * z
@@ -49,7 +53,7 @@ def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
 
 
 def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -> tuple[Floats, Floats, Floats]:
-    """N.L, R.V and |R-V|^2, each (...), with N, L and V normalized (0 stays 0) and R = 2N(N.L) - L."""
+    """Return N.L, R.V and |R-V|^2, each (...), with N, L and V normalized (0 stays 0) and R = 2N(N.L) - L."""
     n, towards_light, view = unit(normal), unit(light_position - point), unit(eye - point)
     n_l = dot(n, towards_light)
     mirrored = 2.0 * n * n_l[..., None] - towards_light
@@ -58,7 +62,7 @@ def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -
 
 
 def highlight(r_v: Floats, distance2: Floats, n: Floats) -> Floats:
-    """(R.V)^n where R.V > 0, else 0, from R.V and |R-V|^2; 0^0 does not occur.
+    """Return (R.V)^n where R.V > 0, else 0, from R.V and |R-V|^2; 0^0 does not occur.
 
     Near 1 the power is taken of 1 - |R-V|^2/2, which is R.V without the cancellation: with n = 1e9 the rounding of
     R.V itself would cost seven digits.
@@ -78,7 +82,7 @@ def reflected(
     light_positions: Floats,
     light_intensities: Floats,
 ) -> Floats:
-    """What the lights give a white surface: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
+    """Return the light that a white surface reflects: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
 
     light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0.
     """
@@ -105,7 +109,7 @@ def light(
     light_intensities: Floats,
     tinted: bool = False,
 ) -> Floats:
-    """The Phong model: ka*Ia + sum_l Ip*color*(kd*max(0, N.L) + [N.L > 0 and R.V > 0]*ks*(R.V)^n), (..., 3).
+    """Evaluate the Phong model: ka*Ia + sum_l Ip*color*(kd*max(0, N.L) + [N.L > 0 and R.V > 0]*ks*(R.V)^n), (..., 3).
 
     ka_Ia: ambient coefficient times ambient intensity; `tinted` multiplies it by the color too. n: (...) or a number;
     the others (..., 3). Directions are normalized here; a zero normal, a light at the point and an eye at the point
@@ -118,7 +122,7 @@ def light(
 def budget(
     color: Floats, ka_Ia: Floats, kd: Floats, ks: Floats, light_intensities: Floats, tinted: bool = False
 ) -> Floats:
-    """The light a point could at most give off, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
+    """Return the most light that a point can send, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
 
     `tinted` ambient light counts times max(color, 1) too: B must not be less than the light itself.
     """
@@ -131,7 +135,8 @@ def budget(
 def conditioning(
     point: Floats, extent: Floats, normal_length: Floats, eye: Floats, light_positions: Floats, parallel: bool = False
 ) -> Floats:
-    """kappa (...): how much float32 rounding of the inputs can be amplified, at least 1: that of the worst light.
+    """Return kappa (...), the condition number: how much float32 rounding of the inputs can be amplified, at least 1, by the
+    worst light.
 
     kappa = max(1, s/|P-L|, s/|P-eye|, 1/|N before normalizing|). extent (...): the largest camera-relative coordinate
     that P is interpolated from; s is that, and for a light also that light's own largest one. parallel: the directions to
@@ -144,14 +149,14 @@ def conditioning(
 
 
 def _conditioning(point: Floats, extent: Floats, normal_length: Floats, eye: Floats, parallel: bool) -> Floats:
-    """The part of kappa that normal and eye have."""
+    """Return the part of kappa that depends on normal and eye."""
     with np.errstate(divide="ignore", invalid="ignore"):
         of_normal = np.fmax(1.0, 1.0 / normal_length)
         return of_normal if parallel else np.fmax(of_normal, extent / length(eye - point))
 
 
 def _light_conditioning(point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
-    """The part of kappa that a light has."""
+    """Return the part of kappa that depends on a light."""
     s = np.maximum(extent, np.abs(position if parallel else position - eye).max())
     with np.errstate(divide="ignore", invalid="ignore"):
         amplified: Floats = s / length(position - point)
@@ -159,8 +164,9 @@ def _light_conditioning(point: Floats, extent: Floats, eye: Floats, position: Fl
 
 
 def steepness(point: Floats, normal: Floats, n: Floats, eye: Floats, light_positions: Floats) -> Floats:
-    """How much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1), which has no
-    bound as x goes to 0. From n = 1 on the slope is n at most, and where it is that, x is as exact as sqrt(n) asks."""
+    """Return how much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1),
+    which is unbounded as x goes to 0. For n >= 1 the slope is at most n, and where it is n, x is as accurate as sqrt(n)
+    requires."""
     steepest = np.ones(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1])
     n = np.asarray(n, np.float64)
     if not ((n > 0.0) & (n < 1.0)).any():
@@ -183,17 +189,19 @@ def jumps(
     light_positions: Floats,
     light_intensities: Floats,
     parallel: bool = False,
+    gate: float = GATE,
 ) -> Floats:
-    """By how much the highlights of a white surface with ks = 1 may differ for being decided either way, (..., 3).
+    """Return how much highlights of a white surface with ks = 1 can change if rounding opens or closes their gates,
+    (..., 3).
 
-    Of each light so near to N.L = 0 or R.V = 0 that rounding may open or close the gate, GATE times its own kappa: the
+    For each light so near to N.L = 0 or R.V = 0 that rounding may decide, within `gate` times its own kappa: the
     highlight behind that gate, at the largest R.V within rounding. Arguments as of `conditioning`; 0 for a zero normal.
     """
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     common = _conditioning(point, extent, normal_length, eye, parallel)
     for position, intensity in zip(light_positions, light_intensities, strict=True):
-        reach = GATE * np.fmax(common, _light_conditioning(point, extent, eye, position, parallel))
+        reach = gate * np.fmax(common, _light_conditioning(point, extent, eye, position, parallel))
         n_l, r_v, distance2 = angles(point, normal, eye, position)
         near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
         most = np.clip(r_v + reach, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Texture lookups: bilinear, in both conventions, and trilinear between the levels of a mip-map."""
+"""Texture lookups: bilinear, in both conventions, and trilinear between mip-map levels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..base.arrays import Floats, Integers, Reals
 
 
 def wrapped(t: Floats, wrap: str) -> Floats:
-    """A texture coordinate in units of the image, brought near the image: repeat and clamp to [0, 1], mirror [0, 2]."""
+    """Wrap a texture coordinate, in units of the image: repeat and clamp to [0, 1], mirror to [0, 2]."""
     if wrap == "repeat":
         return t - np.floor(t)
     if wrap == "mirror":
@@ -17,7 +17,7 @@ def wrapped(t: Floats, wrap: str) -> Floats:
 
 
 def wrapped_index(i: Integers, size: int, wrap: str) -> Integers:
-    """The texel, 0 to size - 1, that stands for whole position i of an endless row of texels."""
+    """Return the texel, 0 to size - 1, at integer position i of an endless row of texels."""
     if wrap == "repeat":
         return i % size
     if wrap == "mirror":
@@ -27,7 +27,7 @@ def wrapped_index(i: Integers, size: int, wrap: str) -> Integers:
 
 
 def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, Integers, Floats]:
-    """Along one axis: the two texels around coordinate t and how far t is from the first (0) to the second (1)."""
+    """Return, along one axis, the two texels around coordinate t and how far t is from the first (0) to the second (1)."""
     t = np.where(np.isfinite(t), t, 0.0)
     if lookup == "course":
         x = np.clip(t, 0.0, 1.0) * (size - 1)
@@ -41,8 +41,8 @@ def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, I
 
 
 def four_texels(uv: Reals, image: Reals, lookup: str, wrap: str | tuple[str, str]) -> tuple[Floats, Floats, Floats]:
-    """The texels (2, 2, ..., C) around texture coordinates uv (..., 2), [low or high v, left or right u], and the two
-    fractions of the way from left to right and low to high, (..., 1) each."""
+    """Return the texels (2, 2, ..., C) around texture coordinates uv (..., 2), [low or high v, left or right u], and
+    the fractions of the way from left to right and low to high, (..., 1) each."""
     at = np.asarray(uv, dtype=np.float64)
     rows, columns = image.shape[:2]
     wrap_u, wrap_v = (wrap, wrap) if isinstance(wrap, str) else wrap
@@ -53,10 +53,10 @@ def four_texels(uv: Reals, image: Reals, lookup: str, wrap: str | tuple[str, str
 
 
 def bilerp(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Floats:
-    """Colors (..., C) of an image (h, w, C) at texture coordinates uv (..., 2).
+    """Return colors (..., C) of an image (h, w, C) at texture coordinates uv (..., 2).
 
-    lookup `standard`: texel (i, j) has its center at ((i+0.5)/w, (j+0.5)/h), and `wrap` (repeat, clamp, mirror) says
-    what lies beyond the image. `course`: u and v are held to [0, 1], x = u*(w-1), y = v*(h-1), the neighbors are
+    lookup `standard`: texel (i, j) has its center at ((i+0.5)/w, (j+0.5)/h), and `wrap` (repeat, clamp, mirror) defines
+    what lies beyond the image. `course`: u and v are clamped to [0, 1], x = u*(w-1), y = v*(h-1), the neighbors are
     floor(x) and min(floor(x)+1, w-1). A coordinate that is NaN or infinite counts as 0.
     """
     texels, fx, fy = four_texels(uv, image, lookup, wrap)
@@ -66,14 +66,14 @@ def bilerp(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[
 
 
 def brightest(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Floats:
-    """The largest magnitude (..., C) among the texels of a bilinear lookup: an error of its fractions moves the color by so
-    much of them."""
+    """Return the largest magnitude (..., C) among the texels of a bilinear lookup: the sensitivity of the color to
+    errors of its fractions."""
     largest: Floats = np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
     return largest
 
 
 def covered_means(rows: Floats) -> Floats:
-    """Rows (s, ...) reduced to d = max(s // 2, 1): row i of the result is the mean of what lies from i*s/d to (i+1)*s/d."""
+    """Reduce rows (s, ...) to d = max(s // 2, 1): row i of the result is the mean of what lies from i*s/d to (i+1)*s/d."""
     size = len(rows)
     count = max(size // 2, 1)
     start = np.arange(count) * size  # in units of 1/d row, in which row j lies from j*d to (j+1)*d
@@ -86,8 +86,9 @@ def covered_means(rows: Floats) -> Floats:
 
 
 def levels(image: Reals) -> list[Reals]:
-    """The mip-map of an image (h, w, C): the image itself, then each level half the size of the one before, rounded down,
-    until 1 x 1. A texel is the mean of the area that it covers; the levels are kept as float32, as the image is."""
+    """Return the mip-map of an image (h, w, C): the image itself, then each level half the size of the previous one,
+    rounded down, to 1 x 1. A texel is the mean of the area that it covers; the levels are kept as float32, as the image
+    is."""
     found, exact = [image], image.astype(np.float64)
     while max(exact.shape[:2]) > 1:
         exact = covered_means(covered_means(exact).swapaxes(0, 1)).swapaxes(0, 1)
@@ -96,11 +97,11 @@ def levels(image: Reals) -> list[Reals]:
 
 
 def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int) -> Floats:
-    """lambda (...) of OpenGL 4.6, section 8.14, held to the levels 0 to `last`.
+    """Return lambda (...) of OpenGL 4.6, section 8.14, clamped to the levels 0 to `last`.
 
-    right, up: (..., 2) by how much u and v change from pixel to pixel. size: columns and rows of the image.
-    rho, the larger of the two distances in texels, is what a pixel spans; lambda is log2(rho). Where one is NaN or infinite
-    the last level is right: of changes beyond all numbers, the mean of the texture.
+    right, up: (..., 2) derivatives of u and v from pixel to pixel. size: columns and rows of the image.
+    rho, the larger of the two distances in texels, is what a pixel spans; lambda is log2(rho). If one is NaN or infinite
+    the last level is right: for derivatives beyond all numbers, the mean of the texture.
     """
     rho = np.maximum(np.hypot(*np.moveaxis(right * size, -1, 0)), np.hypot(*np.moveaxis(up * size, -1, 0)))
     detail: Floats = np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last))
@@ -110,8 +111,8 @@ def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int)
 def trilinear(
     uv: Floats, right: Floats, up: Floats, mipmap: list[Reals], wrap: tuple[str, str]
 ) -> tuple[Floats, Floats]:
-    """Colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between the
-    bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
+    """Return colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between
+    the bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
 
     Also the largest magnitude among the texels looked up, (K, C), see `brightest`; an error of lambda counts likewise.
     """

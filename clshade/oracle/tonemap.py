@@ -27,7 +27,7 @@ def _operate(x: Floats, operator: str) -> Floats:
 
 
 def tonemap(rgb: Reals, operator: str = "srgb", exposure: float = 0.0) -> Bytes:
-    """Codes 0..255 (uint8) of linear values of any shape; +infinity is 255, NaN and negative values are 0."""
+    """Return codes 0..255 (uint8) of linear values of any shape; +infinity is 255, NaN and negative values are 0."""
     value = np.asarray(rgb, np.float64)
     ordinary = np.isfinite(value) & (value > 0)
     x = np.where(ordinary, value, 0.0) * 2.0**exposure

@@ -18,7 +18,7 @@ NEAR_FRACTION = 1e-4  # of the scene's bounding radius
 
 
 def camera_frame(eye: Floats, lookat: Floats, up: Floats) -> Floats:
-    """The camera's axes as rows x (right), y (up), z (forward) of a (3, 3) array, from three (3,) world vectors."""
+    """Return the camera's axes as rows x (right), y (up), z (forward) of a (3, 3) array, from three (3,) world vectors."""
     z = unit(np.asarray(lookat, np.float64) - np.asarray(eye, np.float64))
     up = np.asarray(up, np.float64)
     up = up / power_of_two(up)
@@ -27,7 +27,7 @@ def camera_frame(eye: Floats, lookat: Floats, up: Floats) -> Floats:
 
 
 def world_vertices(verts: Reals, matrix: Floats) -> Floats:
-    """Positions (V, 3) under a placement (4, 4); an identity leaves them as they are."""
+    """Transform positions (V, 3) by a placement (4, 4); an identity leaves them as they are."""
     points = np.asarray(verts, dtype=np.float64)
     if np.array_equal(matrix, np.eye(4)):
         return points
@@ -36,8 +36,8 @@ def world_vertices(verts: Reals, matrix: Floats) -> Floats:
 
 
 def mirrors(matrix: Floats) -> bool:
-    """Whether a placement (4, 4) turns left into right: is its determinant negative? In whole numbers, times the largest
-    denominator: of a placement that flattens rounding would leave a random sign."""
+    """Return whether a placement (4, 4) mirrors: whether its determinant is negative. Computed in integers, times the
+    largest denominator: for a placement that flattens, rounding would leave a random sign."""
     ratios = [float(value).as_integer_ratio() for value in matrix[:3, :3].ravel()]
     largest = max(denominator for _, denominator in ratios)  # all are powers of two
     a, b, c, d, e, f, g, h, i = (numerator * (largest // denominator) for numerator, denominator in ratios)
@@ -45,13 +45,13 @@ def mirrors(matrix: Floats) -> bool:
 
 
 def to_camera(points: Floats, eye: Floats, axes: Floats) -> Floats:
-    """World points (..., 3) in the camera's coordinates: x to the right, y up, z = depth."""
+    """Transform world points (..., 3) to camera coordinates: x to the right, y up, z = depth."""
     d = np.asarray(points, dtype=np.float64) - eye
     return np.stack([dot(d, axis) for axis in axes], axis=-1)
 
 
 class Lens(NamedTuple):
-    """What maps camera space to the image; the fields of camera.Camera. Its fields are the arguments of `project`."""
+    """The mapping from camera space to the image; the fields of camera.Camera, which are the arguments of `project`."""
 
     focal: float
     plane: tuple[float, float]
@@ -72,10 +72,10 @@ def project(
     principal: tuple[float, float] = (0.5, 0.5),
     orthographic: bool = False,
 ) -> Floats:
-    """Camera-space points (..., 3), z > 0, to continuous image coordinates (..., 2), in pixels.
+    """Project camera-space points (..., 3), z > 0, to continuous image coordinates (..., 2), in pixels.
 
     plane: (H, W) of the image plane. resolution: (N, M), columns and rows. principal: where the viewing direction
-    meets the image, fractions of N and M. orthographic: by parallel lines.
+    meets the image, fractions of N and M. orthographic: parallel projection.
     """
     (height, width), (columns, rows) = plane, resolution
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -87,19 +87,20 @@ def project(
 
 
 def snap(uv: Floats) -> Integers:
-    """Image coordinates in whole 1/256 pixels, int64: the nearest, halves to even."""
+    """Round image coordinates to whole 1/256 pixels, int64: the nearest, halves to even."""
     return np.rint(uv * SUBPIXELS).astype(np.int64)
 
 
 def painter_depth(z: Floats) -> Floats:
-    """Mean depth of triangles with corner depths z (..., 3)."""
+    """Return the mean depth of triangles with corner depths z (..., 3)."""
     return ((z[..., 0] + z[..., 1]) + z[..., 2]) / 3.0
 
 
 def near_distance(points: Floats, eye: Floats, lookat: Floats, near: float | None = None) -> float:
-    """Distance of the near plane: `near`, or a fraction of the bounding radius of the points (K, 3) that faces use.
+    """Return the distance of the near plane: `near`, or a fraction of the bounding radius of the points (K, 3) that
+    faces use.
 
-    A scene of one point, or none, has radius 0: the distance from eye to lookat takes its place.
+    A scene of one point, or none, has radius 0: the distance from eye to lookat replaces it.
     """
     if near is not None:
         return near
