@@ -67,7 +67,7 @@ __all__ = [
     "shade_phong",
 ]
 
-_LARGE = 1 << 24  # pixels; after larger images the memory is released
+_LARGE = 1 << 24  # pixels; after larger images the caches are released
 _Vectors = tuple[ArrayLike, ArrayLike, ArrayLike]  # eye, lookat, up
 _View = tuple[_Vectors, float, tuple[int, int], tuple[float, float]]  # and focal, (M, N), (H, W)
 _Surface = tuple[ArrayLike, ArrayLike, ArrayLike, float]  # k_a, k_d, k_s, n
@@ -532,7 +532,7 @@ def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
     return {**given, "light_amb": scene.ambient}
 
 
-# What stays for the next call
+# Caches
 
 
 def _make_renderer(device: Device, owner: str, shader: Shader, *given: Any) -> Renderer:

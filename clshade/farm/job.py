@@ -73,7 +73,7 @@ class Silent:
 
 
 class FrameWriter:
-    """Draws and writes frames of a job. The scene stays on the device from the first frame on, until `close`."""
+    """A renderer and writer of a job's frames. The scene stays on the device from the first frame on, until `close`."""
 
     def __init__(self, job: Job) -> None:
         self._job = job

@@ -21,8 +21,8 @@ def rate_text(rate: float) -> str:
 
 
 class Progress:
-    """Counts frames, and shows progress and each distinct warning once. Nothing is shown before the first frame, so that a
-    refusal is a single line.
+    """A counter of frames that shows progress, and each distinct warning once. Nothing is shown before the first frame,
+    so that a refusal is a single line.
 
     total: frames of the run. done: those that existed before it, which do not count in the rate.
     """

@@ -125,7 +125,7 @@ def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
     all_points = all_points[order]
     return Pieces(
         face=all_faces[order],
-        # Rounding can put a crossing of an edge 1e36 long beyond the guard band: clamp it, for the integers' sake.
+        # Rounding can put a crossing of an edge 1e36 long beyond the guard band: clamp it, as `snap` requires.
         xy=snap(np.clip(project(all_points, *lens), -GUARD, GUARD)),
         z=all_points[:, :, 2],
         weights=np.concatenate(weights)[order],

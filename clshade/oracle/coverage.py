@@ -165,7 +165,7 @@ def samples_at(
     place = (row * stride + column)[in_reading_order]
     height = np.maximum(top - bottom + 1, 0)
     for some in _batches(height, limit):
-        owner, up = _spread(some, height)  # each row of each triangle's box
+        owner, up = _spread(some, height)  # one entry per row of each triangle's box
         start = (bottom[owner] + up) * stride
         first = np.searchsorted(place, start + left[owner])
         count = np.maximum(np.searchsorted(place, start + right[owner], "right") - first, 0)

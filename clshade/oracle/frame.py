@@ -249,7 +249,7 @@ def _resolved(
         )
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     if settings.resolve == "weighted" and scene.background is None:
-        weights[0] = np.zeros_like(weights[0])  # no background has no color to weigh: the mean of the covered samples
+        weights[0] = np.zeros_like(weights[0])  # without a background only covered samples have a color to weigh
     whole, rgb = np.zeros(len(total.Z)), np.zeros_like(total.rgb)
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight

@@ -254,7 +254,7 @@ def _choices(
         "SAMPLES": settings.samples > 1,
         "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
         "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
-        # Unlit colors may be lit by force, and then pixel by pixel.
+        # Lighting that is forced on for nolight is done pixel by pixel.
         "PHONG": settings.shader == "phong" or (settings.shader == "nolight" and relit),
         "DEPTH_TEST": settings.visibility == "depth",
         "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
@@ -275,7 +275,7 @@ def derive(
 
     double_positions: whether positions need float64.
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
-    image stays the same, bit for bit. All of them together are what a kernel for every scene would have.
+    image stays the same, bit for bit. All of them together give a kernel for every scene.
     Raises InputError for another name.
     """
     unknown = sorted(set(forced) - set(OPTIONAL))

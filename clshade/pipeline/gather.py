@@ -113,7 +113,7 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 
 
 class Gatherer:
-    """Collects the arrays of the placed meshes, in order."""
+    """The arrays of the placed meshes, concatenated in order."""
 
     def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
         self.scene, self._structs, self._forced = scene, structs, forced

@@ -19,7 +19,7 @@ _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # component
 
 
 class Layers:
-    """Draws the layers asked for; what they read besides the image's tables stays on the device.
+    """The layers asked for; what they read besides the image's tables stays on the device.
 
     names: of the layers, as in Settings.
     """

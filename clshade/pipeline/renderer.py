@@ -90,7 +90,7 @@ class _Progress:
 
 
 class Renderer:
-    """Draws one scene many times: uploaded once, with a camera per frame.
+    """A scene on the device, uploaded once and drawn any number of times, with a camera per frame.
 
     Use it as a context manager, or call `close`. Threads may share a renderer; their frames are
     drawn one after the other.

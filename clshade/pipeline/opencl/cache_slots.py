@@ -285,7 +285,7 @@ def private_folder(parent: Path, prefix: str) -> Path:
             shutil.rmtree(folder, ignore_errors=True)
 
     try:
-        lock = lock_file(folder / LOCK)  # held to the end
+        lock = lock_file(folder / LOCK)  # held until the process exits
     except OSError:  # a file system without locks: if left behind, it is removed once it is old
         return folder
     if lock is not None and (folder / LOCK).is_file():

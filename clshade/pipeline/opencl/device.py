@@ -1,4 +1,4 @@
-"""Finding an OpenCL device by itself or by name, testing that it works, and opening it."""
+"""Finding, testing and opening an OpenCL device."""
 
 from __future__ import annotations
 
