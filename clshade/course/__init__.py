@@ -1,4 +1,6 @@
-"""The functions of the course's assignments, with its names, argument order and array shapes, run by OpenCL kernels.
+"""The functions of the course's assignments, run by OpenCL kernels.
+
+Names, argument order and array shapes are those of the assignments.
 
 Notes
 -----
@@ -15,19 +17,19 @@ column. 3-vectors are (3,), (1, 3) or (3, 1). k_a, k_d, k_s, light_amb and bg_co
 to 1e9.
 
 Light, for a point P with unit normal N, V toward the eye, L toward a light, R = 2N(N.L) - L, per
-channel: ``I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)``, the highlight
-only where N.L > 0 and R.V > 0 (B. T. Phong, "Illumination for computer generated pictures", CACM
-18(6), 1975). A normal of 0, a light at P and an eye at P contribute 0.
+channel: ``I = ka*Ia + sum over lights of Ip * color * (kd*max(0, N.L) + ks*(R.V)^n)``, the
+highlight only where N.L > 0 and R.V > 0 (B. T. Phong, "Illumination for computer generated
+pictures", CACM 18(6), 1975). A normal of 0, a light at P and an eye at P contribute 0.
 
 Objects that hold several arguments, such as a material or lights, are passed by their numbers. If
 the arguments of a call do not fit, the error lists the expected ones in their order, with what was
 found in place of each; it is a TypeError as well.
 
-Every function raises `clshade.errors.InputError`, a ValueError that names the function, the argument,
-what was expected and what was found, for wrong shapes, indices out of range, NaN or infinite values
-and unknown shaders, before anything is allocated; and `clshade.errors.DeviceError` if no OpenCL
-device works. The device is the default one, or the one that the environment variable CLSHADE_DEVICE
-names. It stays open, and the latest scenes stay on it (see `release`).
+Every function raises `clshade.errors.InputError`, a ValueError that names the function, the
+argument, what was expected and what was found, for wrong shapes, indices out of range, NaN or
+infinite values and unknown shaders, before anything is allocated; and `clshade.errors.DeviceError`
+if no OpenCL device works. The device is the default one, or the one that the environment variable
+CLSHADE_DEVICE names. It stays open, and the latest scenes stay on it (see `release`).
 """
 
 from __future__ import annotations
@@ -140,7 +142,7 @@ def _surroundings(
 
 @checked.fitting
 def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
-    """Return the color of a texture at one point, interpolated bilinearly from the four texels around it.
+    """Return the color of a texture at one point, interpolated bilinearly from four texels.
 
     Parameters
     ----------
@@ -164,9 +166,9 @@ def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
 
     Notes
     -----
-    With x = u*(w-1), x0 = floor(x) and x1 = min(x0+1, w-1), and the same for y, the color is a weighted
-    mean of the texels at x0, x1 and y0, y1. The texture stays on the device for the next call with an
-    equal one.
+    With x = u*(w-1), x0 = floor(x) and x1 = min(x0+1, w-1), and the same for y, the color is a
+    weighted mean of the texels at x0, x1 and y0, y1. The texture stays on the device for the next
+    call with an equal one.
     """
     owner = "bilerp"
     place = checked.array(owner, "uv", uv)
@@ -180,7 +182,7 @@ def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
 
 @checked.fitting
 def calculate_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
-    """Return unit vertex normals: the sum of the cross products of the faces around each vertex, normalized.
+    """Return unit vertex normals: normalized sums of the adjacent faces' cross products.
 
     Parameters
     ----------
@@ -235,9 +237,9 @@ def gouraud_shading(verts_p: ArrayLike, verts_c: ArrayLike, X: ArrayLike) -> Flo
 
     Notes
     -----
-    A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/256 pixel; for
-    centers on an edge the top-left rule decides, so triangles that share an edge draw no pixel twice and
-    leave none out.
+    A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/256 pixel;
+    for centers on an edge the top-left rule decides, so triangles that share an edge draw no pixel
+    twice and leave none out.
     """
     owner = "gouraud_shading"
     corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
@@ -263,7 +265,8 @@ def shade_gouraud(
     verts_n : array_like, (3, 3)
         Normals of the corners, one per column, of any length.
     bcoords : array_like, 3-vector
-        The triangle's centroid in world space, from which the directions to eye and lights are taken.
+        The triangle's centroid in world space, from which the directions to eye and lights are
+        taken.
     cam_pos, k_a, k_d, k_s, n, l_pos, l_int
         See `light`.
     l_amb : float or array_like
@@ -395,9 +398,9 @@ def render_object(
 
     Notes
     -----
-    A triangle's depth is the mean depth of its corners; of equal depths the later face wins. Directions
-    to eye and lights are taken at the triangle's centroid; normals, those of `calculate_normals`, and
-    colors are interpolated in the image.
+    A triangle's depth is the mean depth of its corners; of equal depths the later face wins.
+    Directions to eye and lights are taken at the triangle's centroid; normals, those of
+    `calculate_normals`, and colors are interpolated in the image.
 
     Examples
     --------
@@ -499,15 +502,16 @@ def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
     Parameters
     ----------
     scene : Scene
-        A course scene of one mesh, as returned by ``clshade.load`` and ``clshade.builtin("course")``.
+        A course scene of one mesh, as returned by ``clshade.load`` and
+        ``clshade.builtin("course")``.
     textured : bool, default False
         Return the arguments of `render_object_map`.
 
     Returns
     -------
     dict
-        All arguments except `shader`, by name: ``render_object("phong", **arguments(scene))``. Arrays
-        are 3xN, l_pos and l_int Lx3. A mesh without vertex colors is white.
+        All arguments except `shader`, by name: ``render_object("phong", **arguments(scene))``.
+        Arrays are 3xN, l_pos and l_int Lx3. A mesh without vertex colors is white.
 
     Raises
     ------

@@ -30,9 +30,9 @@ def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float =
     numbers : iterable of int
         Frame numbers to return cameras for.
     turn : Frames
-        Frames of the whole turn, as returned by `parse_frames`. Its first frame has `camera` itself;
-        the frame after its last would have it again after a whole turn, so a film of them loops
-        without a standstill.
+        Frames of the whole turn, as returned by `parse_frames`. Its first frame has `camera`
+        itself; the frame after its last would have it again after a whole turn, so a film of them
+        loops without a standstill.
     degrees : float, default 360.0
         Angle of the turn; positive values move the camera to its right.
 
@@ -88,8 +88,8 @@ def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
 
     Notes
     -----
-    ``fov``, in degrees, is the vertical field of view, given in place of focal and plane. A resolution
-    without a plane keeps the plane's height and makes pixels square.
+    ``fov``, in degrees, is the vertical field of view, given in place of focal and plane. A
+    resolution without a plane keeps the plane's height and makes pixels square.
     """
     owner = shown(path)
     listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)

@@ -43,8 +43,8 @@ def parse_frames(text: str, option: str = "--frames") -> Frames:
     Parameters
     ----------
     text : str
-        ``"1..120"``, ``"5"``, ``"1..120..2"`` (every second) or a list such as ``"1..10,20"``; at most
-        1,000,000 frames.
+        ``"1..120"``, ``"5"``, ``"1..120..2"`` (every second) or a list such as ``"1..10,20"``; at
+        most 1,000,000 frames.
     option : str, default "--frames"
         Name to use in errors.
 

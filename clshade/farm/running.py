@@ -104,7 +104,7 @@ def draw_frames(
     saving: SavingOptions | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
-    """Draw frames of a scene and write each as EXR and PNG. The files do not depend on who draws them.
+    """Draw frames of a scene and write each as EXR and PNG, the same files whoever draws them.
 
     Parameters
     ----------
@@ -113,8 +113,8 @@ def draw_frames(
     cameras : mapping of int to Camera
         Camera of each frame, by frame number.
     output : str
-        Name of the files, such as ``"out.####.exr"``, with one run of # for the number of the frame.
-        The folder is created if missing, and removed again if nothing is drawn.
+        Name of the files, such as ``"out.####.exr"``, with one run of # for the number of the
+        frame. The folder is created if missing, and removed again if nothing is drawn.
     workers : int, default 1
         Number of processes on this machine, 1 to 256; 1 means this process.
     scheduler : str, optional
@@ -122,9 +122,9 @@ def draw_frames(
     timeout : float, default 10.0
         Seconds to wait for the scheduler.
     frame_timeout : float, optional
-        Seconds after which a worker that is ready, its kernels compiled, counts as hanging if it has
-        not drawn its frame: others draw what it has. Default: wait for it, with a warning after ten
-        seconds.
+        Seconds after which a worker that is ready, its kernels compiled, counts as hanging if it
+        has not drawn its frame: others draw what it has. Default: wait for it, with a warning after
+        ten seconds.
     overwrite : bool, default False
         Draw frames whose two files exist as well; otherwise they are skipped. An existing file is
         complete, for files are replaced atomically (``clshade.base.atomic_files``).

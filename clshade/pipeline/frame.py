@@ -150,19 +150,22 @@ class Frame:
             ``"Z"``
                 Camera z in scene units; infinity in the background.
             ``"id"``
-                uint32, the face's index plus 1; faces are counted mesh by mesh, instance by instance.
+                uint32, the face's index plus 1; faces are counted mesh by mesh, instance by
+                instance.
             ``"object_id"``
                 uint32, the mesh's index in the scene plus 1, the same for all instances.
             ``"material_id"``
                 uint32, the number of the mesh's material, from 1 in the order of the meshes; equal
                 materials have the same number.
             ``"N"``
-                3 components: the unit normal used for lighting, in world space; 0 where there is none.
+                3 components: the unit normal used for lighting, in world space; 0 where there is
+                none.
             ``"P"``
-                3 components, float64: the visible point in world space, accurate to a few roundings of
-                its distance from the eye.
+                3 components, float64: the visible point in world space, accurate to a few roundings
+                of its distance from the eye.
             ``"albedo"``
-                3 components: vertex color times material color times texel, the factor of the light.
+                3 components: vertex color times material color times texel, the factor of the
+                light.
             ``"uv"``
                 2 components: the mesh's texture coordinates, not wrapped.
             ``"barycentrics"``
@@ -172,8 +175,8 @@ class Frame:
         Returns
         -------
         ndarray
-            (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in the
-            background, except for Z.
+            (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in
+            the background, except for Z.
 
         Raises
         ------
@@ -182,8 +185,8 @@ class Frame:
 
         Notes
         -----
-        N, albedo, uv and barycentrics are interpolated as ``settings.interpolation`` says; P and Z are
-        always interpolated in perspective.
+        N, albedo, uv and barycentrics are interpolated as ``settings.interpolation`` says; P and Z
+        are always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
             expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
@@ -301,8 +304,8 @@ class Frame:
         Returns
         -------
         matplotlib.figure.Figure
-            Each layer is shown by its kind: ids in distinct colors, normals as (n + 1)/2, depths and
-            positions scaled to their range, infinity in gray.
+            Each layer is shown by its kind: ids in distinct colors, normals as (n + 1)/2, depths
+            and positions scaled to their range, infinity in gray.
         """
         return display.notebook().plot_layers(self)
 
@@ -314,17 +317,18 @@ class Frame:
         path : str or path-like
             File name; an extension .exr or .png is dropped.
         tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
-            Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes,
-            else ``"srgb"``.
+            Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
+            scenes, else ``"srgb"``.
         exposure : float, default 0.0
             Exposure of the PNG in stops, -300 to 300.
         half : bool, default False
-            Store the EXR's floats in 16 bits, see `clshade.exr.encode`.
+            Store the EXR's floats as half, except the layers Z and P.
         compression : str, default "zip"
-            Compression of the EXR, see `clshade.exr.encode`.
+            Compression of the EXR, see `clshade.exr.write`.
         crop : bool, default False
             Keep only the smallest window of the EXR that holds everything but the background, which
-            must then be black or None. Outside of it clshade reads Z as infinity, other programs as 0.
+            must then be black or None. Outside of it clshade reads Z as infinity, other programs as
+            0.
         deterministic : bool, default False
             Leave times out of the EXR's header.
 
@@ -363,7 +367,25 @@ class Frame:
         crop: bool = False,
         deterministic: bool = False,
     ) -> list[str]:
-        """Write the files as `save` does, but return the warnings without issuing them."""
+        """Write the files as `save` does, but return the warnings without issuing them.
+
+        Parameters
+        ----------
+        path, tonemap, exposure, half, compression, crop, deterministic
+            See `save`.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+
+        Raises
+        ------
+        InputError
+            If an argument is refused.
+        OutputError
+            If a file cannot be written.
+        """
         from ..base import atomic_files
         from ..images import exr, png
 
