@@ -57,7 +57,7 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
 
     Parameters
     ----------
-    layers : array_like of shape (M, N, 3) or (M, N, 4), or mapping of str to array_like
+    layers : array_like, (M, N, 3) or (M, N, 4), or mapping of str to array_like
         RGB or RGBA; or arrays (M, N), kept under their names, and (M, N, K), split: `RGB` and
         `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
         .U .V .W, any other into .R .G .B .A. Row 0 is the top.
@@ -258,13 +258,14 @@ def write(
 
     Parameters
     ----------
-    path : path_like
+    path : str or path-like
         File; an existing one is replaced only when the new one is complete.
-    channels : array_like of shape (M, N, 3) or (M, N, 4), or mapping of str to array_like
+    channels : array_like, (M, N, 3) or (M, N, 4), or mapping of str to array_like
         As for `flatten`, such as {"R": .., "Z": .., "N.X": ..} of (M, N) arrays. Row 0 is the top.
         Floats are stored as float32, bit for bit, including NaNs, infinities and denormals; float64
-        is rounded; integers are stored as uint32. Arrays need not be contiguous and are not changed.
-    compression : str, default 'zip'
+        is rounded; integers are stored as uint32. Arrays need not be contiguous and are not
+        changed.
+    compression : str, default "zip"
         Lossless: none, rle, zips, zip, piz, zstd; zstd needs a reader with OpenEXR 3.5 or newer.
         Lossy: pxr24 rounds float32 to 24 bits; b44 and b44a round half and leave float32 as it is;
         dwaa and dwab round colors.
@@ -274,7 +275,7 @@ def write(
         Further header attributes: text, numbers and (4, 4) matrices; None omits one. Defaults:
         software "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See
         `clshade.scene.camera_matrices.camera_metadata`.
-    window : (int, int, int, int), {'drawn', 'covered'} or None, default None
+    window : (int, int, int, int), {"drawn", "covered"} or None, default None
         Data window (x0, y0, x1, y1), inclusive: only these pixels are stored, and readers take the
         others as 0. `drawn`: the smallest window that loses nothing. `covered`: the same, but
         +infinity in Z is not stored either: the header attribute Zbackground has `read` restore it;
@@ -431,7 +432,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 
     Parameters
     ----------
-    path : path_like
+    path : str or path-like
         File.
 
     Returns
@@ -442,8 +443,8 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         `write`). R, G, B, A come first. A multi-part file gives the channels of all parts; a name
         that an earlier part has is prefixed with the name of its part and a dot.
     header : dict
-        Attributes of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as `write`
-        takes it.
+        Attributes of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as in
+        `write`.
 
     Raises
     ------

@@ -48,11 +48,11 @@ class Camera:
 
     Attributes
     ----------
-    eye : array_like of shape (3,)
+    eye : array_like, (3,)
         Center of projection, world space.
-    lookat : array_like of shape (3,)
+    lookat : array_like, (3,)
         Point other than the eye, world space; the viewing direction is lookat - eye.
-    up : array_like of shape (3,)
+    up : array_like, (3,)
         Direction that points up in the image, world space; not parallel to the viewing direction.
     focal : float
         Distance of the image plane from the eye, scene units, above 0. Only focal/plane matters.
@@ -64,7 +64,7 @@ class Camera:
         Where the viewing direction meets the image, as fractions of its width and height from the
         bottom left.
     orthographic : bool, default False
-        Use a parallel projection; `plane` is then the size of what is seen, and `focal` has no effect.
+        Use a parallel projection; `plane` is then the size of the view, and `focal` has no effect.
 
     Raises
     ------
@@ -77,7 +77,8 @@ class Camera:
 
     Examples
     --------
-    >>> camera = Camera.from_fov(eye=(0, 0, 4), lookat=(0, 0, 0), up=(0, 1, 0), fov=35)
+    >>> import clshade
+    >>> camera = clshade.Camera.from_fov((0, 0, 4), lookat=(0, 0, 0), up=(0, 1, 0), fov=35)
     >>> camera.with_resolution((1920, 1080)).resolution
     (1920, 1080)
     """
@@ -144,7 +145,7 @@ class Camera:
 
         Parameters
         ----------
-        eye, lookat, up : array_like of shape (3,)
+        eye, lookat, up : array_like, (3,)
             Pose, world space, see `Camera`.
         fov : float
             Vertical field of view, degrees, from 1e-6 to less than 180.
@@ -179,18 +180,18 @@ class Camera:
 
         Parameters
         ----------
-        matrix : array_like of shape (3, 3)
+        matrix : array_like, (3, 3)
             K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the
             top left of the image; fx and fy above 0.
-        pose : array_like of shape (4, 4)
+        pose : array_like, (4, 4)
             Camera to world: a rotation and a translation.
         resolution : (int, int)
             (N, M), columns and rows of the image, 1 to 16384 pixels each.
         pixel_center : {0.5, 0}
             Coordinate of the first pixel's center in the convention of K.
-        convention : {'opencv', 'opengl'}
-            Axes of the camera in `pose`: `opencv` (x right, y down, z forward) or `opengl` (x right,
-            y up, z backward).
+        convention : {"opencv", "opengl"}
+            Axes of the camera in `pose`: `opencv` (x right, y down, z forward) or `opengl` (x
+            right, y up, z backward).
 
         Returns
         -------
@@ -200,8 +201,8 @@ class Camera:
         Raises
         ------
         InputError
-            The matrix has another form, the pose has a scale or reflection (beyond 1e-6), or another
-            argument is out of its range.
+            The matrix has another form, the pose has a scale or reflection (beyond 1e-6), or
+            another argument is out of its range.
         """
         who = "Camera.from_matrix"
         form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"

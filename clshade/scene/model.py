@@ -64,9 +64,9 @@ class PointLight:
 
     Attributes
     ----------
-    position : array_like of shape (3,)
+    position : array_like, (3,)
         World space.
-    intensity : array_like of shape (3,), default (1, 1, 1)
+    intensity : array_like, (3,), default (1, 1, 1)
         Linear RGB, any values that float32 holds.
 
     Raises
@@ -102,16 +102,16 @@ class Texture:
 
     Attributes
     ----------
-    image : array_like of shape (h, w, 3) or (h, w, 4)
+    image : array_like, (h, w, 3) or (h, w, 4)
         Linear RGB, or RGBA; row 0 is v = 0, column 0 is u = 0; h and w from 1 to 32768. Floats are
         used as they are, integers are divided by their type's maximum. Kept as float32.
-    wrap : {'repeat', 'clamp', 'mirror'} or a pair of these
+    wrap : {"repeat", "clamp", "mirror"} or a pair of these
         Wrap mode, or one each for u and v; used by the standard lookup. Kept as a pair.
-    lookup : {'standard', 'course'}
+    lookup : {"standard", "course"}
         `standard`: the center of texel (i, j) is at ((i+0.5)/w, (j+0.5)/h), and the texel
         multiplies the vertex color. `course`: u maps to u*(w-1), and v likewise, both clamped to
         [0, 1], and the texel replaces the vertex color.
-    name : str, default ''
+    name : str, default ""
         Name for messages.
 
     Raises
@@ -159,17 +159,17 @@ class Material:
 
     Attributes
     ----------
-    ka, kd, ks : float or array_like of shape (3,), default 0.1, 0.8 and 0.5
+    ka, kd, ks : float or array_like, default 0.1, 0.8 and 0.5
         Ambient, diffuse and specular coefficient. Kept as (3,) float64.
     n : float, default 20
         Specular exponent, 0 to 1e9.
     texture : Texture or None, default None
         Texture of the surface.
-    name : str, default ''
+    name : str, default ""
         Name for messages.
-    color : float or array_like of shape (3,), default 1
+    color : float or array_like, default 1
         Factor of vertex color and texel, linear RGB. Kept as (3,) float64.
-    sides : {'both', 'front'}
+    sides : {"both", "front"}
         Draw triangles seen from either side, or only those seen from the front (counter-clockwise).
     two_sided : bool, default False
         Light back faces with their normals reversed.
@@ -215,29 +215,29 @@ class Mesh:
 
     Attributes
     ----------
-    verts : array_like of shape (V, 3)
+    verts : array_like, (V, 3)
         Positions, object space, float32 or float64 (kept as given).
-    faces : array_like of shape (F, 3)
+    faces : array_like, (F, 3)
         Indices into verts.
-    colors : array_like of shape (V, 3) or None, default None
+    colors : array_like, (V, 3) or None, default None
         Linear RGB per vertex; None: white. Unsigned integers are divided by their type's maximum,
         as those of a Texture; other numbers are used as they are.
-    normals : array_like of shape (K, 3) or None, default None
+    normals : array_like, (K, 3) or None, default None
         Directions of any length; None: computed from the faces (`geometry.vertex_normals`).
-    normal_faces : array_like of shape (F, 3) or None, default None
+    normal_faces : array_like, (F, 3) or None, default None
         Indices into normals; None: `faces`.
-    uvs : array_like of shape (T, 2) or None, default None
+    uvs : array_like, (T, 2) or None, default None
         Texture coordinates; v = 0 is row 0 of the texture's image. NaN and infinity count as 0,
         magnitudes beyond 2^40 as 2^40.
-    uv_faces : array_like of shape (F, 3) or None, default None
+    uv_faces : array_like, (F, 3) or None, default None
         Indices into uvs; None: `faces`.
     material : Material, default Material()
         Material of all triangles.
-    instances : array_like of shape (K, 4, 4) or None, default None
+    instances : array_like, (K, 4, 4) or None, default None
         Affine placements, object to world, for column vectors; None: one identity.
-    name : str, default ''
+    name : str, default ""
         Name for messages.
-    nonfinite : {'refuse', 'drop'}
+    nonfinite : {"refuse", "drop"}
         With vertices that are NaN or infinite, refuse the mesh, or drop the triangles that use
         them. A dropped face keeps its number and draws nothing; its neighbors are as they would be
         without it.
@@ -368,13 +368,13 @@ class Scene:
         Camera and resolution.
     lights : PointLight or iterable of PointLight, default ()
         Point lights. Kept as a tuple.
-    ambient : float or array_like of shape (3,), default 1
+    ambient : float or array_like, default 1
         Intensity Ia of the ambient light, linear RGB.
-    background : float, array_like of shape (3,) or None, default 0
+    background : float, array_like or None, default 0
         Linear RGB; None: RGB is premultiplied, over nothing.
-    preset : {'standard', 'course'}
+    preset : {"standard", "course"}
         Settings that a render of this scene starts from.
-    name : str, default ''
+    name : str, default ""
         Name for messages.
     ignored : tuple of str, default ()
         Features of the scene's file that are not rendered, a few words each.

@@ -89,27 +89,27 @@ class Settings:
 
     Attributes
     ----------
-    shader : {'phong', 'gouraud', 'nolight'}
+    shader : {"phong", "gouraud", "nolight"}
         Light every pixel with interpolated normals, light the vertices and interpolate the result,
         or show the unlit color.
-    visibility : {'depth', 'painter'}
+    visibility : {"depth", "painter"}
         `depth`: a depth test per pixel. `painter`: the triangle with the smallest mean vertex depth
         wins. Of equal depths, the later face wins in both.
-    lighting_at : {'position', 'centroid'}
+    lighting_at : {"position", "centroid"}
         Where the directions to the eye and the lights are taken: at each pixel (or vertex), or once
         per triangle.
-    interpolation : {'perspective', 'affine'}
+    interpolation : {"perspective", "affine"}
         Interpolation of vertex attributes: perspective-correct, or affine in the image. Depth is
         always perspective-correct.
-    texture_at : {'pixel', 'vertex'}
+    texture_at : {"pixel", "vertex"}
         Look the texture up at every pixel, or at the vertices.
-    texture_filter : {'bilinear', 'trilinear'}
+    texture_filter : {"bilinear", "trilinear"}
         `bilinear`: the four texels around the point, however many texels a pixel spans.
         `trilinear`: bilinear in two mip-map levels, with OpenGL's level of detail
         (kernels/texture.clh); where a pixel spans at most one texel, the same as bilinear, bit for
-        bit. It needs texture_at='pixel', because a vertex spans no texels. Textures with
-        lookup='course', and the alpha test, remain bilinear at full resolution.
-    ambient : {'tinted', 'plain'}
+        bit. It needs texture_at="pixel", because a vertex spans no texels. Textures with
+        lookup="course", and the alpha test, remain bilinear at full resolution.
+    ambient : {"tinted", "plain"}
         Ambient term: ka*Ia*color, or ka*Ia.
     layers : str or iterable of str, default ()
         Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id and
@@ -119,7 +119,7 @@ class Settings:
     near : float or None, default None
         Distance of the near plane from the eye, scene units, above 0; None: 1e-4 of the scene's
         bounding radius.
-    precision : {'float32', 'fast', 'float64'}
+    precision : {"float32", "fast", "float64"}
         Arithmetic of the kernels. `float32`: the same bits on every device. `fast`: float32 with
         shorter polynomials and plain texture coordinates, accurate to about 3e-5, and also the same
         bits on every device. `float64`: the image is float64 as well; some devices lack it.
@@ -129,7 +129,7 @@ class Settings:
         nearest the center. Layers are those of the sample nearest the center.
     sample_shading : bool, default False
         Shade every sample.
-    resolve : {'mean', 'weighted'}
+    resolve : {"mean", "weighted"}
         How samples become a pixel. `weighted` gives each the weight 1/(1 + its luminance), which
         keeps single bright samples from standing out, but makes edges of bright surfaces darker
         than they are. Without a background, the covered samples are weighted against each other,
@@ -188,9 +188,9 @@ class Settings:
 
         Parameters
         ----------
-        preset : {'course', 'standard'}
-            `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at vertex,
-            ambient plain. `standard`: the defaults.
+        preset : {"course", "standard"}
+            `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at
+            vertex, ambient plain. `standard`: the defaults.
         **fields
             Fields of `Settings` to change.
 
@@ -205,7 +205,8 @@ class Settings:
 
         Examples
         --------
-        >>> Settings.from_preset("course", shader="gouraud").visibility
+        >>> import clshade
+        >>> clshade.Settings.from_preset("course", shader="gouraud").visibility
         'painter'
         """
         choice("Settings", "preset", preset, PRESETS)

@@ -27,7 +27,7 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
 
     Parameters
     ----------
-    name : {'teapot', 'torus_knot', 'icosphere', 'quads', 'box_room', 'course'}
+    name : {"teapot", "torus_knot", "icosphere", "quads", "box_room", "course"}
         Name of the scene.
     **options
         Options of that scene, see Notes.
@@ -58,6 +58,7 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
 
     Examples
     --------
+    >>> import clshade
     >>> clshade.builtin("icosphere", level=3)
     <Scene icosphere: 1,280 triangles, 1 mesh, 1 light, 800x600, preset standard>
     """

@@ -220,7 +220,7 @@ def lid_image() -> Floats32:
 
 
 def tube_image() -> Floats32:
-    """Return (256, 128, 3): handle or spout, once around (columns), 4 from end to end: a winding stem on either side."""
+    """Return (256, 128, 3): handle or spout, once around (columns), 4 from end to end: a winding stem on each side."""
     x, y = (np.arange(128) + 0.5) / 64 % 1.0, (np.arange(256)[:, None] + 0.5) / 64
     ink = 0.9 * _stroke(0.5 + 0.16 * np.sin(2.0 * np.pi * y) - x, 0.05, 0.03)
     ink += _lines(y, (0.3, 0.12), (0.45, 0.04), (3.55, 0.04), (3.7, 0.12), (4.0, 0.2))

@@ -109,13 +109,28 @@ def _lights(fields: _Fields) -> tuple[PointLight, ...]:
 
 
 def save_course(scene: Scene, path: Path) -> None:
-    """Write a course scene as a course .npy file (3xN layout, face indices int64), atomically.
+    """Write a course scene to a course .npy file, atomically.
 
-    `load(path)` then gives the same arrays, bit for bit: those of one mesh, camera, lights and material. Names are not
-    kept; vertex colors of None are written as ones, and uv_faces of None as the faces.
+    Parameters
+    ----------
+    scene : Scene
+        A scene of the preset `course` with one mesh.
+    path : str or path-like
+        File, with a name that ends in .npy; an existing one is replaced.
 
-    Raises InputError for what the format cannot hold: another preset, several meshes or instances, a placement, given
-    normals, a texture (its image is a separate file), no background. Raises OutputError if the file cannot be written.
+    Raises
+    ------
+    InputError
+        The format cannot hold the scene: another preset, several meshes or instances, a placement,
+        given normals, a texture (its image is a separate file), no background.
+    OutputError
+        The file cannot be written.
+
+    Notes
+    -----
+    The layout is 3xN, with int64 face indices. `load(path)` then gives the same arrays, bit for
+    bit: those of one mesh, camera, lights and material. Names are not kept; vertex colors of None
+    are written as ones, and uv_faces of None as the faces.
     """
     owner = "save_course"
     if not os.fspath(path).lower().endswith(".npy"):

@@ -55,12 +55,12 @@ def load(
 
     Parameters
     ----------
-    path : path_like
+    path : str or path-like
         File; its extension selects the format.
-    texture : path_like, array_like of shape (h, w, 3) or Texture, optional
-        Image in place of the file's. An array holds linear values (integers are divided by their
-        type's maximum; row 0 is v = 0). An image file is value/255 for a course scene, where it
-        replaces the vertex colors, and is decoded from sRGB for a mesh.
+    texture : str, path-like, array_like or Texture, optional
+        Image in place of the file's. An array is (h, w, 3) and holds linear values (integers are
+        divided by their type's maximum; row 0 is v = 0). An image file is value/255 for a course
+        scene, where it replaces the vertex colors, and is decoded from sRGB for a mesh.
     focal : float, optional
         For course files: distance of the image plane from the eye, scene units, in place of the
         file's.
@@ -76,7 +76,7 @@ def load(
         its specification says) and STL.
     flat : bool, default False
         The same as crease=0; not allowed together with `crease`.
-    up : {'x', 'y', 'z', '-x', '-y', '-z'}, optional
+    up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axis that points up in the view chosen for a mesh; a camera of a glTF file is not turned.
         Default: z for STL, y for the others.
     two_sided : bool, optional
@@ -108,6 +108,7 @@ def load(
 
     Examples
     --------
+    >>> import clshade
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
     checked_path("load", "path", path)
