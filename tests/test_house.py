@@ -350,7 +350,7 @@ def test_tests_mirror_the_rooms():
     tests = ROOT / "tests"
     folders = {path.name for path in tests.iterdir() if path.is_dir() and list(path.glob("test_*.py"))}
     assert folders <= {name for name in CHAIN if "." not in name}
-    whole = {"house", "imports", "kernel_sources", "mutants", "readme", "typing"}
+    whole = {"docstrings", "house", "imports", "kernel_sources", "mutants", "readme", "typing"}
     beside = {path.stem.removeprefix("test_") for path in tests.glob("test_*.py")}
     assert {name for name in beside if not name.startswith("kernel_")} <= whole
     for path in tests.rglob("*.py"):
