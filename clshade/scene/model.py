@@ -112,7 +112,7 @@ class Texture:
         multiplies the vertex color. `course`: u maps to u*(w-1), and v likewise, both clamped to
         [0, 1], and the texel replaces the vertex color.
     name : str, default ""
-        Name for messages.
+        Name of the texture.
 
     Raises
     ------
@@ -166,7 +166,7 @@ class Material:
     texture : Texture or None, default None
         Texture of the surface.
     name : str, default ""
-        Name for messages.
+        Name of the material.
     color : float or array_like, default 1
         Factor of vertex color and texel, linear RGB. Kept as (3,) float64.
     sides : {"both", "front"}
@@ -236,7 +236,7 @@ class Mesh:
     instances : array_like, (K, 4, 4) or None, default None
         Affine placements, object to world, for column vectors; None: one identity.
     name : str, default ""
-        Name for messages.
+        Name of the mesh.
     nonfinite : {"refuse", "drop"}
         With vertices that are NaN or infinite, refuse the mesh, or drop the triangles that use
         them. A dropped face keeps its number and draws nothing; its neighbors are as they would be
@@ -375,7 +375,7 @@ class Scene:
     preset : {"standard", "course"}
         Settings that a render of this scene starts from.
     name : str, default ""
-        Name for messages.
+        Name of the scene.
     ignored : tuple of str, default ()
         Features of the scene's file that are not rendered, a few words each.
 
