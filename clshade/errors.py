@@ -6,7 +6,7 @@ class ClshadeError(Exception):
 
 
 class InputError(ClshadeError, ValueError):
-    """Refused input: names the function or file, the argument or field, what was expected and found."""
+    """Refused input: names function or file, argument or field, what was expected and found."""
 
 
 class DeviceError(ClshadeError, RuntimeError):
