@@ -31,7 +31,8 @@ class OracleLayers:
 
     Measures of errors: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
     normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
-    corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame.
+    corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame;
+    weight_condition (M, N), see `_weight_condition`.
     """
 
     N: Floats
@@ -46,6 +47,7 @@ class OracleLayers:
     reach: Floats
     most_uv: Floats
     budget: Floats
+    weight_condition: Floats
 
 
 def equal(a: Material, b: Material) -> bool:
@@ -114,7 +116,26 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         reach=zeros(),
         most_uv=zeros(),
         budget=zeros(3),
+        weight_condition=np.ones(shape),
     )
+
+
+def _weight_condition(view: Prepared, piece: Integers, reach: Floats, orthographic: bool) -> Floats:
+    """Return how much rounding of camera-space positions in float64 is amplified in barycentric coordinates, (K,), at least
+    1. reach: (K,) the largest coordinate of each face's corners.
+
+    A depth is accurate to 2^-53 of that, and so 1/z to reach/z of itself. Where an edge crosses the near plane is a
+    quotient by the difference of its depths.
+    """
+    depths, corner_depths = view.pieces.z[piece], view.z[view.pieces.face[piece]]
+    nearest = depths.min(axis=1)
+    found = np.ones(len(reach)) if orthographic else np.fmax(reach / nearest, 1.0)
+    clipped = (view.pieces.weights[piece] != np.eye(3)).any(axis=(1, 2))
+    for a, b in zip(corner_depths.T, np.roll(corner_depths, -1, axis=1).T, strict=True):
+        crosses = clipped & ((a < nearest) != (b < nearest))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.where(crosses, np.fmax(found, reach / np.abs(a - b)), found)
+    return found
 
 
 def _batch(
@@ -141,6 +162,7 @@ def _batch(
         steps = face_weight_steps(scene, settings, view, piece, column, row)
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps)
 
+    reach = np.abs(relative).max(axis=(1, 2))
     in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
     return OracleLayers(
         N=unit(normal),
@@ -152,7 +174,8 @@ def _batch(
         barycentrics=in_order,
         normal_length=np.where(any_normal, length(normal), 1.0),
         normal_error=corners.normal_error[face],
-        reach=np.abs(relative).max(axis=(1, 2)),
+        reach=reach,
         most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
         budget=unlit.budget,
+        weight_condition=_weight_condition(view, piece, reach, scene.camera.orthographic),
     )

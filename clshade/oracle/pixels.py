@@ -72,7 +72,7 @@ class Batch:
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
     texel: per pixel. tinted: whether the color multiplies the ambient light. turned: (K,) whether the normal is flipped.
-    view: None, or the unit vector toward an orthographic camera, the same everywhere.
+    view: None, or the unit vector toward an orthographic camera, the same everywhere. gate: see `shade.jumps`.
     """
 
     points: Floats
@@ -87,6 +87,7 @@ class Batch:
     texel: Texels
     turned: Bools
     view: Floats | None
+    gate: float
 
     def eye(self, point: Floats) -> Floats:
         """Return the position of the eye for points (..., 3): the origin, as everything here is relative to it. An
@@ -131,6 +132,7 @@ def shade_pixels(
         texel=texel,
         turned=behind & two_sided,
         view=-axes[2] if scene.camera.orthographic else None,
+        gate=shade.FAST_GATE if settings.precision == "fast" else shade.GATE,
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong}[settings.shader](batch)
 
@@ -160,7 +162,9 @@ def _gouraud(batch: Batch) -> Shaded:
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
     kappa = shade.conditioning(*place, eye, lights.positions, parallel)
     kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
-    jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel)
+    jump = shade.jumps(
+        points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate
+    )
     jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
@@ -183,7 +187,7 @@ def _phong(batch: Batch) -> Shaded:
     extent, parallel = batch.extent[where], batch.view is not None
     kappa = shade.conditioning(point, extent, normal_length, eye, lights.positions, parallel)
     kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
-    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel
+    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel, batch.gate
     # Corners whose colors differ in sign are each rounded separately.
     most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most
     jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most

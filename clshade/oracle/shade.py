@@ -14,6 +14,10 @@ from .vectors import dot, length, unit
 # roundings if kappa is 1. If it is larger, the directions that they are products of are off by kappa times as much: an
 # error 2^-24 s of P turns L by 2^-24 s/|P-L| and V by 2^-24 s/|P-eye|, one 2^-24 of the mean normal turns N by 2^-24/|N|.
 GATE = 1e-6
+# With precision `fast` lengths are accurate to 4.7e-6 only (kernels/numerics.clh). Those of L and V scale N.L and R.V and
+# leave their signs alone; that of N counts twice in the first of the terms 2(N.L)(N.V) - L.V, which are at most 1 and equal
+# where R.V is 0: 9.4e-6 more.
+FAST_GATE = 1.1e-5
 
 
 def barycentrics(edges: Array, z: Floats, interpolation: str) -> Floats:
@@ -185,18 +189,19 @@ def jumps(
     light_positions: Floats,
     light_intensities: Floats,
     parallel: bool = False,
+    gate: float = GATE,
 ) -> Floats:
     """Return how much highlights of a white surface with ks = 1 can change if rounding opens or closes their gates,
     (..., 3).
 
-    For each light so near to N.L = 0 or R.V = 0 that rounding may decide, within GATE times its own kappa: the
+    For each light so near to N.L = 0 or R.V = 0 that rounding may decide, within `gate` times its own kappa: the
     highlight behind that gate, at the largest R.V within rounding. Arguments as of `conditioning`; 0 for a zero normal.
     """
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     common = _conditioning(point, extent, normal_length, eye, parallel)
     for position, intensity in zip(light_positions, light_intensities, strict=True):
-        reach = GATE * np.fmax(common, _light_conditioning(point, extent, eye, position, parallel))
+        reach = gate * np.fmax(common, _light_conditioning(point, extent, eye, position, parallel))
         n_l, r_v, distance2 = angles(point, normal, eye, position)
         near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
         most = np.clip(r_v + reach, 0.0, 1.0)

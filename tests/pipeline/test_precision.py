@@ -13,14 +13,16 @@ from kernel_stages import Probe
 import clshade
 from clshade import oracle
 from clshade.errors import DeviceError, InputError
-from clshade.measure.check import oracle_bounds
+from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
+from clshade.scene.geometry import camera_axes
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
 
 RESOLUTION = (97, 71)
 LAYERS = ("Z", "id")
+SURFACE = ("N", "P", "albedo", "barycentrics")
 
 TEXT = """
 #include "numerics.clh"
@@ -194,6 +196,30 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
     assert frame.stats["clipped"] > 5
     found = oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings).bounds
     assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
+
+
+def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
+    """Found by the fuzzer: where depths are small, or differ little, on an edge that is cut, rounding of positions counts
+    more in barycentric coordinates."""
+    needs_float64(device)
+    rng, worst, least = np.random.default_rng(9), 0.0, np.inf
+    for _ in range(12):
+        depths = rng.uniform(0.5e-3, 2e-3, (40, 3, 1))
+        verts = np.concatenate([rng.normal(size=(40, 3, 2)), depths], axis=2).reshape(-1, 3)
+        eye, lookat, up = rng.normal(size=(3, 3))
+        camera = replace(CAMERA, eye=eye, lookat=lookat, up=up, resolution=RESOLUTION)
+        mesh = Mesh(eye + verts @ camera_axes(camera), np.arange(120).reshape(40, 3))
+        scene = replace(scene_of(mesh), camera=camera)
+        with Renderer(scene, device=device, precision="float64", layers=LAYERS + SURFACE, near=1e-3) as renderer:
+            frame = renderer.render()
+        assert frame.stats["clipped"]
+        expected, layers = (each(scene, frame.settings) for each in (oracle.render, oracle.render_layers))
+        ties = oracle_bounds.assert_same_ids(frame, expected, scene, frame.settings)
+        layer_bounds.assert_layers(frame, layers, scene, frame.settings, skip=ties)
+        worst = max(worst, layers.weight_condition.max())
+        least = min(least, layers.weight_condition.min())
+    assert least == 1.0
+    assert 1e3 < worst < 1e6
 
 
 def test_texture_at_vertex_and_clipped_triangles_in_float64(device):

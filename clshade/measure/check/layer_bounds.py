@@ -34,7 +34,8 @@ def half_ulp(settings: Settings) -> float:
 
 def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
     """Return the largest absolute error allowed in each layer except albedo, (M, N)."""
-    unit, precision = half_ulp(settings), settings.precision
+    precision = settings.precision
+    unit = np.maximum(half_ulp(settings), 2.0**-53 * oracle.weight_condition)  # positions are float64 on both sides
     eye = float(np.abs(scene.camera.eye).max())
     with np.errstate(divide="ignore", over="ignore"):
         normal = (NORMAL_UNITS[precision] * unit + oracle.normal_error) / oracle.normal_length
@@ -44,7 +45,7 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
         "N": normal,
         "P": position,
         "uv": UV_UNITS[precision] * unit * oracle.most_uv,
-        "barycentrics": np.full(oracle.reach.shape, WEIGHT_UNITS * unit),
+        "barycentrics": WEIGHT_UNITS * unit,
     }
 
 
