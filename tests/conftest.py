@@ -1,4 +1,4 @@
-"""Fixtures that several tests share: every OpenCL device that works, the folder of real scenes, empty caches."""
+"""Shared fixtures: every OpenCL device that works, the folder of real scenes, empty caches."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def patient() -> None:
-    """Nothing is said of slow compilers: whether they have work to do depends on what ran before."""
+    """Suppress the notice of slow compilers: whether they have to compile depends on earlier runs."""
     programs.SLOW = 1e6
 
 
 @pytest.fixture(scope="session")
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    """Each device that works, opened once."""
+    """Return each device that works, opened once."""
     if request.param is None:
         pytest.skip("no OpenCL device works here: see `python -m clshade devices`")
     return open_device(request.param, profiling=True)
@@ -38,7 +38,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 
 @pytest.fixture
 def on_each_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The course's functions run on each device that works."""
+    """Run the course's functions on each device that works."""
     monkeypatch.setattr(course, "shared_device", lambda: device)
     yield
     course.release()
@@ -46,7 +46,7 @@ def on_each_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
-    """The folder of real scenes that CLSHADE_DATA names."""
+    """Return the folder of real scenes named by CLSHADE_DATA."""
     name = os.environ.get("CLSHADE_DATA", "")
     if not name or not Path(name).is_dir():
         pytest.skip("CLSHADE_DATA names no folder with scenes")
@@ -55,7 +55,7 @@ def data_folder() -> Path:
 
 @pytest.fixture(scope="session")
 def opened() -> Device:
-    """The device that is opened where none is named."""
+    """Return the default device."""
     try:
         return open_device(profiling=True)
     except DeviceError as error:
@@ -64,7 +64,7 @@ def opened() -> Device:
 
 @pytest.fixture(scope="session")
 def homeless(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A process that cannot write to its home opens a device: its temporary folder, and what it printed."""
+    """Open a device in a process that cannot write to its home; return its temporary folder, and its output."""
     folder = tmp_path_factory.mktemp("temporary")
     code = OPEN + "import os; print(os.environ['XDG_CACHE_HOME'], os.environ['POCL_CACHE_DIR'])"
     done = python(code, "", HOME="/proc/nowhere", TMPDIR=str(folder), CLSHADE_DEVICE=opened.index)
@@ -74,7 +74,7 @@ def homeless(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 
 @pytest.fixture
 def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache root for what this process keeps from now on."""
+    """Use an empty cache folder in this process from now on."""
     (tmp_path / "clshade").mkdir()
     monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"

@@ -1,19 +1,19 @@
-"""Plants small faults in kernels and loaders, one at a time, and says which of them the tests notice.
+"""Mutation testing: plant small faults in kernels and loaders, one at a time, and report which the tests detect.
 
-    python tests/mutants.py --count 200                      # draws by a seed of its own, which it prints
-    python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # goes on where an earlier run was stopped
-    python tests/mutants.py --list clshade/scene/formats/obj_parser.py       # every change that could be drawn
+    python tests/mutants.py --count 200                      # draws with a random seed, which it prints
+    python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # resumes an interrupted run
+    python tests/mutants.py --list clshade/scene/formats/obj_parser.py       # every possible change
     python tests/mutants.py --only kernels/fill.clh --count 20 --seed 7
 
-Every line that can be changed is as likely to be drawn as any other, and of each file at least two are. A mutant is written
-into a copy of the repository in a temporary folder, with a kernel cache of its own, and the tests of its file run there,
-cheapest first, until one fails; then those of the whole subject. One that does not build is drawn again. `found` are
-mutants that some test noticed, or that made it hang beyond its time or crash; `equivalent` are those that no test can
-notice, for the reasons in mutants_equivalent.json: by file, by the line as it was and as it is ("*" for whatever it is),
-where need be by the line above, blanks counted as one; of these the tests of the file are run alone. What is left
+Every line that can be changed is equally likely to be drawn, and at least two lines of each file are. A mutant is
+written into a copy of the repository in a temporary folder, with a kernel cache of its own, and the tests of its file
+run there, cheapest first, until one fails; then those of the whole subject. A mutant that does not build is drawn
+again. Mutants are `found` if a test fails, hangs beyond its time or crashes, and `equivalent` if no test can detect
+them, for the reasons in mutants_equivalent.json: by file, by the line before and after the change ("*" for any), if
+necessary by the line above, with runs of blanks as one; for these only the tests of the file are run. The others
 `survived`. Exit code 0: at least 95 % of all were found and none survived.
 
-Not collected by pytest: 200 mutants take an hour or more of a core. Name fewer devices by CLSHADE_TEST_PLATFORM.
+Not collected by pytest: 200 mutants take an hour or more of one core. CLSHADE_TEST_PLATFORM limits the devices.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from mutation_sites import Site, sites
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = Path(__file__).with_name("mutants_equivalent.json")
-LEAST = 2  # drawn of each file
-WANTED = 0.95  # share to be found
-LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds for each group of tests, by the file's folder
+LEAST = 2  # mutants per file
+WANTED = 0.95  # fraction that must be found
+LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds per group of tests, by the file's folder
 
-# The tests of each file, cheapest first: test_*.py anywhere below tests.
+# The tests of each file, cheapest first: test_*.py anywhere under tests.
 TESTS = {
     "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong light_bounds frames",
     "kernels/bilerp.cl": "kernel_bilerp course_light",
@@ -95,7 +95,7 @@ TESTS = {
     "clshade/images/pnm.py": "deep_images",
     "clshade/images/tiff.py": "deep_images",
 }
-# Then these, of kernels and of loaders, a group at a time.
+# Then these, for kernels and for loaders, one group at a time.
 KERNELS = (
     "same_bits frames kernel_fill kernel_phong",
     "kernel_layers kernel_bin kernel_setup kernel_gouraud kernel_light kernel_numerics kernel_project kernel_bilerp layers",
@@ -121,7 +121,7 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of a file: what stood on its line, and what stands there now."""
+    """A change of a file: the line before and after."""
 
     file: str
     site: Site
@@ -140,7 +140,7 @@ def mutants_of(file: str) -> list[Mutant]:
 
 
 def draw(count: int, seed: int, files: list[str]) -> dict[str, tuple[int, list[Mutant]]]:
-    """Of each file how many are wanted, and all of its mutants in the order in which they are tried."""
+    """Return for each file the number wanted, and all its mutants in the order in which they are tried."""
     drawn, lines = {}, {}
     for file in files:
         rng = random.Random(f"{seed} {file}")
@@ -150,7 +150,7 @@ def draw(count: int, seed: int, files: list[str]) -> dict[str, tuple[int, list[M
         for of_line in by_line.values():
             rng.shuffle(of_line)
         order = []
-        while by_line:  # one of each line, in any order, then a second one of each line, ...
+        while by_line:  # one of each line, in random order, then a second one of each line, ...
             keys = rng.sample(sorted(by_line), len(by_line))
             order += [by_line[key].pop() for key in keys]
             lines.setdefault(file, len(keys))
@@ -167,7 +167,7 @@ def draw(count: int, seed: int, files: list[str]) -> dict[str, tuple[int, list[M
 
 
 class Copy:
-    """A copy of the repository, in which one mutant at a time is tried."""
+    """A copy of the repository in which one mutant at a time is tried."""
 
     def __init__(self, folder: Path, quick: bool) -> None:
         self.folder = folder / "copy"
@@ -182,7 +182,7 @@ class Copy:
         self._stopped = False
 
     def pytest(self, arguments: list[str], limit: float) -> tuple[int | None, str]:
-        """The exit code, None beyond `limit` seconds, and what was printed."""
+        """Run pytest; return the exit code, None after `limit` seconds, and the output."""
         command = [
             "nice",
             sys.executable,
@@ -220,13 +220,13 @@ class Copy:
         return process.returncode, text
 
     def stop(self) -> None:
-        """Ends the tests that are running, and whoever waits for them."""
+        """Kill the running tests, and run no others."""
         self._stopped = True
         if self._process is not None and self._process.returncode is None:
             os.killpg(self._process.pid, signal.SIGKILL)
 
     def passes(self, arguments: list[str], limit: float) -> None:
-        """Ends the run if tests that notice a mutant do not pass without one."""
+        """Abort the run if the tests that detect a mutant do not pass without one."""
         if tuple(arguments) in self._passed:
             return
         code, text = self.pytest(arguments, limit)
@@ -270,13 +270,13 @@ class Copy:
 
 
 def test_file(name: str) -> str:
-    """tests/.../test_NAME.py, which there is one of."""
+    """Return the path of the only tests/.../test_NAME.py."""
     (found,) = (ROOT / "tests").rglob(f"test_{name}.py")
     return found.relative_to(ROOT).as_posix()
 
 
 def test_groups(file: str) -> list[list[str]]:
-    """Arguments of pytest, group by group: each is tried where the one before notices nothing."""
+    """Return the arguments of pytest by group: each group runs if the previous ones detect nothing."""
     named = [TESTS[file], *(KERNELS if file.startswith("kernels/") else LOADERS)]
     seen: set[str] = set()
     groups = []
@@ -288,7 +288,7 @@ def test_groups(file: str) -> list[list[str]]:
 
 
 def judged(code: int | None, printed: str) -> tuple[str, str]:
-    """An outcome, and the test that led to it."""
+    """Return the outcome, and the test that led to it."""
     if code is None:
         return "timeout", "beyond its time"
     if code == 0:
@@ -305,7 +305,7 @@ def judged(code: int | None, printed: str) -> tuple[str, str]:
 
 
 def reason(record: Record, table: list[dict[str, str]]) -> str | None:
-    """Why no test can notice a mutant, if that is known."""
+    """Return why no test can detect a mutant, if known."""
     for entry in table:
         same = (entry["file"], entry["from"]) == (record["file"], record["from"]) and entry["to"] in ("*", record["to"])
         if same and entry.get("above", "") in ("", line_above(record["file"], record["line"])):
@@ -314,13 +314,13 @@ def reason(record: Record, table: list[dict[str, str]]) -> str | None:
 
 
 def line_above(file: str, line: int) -> str:
-    """The line before a mutant's, blanks counted as one."""
+    """Return the line above a mutant's, with runs of blanks as one."""
     lines = (ROOT / file).read_text().splitlines()
     return " ".join(lines[line - 2].split()) if line > 1 else ""
 
 
 def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, quick: bool, say: Any) -> list[Record]:
-    """Tries what is drawn; each outcome becomes a line of `out`, and what stands there already is not tried again."""
+    """Try the drawn mutants; append each outcome as a line to `out`, and skip those already there."""
     lines = out.read_text().splitlines() if out.exists() else []
     done = {record["key"]: record for record in map(json.loads, lines)}
     lock, copies = threading.Lock(), []
@@ -365,7 +365,7 @@ def run(plan: dict[str, tuple[int, list[Mutant]]], out: Path, jobs: int, quick: 
 
 
 def summary(records: list[Record]) -> tuple[str, bool]:
-    """What was found, in words, and whether it is enough."""
+    """Return a summary, and whether enough was found."""
     table = json.loads(EQUIVALENT.read_text())
     tried = [record for record in records if record["outcome"] != "broken"]
     left = [record for record in tried if record["outcome"] == "survived"]

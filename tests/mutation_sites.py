@@ -1,5 +1,5 @@
-"""Where a source text can be changed by a little so that a test should notice: OpenCL C by its tokens, Python by its
-syntax tree. See mutants.py.
+"""Places where a small change of a source text should make a test fail: OpenCL C by its tokens, Python by its syntax
+tree. See mutants.py.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MEMBERS |= {"high": "low", "low": "high"}
 
 @dataclass(frozen=True)
 class Site:
-    """A change of a text: its characters from `start` to `end` become `new`."""
+    """A change of a text: the characters from `start` to `end` become `new`."""
 
     start: int
     end: int
@@ -31,7 +31,8 @@ class Site:
         return text[: self.start] + self.new + text[self.end :]
 
     def lines(self, text: str) -> tuple[int, str, str]:
-        """The number of the first changed line, what stood on the changed lines and what stands there now, in one line."""
+        """Return the number of the first changed line, and the changed lines before and after, each joined into one
+        line."""
         begin = text.rfind("\n", 0, self.start) + 1
         end = text.find("\n", self.end)
         end = len(text) if end < 0 else end
@@ -40,7 +41,7 @@ class Site:
 
 
 def sites(name: str, text: str) -> list[Site]:
-    """All changes of a file's text, in its order."""
+    """Return all changes of a file's text, in text order."""
     found = python_sites(text) if name.endswith(".py") else kernel_sites(text)
     return sorted(set(found), key=lambda site: (site.start, site.end, site.new))
 
@@ -73,7 +74,7 @@ _DECLARES = re.compile(r"^(?:const |global |private )*[A-Za-z_]\w*(?: \*?| \*con
 
 
 def kernel_sites(text: str) -> Iterator[Site]:
-    """Changes of OpenCL C: comments and the preprocessor's lines are left, but for the bodies of macros."""
+    """Yield changes of OpenCL C, except in comments and in preprocessor lines other than macro bodies."""
     code = _HIDDEN.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     for pattern, table, kind in (
         (_BINARY, SWAPS, "operator"),
@@ -106,7 +107,7 @@ def kernel_sites(text: str) -> Iterator[Site]:
 
 
 def _other_numbers(number: str) -> list[str]:
-    """A literal one off, or doubled and of the other sign."""
+    """Return a literal off by one, or doubled and negated."""
     plain = re.fullmatch(r"(0x[0-9a-fA-F]+|\d+)((?:U?L)?)", number)
     if plain is None:
         zero = not re.search(r"[1-9a-f]", re.sub(r"[ep].*|f$|^0x", "", number))
@@ -116,7 +117,7 @@ def _other_numbers(number: str) -> list[str]:
 
 
 def _closing(code: str, start: int) -> int:
-    """Where the parenthesis that is open at `start` is closed."""
+    """Return the position of the parenthesis that closes the one open at `start`."""
     depth = 1
     for at in range(start, len(code)):
         depth += (code[at] in "([{") - (code[at] in ")]}")
@@ -126,7 +127,7 @@ def _closing(code: str, start: int) -> int:
 
 
 def _arguments(code: str, start: int) -> list[tuple[int, int]]:
-    """Where the arguments of a call begin and end, of which the first begins at `start`."""
+    """Return the start and end of each argument of a call whose first argument begins at `start`."""
     end, depth, parts = _closing(code, start), 0, []
     for at in range(start, end):
         depth += (code[at] in "([{") - (code[at] in ")]}")
@@ -146,7 +147,7 @@ _WORDS |= {ast.IsNot: ("is not", "is"), ast.In: ("in", "not in"), ast.NotIn: ("n
 
 
 def python_sites(text: str) -> Iterator[Site]:
-    """Changes of Python code; texts, annotations and what only type checkers read are left."""
+    """Yield changes of Python code, except in strings, annotations and code for type checkers only."""
     encoded = text.encode()
     starts = [0]
     for line in encoded.splitlines(keepends=True):
@@ -203,7 +204,7 @@ def _other_constants(value: object) -> list[str]:
 
 
 def _removable(node: ast.AST) -> bool:
-    """A statement without which the rest can still run."""
+    """Return whether the rest can still run without a statement."""
     if isinstance(node, ast.Expr):
         return isinstance(node.value, ast.Call)
     if isinstance(node, ast.Assign):
@@ -212,8 +213,8 @@ def _removable(node: ast.AST) -> bool:
 
 
 def _evaluated(node: ast.AST) -> Iterator[ast.AST]:
-    """The nodes below that are run: no annotations, no f-strings, nothing for type checkers alone, and
-    not which line a warning names."""
+    """Yield the descendants that are executed: no annotations, no f-strings, nothing for type checkers only, and not
+    the stack level of a warning."""
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "type_comment"):
             continue

@@ -1,4 +1,5 @@
-"""The rooms of the package: every import of every module, of whatever kind, runs down one chain, and none in a circle."""
+"""The subpackages ("rooms"): every import of every module, of any kind, follows the dependency order, without
+cycles."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "clshade"
 TOP = {"pyproject.toml", "README.md", "clshade", "kernels", "demos", "tests"}
 
-# room -> what it may import of clshade, besides itself and clshade.errors
+# room -> the parts of clshade that it may import, besides itself and clshade.errors
 CHAIN = {
     "base": "",
     "images": "base",
@@ -27,7 +28,7 @@ CHAIN = {
     "measure.bench": "farm",  # it measures workers
     "cli": "root base images scene oracle pipeline course farm view measure",
 }
-AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import all, but errors, which imports nothing
+AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import everything; errors imports nothing
 MOST_ROOMS, MOST_FILES = 10, 6
 OPENCL = {
     "programs",
@@ -39,11 +40,12 @@ OPENCL = {
     "opencl.environment",
 }  # of pipeline
 
-Modules = dict[str, str]  # dotted name below clshade, "" of itself -> source
+Modules = dict[str, str]  # dotted name relative to clshade, "" for clshade itself -> source
 
 
 def module_name(path: Path) -> str:
-    """`oracle.shade` of clshade/oracle/shade.py, `oracle` of its package; "" of clshade itself."""
+    """Return a path's module name: `oracle.shade` for clshade/oracle/shade.py, `oracle` for its package, "" for
+    clshade."""
     parts = list(path.relative_to(PACKAGE).with_suffix("").parts)
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -54,11 +56,11 @@ PACKAGES = {name for name, path in PATHS.items() if path.name == "__init__.py"}
 
 
 class ComputedImport(Exception):
-    """An import whose module only shows when it runs."""
+    """An import whose module is only known at run time."""
 
 
 def literal_tables(tree: ast.Module) -> dict[str, list[str]]:
-    """The strings in the values of each dict that is assigned at the top of a module, by the dict's name."""
+    """Return the strings in the values of each dict assigned at module level, by the dict's name."""
     found = {}
     for node in tree.body:
         target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
@@ -69,9 +71,10 @@ def literal_tables(tree: ast.Module) -> dict[str, list[str]]:
 
 
 def by_name(tree: ast.Module) -> set[str]:
-    """Modules that are imported by their names in strings: a literal, or any of a table of literals.
+    """Return modules imported by names in strings: a literal, or any of a table of literals.
 
-    Raises ComputedImport for a name that is put together, relative, or run as source."""
+    Raises ComputedImport for a name that is computed or relative, and for code run from strings.
+    """
     tables, found = literal_tables(tree), set()
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
@@ -100,8 +103,10 @@ def by_name(tree: ast.Module) -> set[str]:
 
 @cache
 def imports(module: str, source: str) -> frozenset[str]:
-    """All that a module imports at its top, in functions, for type checkers alone and by names in strings: own modules
-    as `.name` ("." of clshade itself), others by their top-level name."""
+    """Return all imports of a module: at module level, in functions, for type checkers only and by names in strings.
+
+    Own modules are given as `.name` ("." for clshade itself), others by their top-level name.
+    """
     tree = ast.parse(source)
     full = by_name(tree)
     for node in ast.walk(tree):
@@ -126,7 +131,7 @@ def room_of(module: str) -> str:
 
 
 def allowed(module: str) -> list[str]:
-    """What a module may import of clshade: rooms and modules."""
+    """Return the rooms and modules of clshade that a module may import."""
     room = room_of(module)
     parts = module.split(".")
     inner = [".".join(parts[:k]) for k in range(1, len(parts) + 1)]
@@ -142,7 +147,7 @@ def is_allowed(module: str, imported: str) -> bool:
 
 
 def upwards(modules: Modules) -> list[str]:
-    """The imports that the chain forbids."""
+    """Return the imports that violate the dependency order."""
     found = []
     for module, source in modules.items():
         for name in sorted(imports(module, source)):
@@ -152,7 +157,7 @@ def upwards(modules: Modules) -> list[str]:
 
 
 def circles(modules: Modules) -> list[set[str]]:
-    """Groups of modules each of which reaches all others of its group (Tarjan's strongly connected components)."""
+    """Return groups of modules that import each other in cycles (Tarjan's strongly connected components)."""
     edges = {m: {n[1:] for n in imports(m, s) if n.startswith(".") and n[1:] in modules} for m, s in modules.items()}
     number: dict[str, int] = {}
     lowest: dict[str, int] = {}
@@ -188,7 +193,7 @@ def test_no_imports_run_in_a_circle():
     assert circles(SOURCES) == []
 
 
-# Each kind of import, planted into a copy of the sources: a test that sees none of them could not fail.
+# Each kind of import, planted into a copy of the sources: a check that misses them could never fail.
 KINDS = {
     "at the top": "from ..{room} import {leaf}\n",
     "absolute": "import clshade.{room}.{leaf}\n",
@@ -334,7 +339,7 @@ def test_only_main_imports_the_command_line():
 
 
 def test_no_module_has_the_name_of_a_public_function():
-    """`import clshade.load` would otherwise put the module in the function's place."""
+    """`import clshade.load` would otherwise replace the function by the module."""
     import clshade
 
     functions = {name for name, home in clshade._HOMES.items() if home != f"clshade.{name}"}
@@ -346,7 +351,7 @@ def test_no_module_has_the_name_of_a_public_function():
 
 
 def test_tests_mirror_the_rooms():
-    """test_kernel_*.py and those of the repository as a whole lie beside the rooms; no test imports a test."""
+    """test_kernel_*.py and tests of the whole repository are beside the rooms' folders; no test imports a test."""
     tests = ROOT / "tests"
     folders = {path.name for path in tests.iterdir() if path.is_dir() and list(path.glob("test_*.py"))}
     assert folders <= {name for name in CHAIN if "." not in name}

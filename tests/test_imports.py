@@ -1,4 +1,4 @@
-"""Public names, and what importing them costs."""
+"""Public names, and the cost of importing them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ DOCUMENTED = {
 
 
 def python(code: str) -> str:
-    """What a new interpreter prints; it fails the test where that ends with an error."""
+    """Return the output of a new interpreter; fail the test if it ends with an error."""
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -45,7 +45,7 @@ def python(code: str) -> str:
 
 @pytest.mark.parametrize("module", MODULES)
 def test_a_module_is_an_attribute_after_the_plain_import(module):
-    """In an interpreter of its own, where nothing else has imported it; nothing heavy comes with it."""
+    """In a new interpreter, where nothing else has imported it; no heavy module is imported with it."""
     names = DOCUMENTED[module]
     shown = f"import sys, clshade; print(*(callable(getattr(clshade.{module}, n)) for n in {names}))"
     assert set(python(shown).split()) == {"True"}
@@ -66,7 +66,7 @@ def test_public_names_are_listed_and_seen_by_type_checkers():
 
 
 def test_every_path_of_the_documents_can_be_had():
-    """But for those that name what was: the list of changes."""
+    """Except in the list of changes, which names former ones."""
     documents = [ROOT / "README.md", *PACKAGE.rglob("README.md")]
     text = "\n".join(path.read_text() for path in documents)
     paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
@@ -80,7 +80,7 @@ def test_every_path_of_the_documents_can_be_had():
 def test_a_misspelt_name_is_answered_with_the_nearest():
     with pytest.raises(AttributeError) as caught:
         clshade.rendr  # noqa: B018
-    assert (caught.value.name, caught.value.obj) == ("rendr", clshade)  # from which a traceback takes its hint
+    assert (caught.value.name, caught.value.obj) == ("rendr", clshade)  # used for the hint of a traceback
 
 
 DRAWING = ("render", "turntable", "animate")  # whose settings have the choices of scene.py

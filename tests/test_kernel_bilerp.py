@@ -31,7 +31,7 @@ MEAN = 8 * 2.0**-24
 
 
 def image_of(size: tuple[int, int]) -> np.ndarray:
-    """(h, w, 3) float32 from -1 to 1, neighbors far apart."""
+    """Return an image (h, w, 3) float32 from -1 to 1, with large differences between neighbors."""
     columns, rows = size
     return np.random.default_rng(columns + 100 * rows).uniform(-1, 1, (rows, columns, 3)).astype(np.float32)
 
@@ -40,7 +40,7 @@ TEXTURES = [Texture(image_of(size), wrap, lookup) for size in SIZES for lookup, 
 
 
 def look_up(device, uv: np.ndarray, which: np.ndarray, lanes: int | None = None) -> np.ndarray:
-    """(K, 3) colors of lookups uv (K, 2) float64 in TEXTURES[which], by the stage."""
+    """Run the stage: colors (K, 3) of lookups at uv (K, 2) float64 in TEXTURES[which]."""
     stages = Stages(device, build(device, mask(), ("bilerp.cl",), lanes=lanes))
     u, v = (split(column) for column in uv.T)
     pairs = np.stack([u[0], v[0], u[1], v[1]], axis=1)
@@ -60,7 +60,7 @@ def expected_of(uv: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 
 def test_every_wrap_and_lookup_at_random_coordinates(device):
-    """Coordinates reach 48 bits: u * size moves by 4 * 2^-48 * |u| * size of a texel, and a color by 2 per texel."""
+    """Coordinates have 48 bits: u * size errs by 4 * 2^-48 * |u| * size of a texel, and a color by 2 per texel."""
     rng = np.random.default_rng(1)
     count = 20_000
     uv = np.where(rng.random((count, 2)) < 0.5, rng.uniform(-0.2, 1.2, (count, 2)), rng.uniform(-300, 300, (count, 2)))
@@ -70,13 +70,13 @@ def test_every_wrap_and_lookup_at_random_coordinates(device):
     size = np.array([chosen.image.shape[1::-1] for chosen in TEXTURES])[which]
     moved = 2.0 * 4.0 * 2.0**-48 * (np.maximum(np.abs(uv), 1.0) * size).sum(axis=1)
     assert (np.abs(found - expected).max(axis=1) <= MEAN + moved).all()
-    # A coordinate in float32 alone would not do.
+    # Coordinates in plain float32 would fail.
     rough = expected_of(float32(uv).astype(np.float64), which)
     assert np.abs(rough - expected).max() > 1e-3
 
 
 def test_texel_centers_are_exact(device):
-    """At its own center (standard), or at i/(w-1) where that is a float32 (course), a texel comes out to the last bit."""
+    """At its center (standard), or at i/(w-1) if that is a float32 (course), a texel is returned exactly."""
     for index, chosen in enumerate(TEXTURES):
         rows, columns, _ = chosen.image.shape
         if columns not in (1, 2, 16, 1024) or rows not in (1, 2):
@@ -98,9 +98,9 @@ UNDEFINED = (np.nan, np.inf, -np.inf)
 
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=["repeat", "clamp", "mirror", "clamp-mirror", "course"])
 def test_special_coordinates(device, kind):
-    """0, 1, -0.0, far beyond, denormal, NaN and infinite: the oracle's texel, all of them inside the image.
+    """0, 1, -0.0, huge, denormal, NaN and infinite coordinates: the oracle's texel, always inside the image.
 
-    Beyond 2^48 texels a coordinate is a whole number: float64 and the pair agree on the texel.
+    Beyond 2^48 texels a coordinate is an integer: float64 and double-single agree on the texel.
     """
     uv = np.array(list(itertools.product(SPECIAL + UNDEFINED, repeat=2)))
     for size in range(len(SIZES)):
@@ -114,7 +114,7 @@ def test_special_coordinates(device, kind):
 
 
 def test_undefined_low_parts_count_as_zero(device):
-    """What the host leaves of an overflow is NaN or infinite: of no effect."""
+    """Low parts that are NaN or infinite after an overflow on the host have no effect."""
     uv = np.array([[0.25, 0.25]])
     stages = Stages(device, build(device, mask(), ("bilerp.cl",)))
     table, texels = texture_tables(TEXTURES)
@@ -150,7 +150,7 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
 
 
 def test_indices_stay_in_the_image_and_fractions_between_0_and_1(device):
-    """All bit patterns as coordinates, whatever they mean; sizes up to the largest."""
+    """Random bit patterns as coordinates; sizes up to the largest."""
     rng = np.random.default_rng(2)
     count = 16 * 2000
     high, low = (rng.integers(0, 2**32, count, np.uint32).view(np.float32) for _ in range(2))
@@ -172,7 +172,7 @@ def test_indices_stay_in_the_image_and_fractions_between_0_and_1(device):
 
 
 def shares_of(u: Fraction, size: int, lookup: str, wrap: str) -> dict[int, Fraction]:
-    """How much each texel of a row counts at coordinate u, exactly."""
+    """Return the exact weight of each texel of a row at coordinate u."""
     held = min(max(u, Fraction(0)), Fraction(1))
     if lookup == "course":
         x = held * (size - 1)
@@ -186,7 +186,8 @@ def shares_of(u: Fraction, size: int, lookup: str, wrap: str) -> dict[int, Fract
 
 
 def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of all magnitudes that the host lets through, every other one within a few roundings of a whole number."""
+    """Return double-single values of all magnitudes that the host admits, every other one within a few roundings of an
+    integer."""
     rng = np.random.default_rng(4)
     unit = np.finfo(kind).epsneg
     high = (rng.choice([-1, 1], count) * np.exp2(rng.triangular(-4, 40, 40, count))).astype(kind)
@@ -201,11 +202,11 @@ def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
     + [pytest.param(precision, 1, marks=pytest.mark.long) for precision in ("fast", "float64")],
 )
 def test_texels_across_the_seam(device, precision, lanes):
-    """How much each texel counts, at coordinates of 1/16 to 2^40, many of them just beside a whole number.
+    """Texel weights at coordinates of 1/16 to 2^40, many of them next to an integer.
 
-    A unit is 2^-24, of float64 2^-53: one for the fraction's rounding, one where a share is what it leaves of 1. As the
-    comment in texture.clh says, 3 unit^2 of the coordinate and 4 of what is within the image, times texels. `fast` takes the
-    high part alone and rounds within the image four times: 4 units times texels.
+    A unit is 2^-24, in float64 2^-53: one for the fraction's rounding, one if a weight is 1 minus the fraction. As
+    derived in texture.clh, 3 unit^2 of the coordinate and 4 of the position within the image, times texels. `fast` uses
+    only the high part and rounds within the image four times: 4 units times texels.
     """
     if precision == "float64":
         needs_float64(device)
@@ -234,7 +235,7 @@ def test_texels_across_the_seam(device, precision, lanes):
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_and_mixed_textures_do_not_change_a_bit(device, lanes):
-    """Lookups in different textures side by side, in a number that fills no group, come out as those alone."""
+    """Adjacent lookups in different textures, in a number that is no multiple of the lanes, equal single ones."""
     rng = np.random.default_rng(3)
     count = 1003
     uv, which = rng.uniform(-2, 3, (count, 2)), rng.integers(0, len(TEXTURES), count)
@@ -295,7 +296,7 @@ print(found[0] == found[1])
 
 @pytest.mark.parametrize("lanes", [4, 16])
 def test_nothing_is_read_beyond_the_arrays(device, lanes):
-    """A page that cannot be read follows each array: where a CPU works in the host's memory, a step too far is a crash."""
+    """An unreadable page follows each array: on a CPU that uses host memory in place, a read too far crashes."""
     if not (sys.platform == "linux" and device.is_cpu):
         pytest.skip("memory of the host is not used")
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""bin.cl: each tile's list holds every triangle with a pixel in it, none whose box misses it, in the order given."""
+"""bin.cl: each tile's list holds every triangle with a pixel in it, none whose box misses it, in the given order."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
 
 TILE = struct_layout.TILE_SIZE
-FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
+FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
 def triangles(seed: int, count: int = 1500) -> np.ndarray:
-    """Snapped corners (F, 3, 2): mostly small, some across the image, some needles, some reaching far out."""
+    """Return snapped corners (F, 3, 2): mostly small, some across the image, some needles, some far outside."""
     rng = np.random.default_rng(seed)
     size = np.exp2(rng.uniform(7.0, 15.0, (count, 1, 1)))
     xy = rng.uniform(-30, 200, (count, 1, 2)) * 256 + size * rng.uniform(-1, 1, (count, 3, 2))
@@ -32,7 +32,7 @@ def triangles(seed: int, count: int = 1500) -> np.ndarray:
 
 
 def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
-    """The pipeline, a random order of the visible triangles, and all boxes."""
+    """Return the pipeline, a random order of the visible triangles, and all boxes."""
     pipeline = Pipeline(device, FILES, resolution, OWNERS=1)
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
     pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
@@ -40,7 +40,7 @@ def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipelin
 
 
 def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution: tuple[int, int]) -> list[set[int]]:
-    """Per tile the triangles that cover a pixel of it, exactly."""
+    """Return for each tile exactly the triangles that cover a pixel of it."""
     across = -(-resolution[0] // TILE)
     found: list[set[int]] = [set() for _ in range(across * -(-resolution[1] // TILE))]
     for k, column, row, _ in coverage.samples(xy[order], boxes[order]):
@@ -60,15 +60,18 @@ def test_lists_hold_what_is_drawn_and_keep_the_order(device, resolution):
     rank = np.empty(len(xy), np.int64)
     rank[order] = np.arange(len(order))
     for tile, (found, boxed, needed) in enumerate(zip(lists, by_box, drawn, strict=True)):
-        assert (np.diff(rank[found]) > 0).all(), tile  # in order, none twice
+        assert (np.diff(rank[found]) > 0).all(), tile  # in order, without duplicates
         assert set(found.tolist()) <= set(boxed.tolist()), tile
         assert needed <= set(found.tolist()), tile
     assert any(drawn)
 
 
 def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[int, int]]:
-    """Tiles (column, row) of a box that a triangle (3, 2) is listed in: all of at most 2 x 2; of more those all over
-    which none of its edges leaves it outside, at any point from the least to the most of the places."""
+    """Return the tiles (column, row) of a box in which a triangle (3, 2) is listed.
+
+    These are all, if at most 2 x 2; otherwise those that no edge excludes as a whole, over the range of the sample
+    positions.
+    """
     (left, low, right, high), ends = box // TILE, (places.min(axis=0), places.max(axis=0))
     tiles = {(x, y) for x in range(left, right + 1) for y in range(low, high + 1)}
     if right - left < 2 and high - low < 2:
@@ -87,8 +90,8 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
 
 @pytest.mark.parametrize("count", [1, 2, 3, 16, 64])
 def test_lists_of_several_samples(device, count):
-    """Each triangle is in the lists of exactly the tiles of its hull that none of its edges excludes; and in those of all
-    tiles with a pixel that it covers at any sample."""
+    """Each triangle is listed in exactly the tiles of its hull that none of its edges excludes, which include all tiles
+    with a pixel that it covers at any sample."""
     xy, resolution, places = triangles(6, 500), (163, 119), positions(count)
     pipeline = Pipeline(device, FILES, resolution, image=samples_at(places), OWNERS=1, SAMPLES=1)
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
@@ -107,7 +110,7 @@ def test_lists_of_several_samples(device, count):
 
 
 def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
-    """A needle along the diagonal of 10 x 10 tiles meets the 28 on and next to it; its box holds all 100."""
+    """A needle along the diagonal of 10 x 10 tiles meets the 28 on and next to it; its box contains all 100."""
     xy = np.array([[[0, 0], [160 * 256, 160 * 256 - 100], [160 * 256 - 100, 160 * 256]]])
     pipeline, _, _ = set_up(device, xy, (160, 160))
     tiles = np.array([len(found) for found in pipeline.bin()]).reshape(10, 10)
@@ -145,7 +148,7 @@ def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
 
 
 def test_the_given_order_is_kept_whatever_it_is(device):
-    """Binning does not look at depths: a reversed order gives reversed lists."""
+    """Binning ignores depths: a reversed order gives reversed lists."""
     xy = triangles(4, 300)
     pipeline, order, _ = set_up(device, xy, (90, 70))
     forth = pipeline.bin()
@@ -164,7 +167,7 @@ def test_without_room_nothing_is_listed_or_drawn(device):
 
 
 def test_the_renderer_makes_room_as_it_needs_it(device):
-    """From one triangle seen small to seen all over the image and back: each frame is as if it were the first."""
+    """From one small triangle to many across the image and back: each frame equals a first frame."""
     mesh = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     cameras = [Camera.from_fov((0.0, 0.0, z), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0) for z in (50.0, 0.5, 9.0)]
     scene = Scene((mesh,), cameras[0].with_resolution((200, 150)))

@@ -1,4 +1,4 @@
-"""fill.clh, through the stages set-up, bin and (unlit) gouraud: which pixels a triangle covers, and who owns each."""
+"""fill.clh, through the stages set-up, bin and (unlit) gouraud: coverage and ownership of pixels."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ GUARD = struct_layout.GUARD_PIXELS * 256
 
 
 def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> np.ndarray:
-    """Owners (M, N), row 0 at the BOTTOM, of triangles that share no vertex: snapped xy (F, 3, 2), depths z (F, 3).
+    """Return owners (M, N), row 0 at the BOTTOM, of triangles without shared vertices: snapped xy (F, 3, 2), depths z
+    (F, 3).
 
-    places: (S, 2), with SAMPLES, where pixels are sampled; the owners are those of the first.
+    places: sample positions (S, 2), with SAMPLES; the owners are those at the first.
     """
     image = None if places is None else samples_at(places)
     pipeline = Pipeline(device, FILES, resolution, lanes=lanes, image=image, OWNERS=1, **features)
@@ -38,7 +39,7 @@ def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> n
 
 
 def assert_same_coverage(device, xy, resolution, **options) -> None:
-    """Triangles that do not overlap: each covers exactly the oracle's pixels."""
+    """Assert that triangles that do not overlap each cover exactly the oracle's pixels."""
     z = np.ones((len(xy), 3))
     found = fill(device, xy, z, resolution, **options)
     assert np.array_equal(found, owners_of(xy, z, resolution, "painter"))
@@ -49,8 +50,8 @@ def assert_same_coverage(device, xy, resolution, **options) -> None:
 
 @pytest.fixture(scope="module")
 def half_pixel_triangles() -> tuple[np.ndarray, tuple[int, int]]:
-    """Every triangle with corners on a grid of 7 x 7 points half a pixel apart, 117,649, each in a cell of 4 x 4 pixels
-    of one image; every center lies on corners and edges of many."""
+    """Return all 117,649 triangles with corners on a 7 x 7 half-pixel grid, each in a cell of 4 x 4 pixels of one
+    image; every center lies on corners and edges of many."""
     corner = 128 * np.stack(np.divmod(np.arange(49), 7), axis=1)
     a, b, c = np.meshgrid(np.arange(49), np.arange(49), np.arange(49), indexing="ij")
     xy = corner[np.stack([a.ravel(), b.ravel(), c.ravel()], axis=1)]
@@ -67,7 +68,7 @@ def test_every_triangle_of_the_half_pixel_grid(device, half_pixel_triangles, dep
 
 @pytest.mark.parametrize("size", [1, 2, 4, 8, 16, 32, 64, 128, 256])
 def test_random_triangles_of_all_sizes(device, size):
-    """On the 1/256 grid, each in a cell of its own; the cells are not aligned with the tiles."""
+    """On the 1/256 grid, each in its own cell; the cells are not aligned with the tiles."""
     rng = np.random.default_rng(size)
     across = max(2, 256 // size)
     cell = np.stack(np.divmod(np.arange(across**2), across), axis=1)
@@ -77,7 +78,7 @@ def test_random_triangles_of_all_sizes(device, size):
 
 @pytest.mark.parametrize("resolution", [(61, 47), (1, 1), (2, 2), (3, 1)])
 def test_triangles_far_larger_than_the_image(device, resolution):
-    """Corners out to the guard band; edges cross the image, also one of very few pixels."""
+    """Corners up to the guard band; edges cross the image, also an image of very few pixels."""
     rng = np.random.default_rng(3)
     for _ in range(30):
         xy = rng.integers(-GUARD, GUARD + 1, (1, 3, 2))
@@ -100,7 +101,7 @@ def test_the_widest_image(device, resolution):
 
 
 def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
-    """600 needles round a point, 1:1000 and thinner, drawn as one image: each pixel inside is some triangle's."""
+    """600 needles around a point, 1:1000 and thinner, in one image: each pixel inside belongs to a triangle."""
     angle = np.sort(np.random.default_rng(5).uniform(0, 2 * np.pi, 600))
     rim = np.rint(128 * 256 + 120 * 256 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).astype(np.int64)
     xy = np.stack([np.full_like(rim, 128 * 256 + 77), rim, np.roll(rim, -1, axis=0)], axis=1)
@@ -117,7 +118,7 @@ def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
 
 
 def overlapping(seed: int, count: int = 600) -> tuple[np.ndarray, np.ndarray]:
-    """Snapped corners and depths of triangles on top of each other, a few of them over all of the image."""
+    """Return snapped corners and depths of overlapping triangles, a few of which cover the whole image."""
     rng = np.random.default_rng(seed)
     size = 256 * np.exp2(rng.uniform(1.0, 7.0, (count, 1, 1)))
     xy = np.rint(rng.uniform(0, 100 * 256, (count, 1, 2)) + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
@@ -131,7 +132,7 @@ RESOLUTION = (101, 93)
 def test_painter_owners(device):
     for seed in range(3):
         xy, z = overlapping(seed)
-        z[1::2] = z[::2, [1, 2, 0]]  # pairs of equal mean depth, in another order of the corners
+        z[1::2] = z[::2, [1, 2, 0]]  # pairs of equal mean depth, with their corners in another order
         found = fill(device, xy, z, RESOLUTION)
         assert np.array_equal(found, owners_of(xy, z, RESOLUTION, "painter"))
 
@@ -147,7 +148,7 @@ def test_depth_owners(device):
 @pytest.mark.parametrize("apart", [2.0**-18, 2.0**-21, 2.0**-24])
 @pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC", "DOUBLE", "SAMPLES"])
 def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
-    """Triangles nearly in one slanted plane, their corners off it by up to `apart` of their depths."""
+    """Triangles nearly in one slanted plane, with corners off it by up to the fraction `apart` of their depths."""
     if feature == "DOUBLE":
         needs_float64(device)
     xy, _ = overlapping(10)
@@ -156,18 +157,18 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     plane = slope if orthographic else 1.0 / slope
     z = plane * (1.0 + apart * np.random.default_rng(11).uniform(-1.0, 1.0, plane.shape))
     found = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
-    if places is not None:  # what the first sample sees is what the center sees of triangles moved the other way
+    if places is not None:  # the first sample sees what the center sees of triangles moved the other way
         xy = seen_from(xy, places)[0]
     expected = owners_of(xy, z, RESOLUTION, "depth", orthographic)
-    assert (found != owners_of(xy, plane, RESOLUTION, "depth", orthographic)).mean() > 0.1  # what is `apart` decides
+    assert (found != owners_of(xy, plane, RESOLUTION, "depth", orthographic)).mean() > 0.1  # `apart` decides the owners
     assert np.array_equal(found, expected)
 
 
 @pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC"])
 def test_what_float32_puts_behind_the_early_stop(device, feature):
-    """A tile with one slanted plane, drawn eight times, so that every depth in it is known where the list is looked at
-    again; then a flat triangle that is nearer at the plane's farthest pixel alone, by up to 3 roundings: the plane's
-    float32 depth there may say that nothing behind it shows. A trial in every third tile, both ways."""
+    """One slanted plane covers a tile, drawn eight times, so that all its depths are known when the early-out test
+    runs. Then follows a flat triangle that is nearer only at the plane's farthest pixel, by up to 3 roundings: by the
+    plane's float32 depth there it may seem hidden. One trial in every third tile, both ways."""
     rng = np.random.default_rng(12)
     orthographic, across, side = feature == "ORTHOGRAPHIC", 18, 16 * 256
     first = 3 * side * np.stack(np.divmod(np.arange(across**2), across), axis=1)[:, None]
@@ -191,7 +192,7 @@ def test_what_float32_puts_behind_the_early_stop(device, feature):
 
 
 def test_depths_in_one_plane_many_layers_deep(device):
-    """Hidden layers behind full coverage, where the early out works: nearest first or last in the index, same owners."""
+    """Hidden layers behind full coverage, where the early-out works: same owners with the nearest first or last."""
     count = 200
     xy = np.tile(np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]]), (count, 1, 1))
     xy += np.random.default_rng(6).integers(-100, 100, xy.shape)
@@ -204,7 +205,7 @@ def test_depths_in_one_plane_many_layers_deep(device):
 
 @pytest.mark.parametrize("depth_test", [0, 1])
 def test_of_equal_depths_the_later_face_wins(device, depth_test):
-    """Copies of the same triangles, their depths equal to the last bit, at any place in the list."""
+    """Copies of the same triangles with bit-identical depths, at any position in the list."""
     xy, z = overlapping(8, 40)
     again = np.concatenate([xy, xy[::-1], xy])
     found = fill(device, again, np.concatenate([z, z[::-1], z]), RESOLUTION, DEPTH_TEST=depth_test)
@@ -214,7 +215,8 @@ def test_of_equal_depths_the_later_face_wins(device, depth_test):
 
 
 def test_crossing_triangles_are_cut_along_their_line(device):
-    """Depths 1 to 3 against 3 to 1: the boundary is the middle column, where both are 1/(1/2 (1 + 1/3)) = 1.5 deep."""
+    """Depths 1 to 3 against 3 to 1: the boundary is the middle column, where both depths are 1/(1/2 (1 + 1/3)) =
+    1.5."""
     box = 64 * 256
     xy = np.array([[[0, -box], [box, -box], [box, 9 * box]], [[0, -box], [box, -box], [0, 9 * box]]])
     both = coverage.triangle_mask(xy[0], 64, 64) & coverage.triangle_mask(xy[1], 64, 64)
@@ -238,6 +240,6 @@ def test_lanes_do_not_change_an_owner(device, depth_test, lanes):
 
 @pytest.mark.parametrize("resolution", [(1, 1), (1, 7), (17, 33), (333, 1)])
 def test_odd_sizes_are_filled_and_nothing_beyond(device, resolution):
-    """`Pipeline.draw` lays the image between guard rows and looks at them."""
+    """`Pipeline.draw` puts the image between guard rows and checks them."""
     xy = np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]])
     assert (fill(device, xy, np.ones((1, 3)), resolution) == 0).all()

@@ -1,4 +1,5 @@
-"""gouraud.cl: the corners' light against the oracle's reflection model, its interpolation against the oracle's weights."""
+"""gouraud.cl: light at the corners against the oracle's reflection model, its interpolation against the oracle's
+weights."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 RESOLUTION = (93, 71)
 STANDARD = {"DEPTH_TEST": 1, "PERSPECTIVE": 1, "TINTED": 1}
 COURSE = {"CENTROID": 1}
-# Weights: edge values are right to 2^-23 of themselves (2 units of 2^-24), times w 3, summed 5, the reciprocal and the
-# product make 10 of at most 1; mixing subtracts (2 units) and adds three times: 10 * 2 + 2 + 3 units of the largest corner.
+# Weights: edge functions are accurate to 2^-23 (2 units of 2^-24), times w 3, summed 5, with reciprocal and product
+# 10 of at most 1; interpolation subtracts (2 units) and adds three times: 10 * 2 + 2 + 3 units of the largest corner.
 MIXING = 25 * 2.0**-24
 
 
@@ -33,7 +34,7 @@ def pipeline_of(device, inputs, ways, lanes=None, **features) -> Pipeline:
 
 
 def corners(pipeline: Pipeline, inputs) -> np.ndarray:
-    """What gouraud_corners writes: (F, 3, 4); NaN for triangles that are not visible."""
+    """Return the output of gouraud_corners, (F, 3, 4); NaN for triangles that are not visible."""
     light = Buffer(pipeline.device, np.full((3 * len(inputs.z), 4), np.nan, np.float32))
     surface = pipeline.surface(**inputs.arrays())
     pipeline.stages.gouraud_corners(surface, pipeline.order, light, pipeline.visible)
@@ -46,14 +47,15 @@ def oracle_corners(inputs, ways) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_corners_equal_the_reflection_model(device, inputs, ways):
-    """DESIGN's bound, as for a pixel of phong; only visible triangles are written."""
+    """The bound of a color, as for a pixel of phong (clshade/measure/README.md, "Bounds, and where they come from");
+    only visible triangles are written."""
     pipeline = pipeline_of(device, inputs, ways)
     found = corners(pipeline, inputs)
     visible = np.sort(pipeline.order.array)
     written = ~np.isnan(found).any(axis=(1, 2))
     assert np.flatnonzero(written).tolist() == visible.tolist()
     assert 200 < len(visible) <= len(inputs.z)
-    # As an image of one row, a pixel per corner.
+    # An image of one row, with a pixel per corner.
     expected = oracle_corners(inputs, ways)
     face = np.repeat(np.arange(len(inputs.z)), 3)
     at = np.zeros_like(face), np.arange(len(face))
@@ -66,7 +68,7 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
 
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_the_corners_light_is_interpolated(device, inputs, ways):
-    """Given light, of colors beyond 1 too: means by the oracle's weights, and the plain ambient light on top."""
+    """Given light, also with colors beyond 1: means by the oracle's weights, plus the constant ambient light."""
     pipeline = pipeline_of(device, inputs, ways)
     light = np.random.default_rng(3).uniform(-1, 5, (3 * len(inputs.z), 3)).astype(np.float32)
     rgba, owners = pipeline.draw(Buffer(device, four(light)), **inputs.arrays())
@@ -97,7 +99,7 @@ def test_without_light_the_colors_are_interpolated(device, inputs, perspective):
 
 
 def test_a_constant_stays_exactly_constant(device, inputs):
-    """Corner 0 has what the others' weights leave, so equal corners give their value to the last bit."""
+    """The weight of corner 0 is 1 minus the others, so equal corners give exactly their value."""
     pipeline = pipeline_of(device, inputs, STANDARD)
     light = np.full((3 * len(inputs.z), 3), 0.1, np.float32)
     rgba, owners = pipeline.draw(Buffer(device, four(light)), **inputs.arrays())

@@ -15,7 +15,7 @@ from clshade.pipeline.programs import build
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """layout.SINGLE.Triangle rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
+    """Return layout.SINGLE.Triangle rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
     rows = np.zeros(len(xy), struct_layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
@@ -25,7 +25,7 @@ def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def picture(resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles of all sizes: snapped corners, depths, and the owners of an image, row 0 at the TOP."""
+    """Return triangles of all sizes: snapped corners, depths, and the owners of an image, row 0 at the TOP."""
     rng = np.random.default_rng(1)
     middle = rng.uniform(0, 1, (150, 1, 2)) * resolution
     size = np.exp2(rng.uniform(-1, 7, (150, 1, 1)))
@@ -35,7 +35,7 @@ def picture(resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarray, np.ndarray]:
-    """(M, N) ids and depths."""
+    """Run the stage; return ids and depths, (M, N)."""
     stages = Stages(device, build(device, mask(OWNERS=1, DEPTH_TEST=1), ("layers.cl",), lanes=lanes))
     own, table = Buffer(device, owners), Buffer(device, triangles)
     image = image_of(device, owners.shape[::-1], unscale=unscale)
@@ -48,8 +48,9 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
 
 @pytest.mark.parametrize("resolution", [(101, 67), (1, 1), (1, 7), (333, 1), (64, 48)])
 def test_ids_and_depths(device, resolution):
-    """Depths within 4 ulp of the oracle's: edge values are right to 2 units of 2^-24, each of the three terms is rounded
-    once and summed, the area's reciprocal takes 2, the two products and the reciprocal 3: 8 units, at most 8 half ulp."""
+    """Depths within 4 ulp of the oracle's: edge functions are accurate to 2 units of 2^-24, each of the three terms is
+    rounded once and summed, the area's reciprocal adds 2, the two products and the reciprocal 3: 8 units, at most 8
+    half ulp."""
     xy, z, owners = picture(resolution)
     ids, depths = layers(device, triangles_of(xy, z), owners, unscale=8.0)
     assert np.array_equal(ids, owners + 1)
@@ -66,7 +67,7 @@ def test_ids_and_depths(device, resolution):
 
 
 def test_faces_of_pieces(device):
-    """An id is the triangle's face, not its index: clipped pieces share their face's."""
+    """An id is the triangle's face, not its index: clipped pieces share the id of their face."""
     xy, z, _ = picture((4, 4))
     triangles = triangles_of(xy, z)[:3]
     triangles["face"] = [5, 2, 16_777_215]
@@ -75,7 +76,7 @@ def test_faces_of_pieces(device):
 
 
 def test_depths_are_held_to_those_of_the_corners(device):
-    """A sliver of nearly one depth: nowhere is it nearer or farther than its corners, whatever rounding says."""
+    """A sliver of nearly constant depth: despite rounding it is nowhere nearer or farther than its corners."""
     xy = np.array([[[0, 0], [64 * 256, 0], [64 * 256, 200]]])
     z = as_kernels_see(np.array([[1.0, 1.0000001, 1.0000002]]))
     owners = owners_of(xy, z, (64, 2), "depth")[::-1].astype(np.int32)

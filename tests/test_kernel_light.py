@@ -1,4 +1,4 @@
-"""light.clh, through the stage `light`, at points given one by one: highlights up to n = 1e9, degenerate input, overflow."""
+"""light.clh, through the stage `light`, at single points: highlights up to n = 1e9, degenerate input, overflow."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ EYE = np.zeros(3)  # points and lights are relative to it
 
 
 def reflect(device, points, normals, lights, *, colors=None, lanes=None, material=None, **features) -> np.ndarray:
-    """(K, 3) light from points and normals (K, 3), colors (K, 3) default white; kd = ks = n = 1 unless told.
+    """Return the light (K, 3) at points with normals (K, 3) and colors (K, 3), by default white; kd = ks = n = 1 by
+    default.
 
     lights: (positions (L, 3), intensities (L, 3)).
     """
@@ -45,22 +46,23 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def in_the_lobe(n: float, count: int = 4000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (K, 3), unit normals (K, 3) and a light's position, float32, with R.V all over the lobe (R.V)^n >= 1/e."""
+    """Return points (K, 3), unit normals (K, 3) and a light's position, float32, with R.V throughout the lobe
+    (R.V)^n >= 1/e."""
     rng = np.random.default_rng(int(n))
     light = float32([0.7, -0.4, 0.9])
     points = float32(unit(rng.normal(size=(count, 3))) * rng.uniform(1.0, 2.0, (count, 1)))
     points = points[np.linalg.norm(points - light, axis=1) > 0.7]
     towards_eye = unit(-points.astype(np.float64))
     towards_light = unit(light.astype(np.float64) - points)
-    kept = (towards_eye * towards_light).sum(axis=1) > -0.8  # the light well on the eye's side, as seen from the point
+    kept = (towards_eye * towards_light).sum(axis=1) > -0.8  # the light is well on the eye's side of the point
     points, middle = points[kept], unit(towards_eye + towards_light)[kept]
-    # R.V = cos(2a) for a normal turned by a from the middle in the plane of both; e^-1 of it at n (2a)^2/2 = 1.
+    # R.V = cos(2a) for a normal rotated by a from the bisector in the plane of both; (R.V)^n = e^-1 at n (2a)^2/2 = 1.
     turned = rng.uniform(0.0, 1.0, (len(points), 1)) * math.sqrt(0.5 / n) * unit(rng.normal(size=points.shape))
     return points, float32(unit(middle + turned)), light
 
 
 def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
-    """(R.V)^n in float64 and where it is inside the lobe, both (K,)."""
+    """Return (R.V)^n in float64 and where it is inside the lobe, both (K,)."""
     n_l, r_v, distance2 = shade.angles(
         points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64)
     )
@@ -70,11 +72,11 @@ def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("n", [4.0, 20.0, 200.0, 1e4, 1e6, 1e9])
 def test_highlights_own_relative_error(device, n):
-    """Inside the lobe at most 16 * sqrt(n) * 2^-24 (DESIGN section 5).
+    """Inside the lobe at most 16 * sqrt(n) * 2^-24 (clshade/measure/README.md, "Bounds, and where they come from").
 
-    |R-V| = d <= sqrt(2/n) there. A direction errs by up to 6 units of 2^-24 (normalizing), the normal's own rounding and
-    twice the normal's part double some: about 16 units in R-V, and with them n*d*16 <= 16*sqrt(2n) of the power, were
-    they all to point the same way. Measured: below 3.6 * sqrt(n) * 2^-24.
+    |R-V| = d <= sqrt(2/n) there. A direction errs by up to 6 units of 2^-24 (normalization); with the normal's own
+    rounding, and its error entering twice, about 16 units in R-V, hence n*d*16 <= 16*sqrt(2n) of the power, if all
+    errors had the same direction. Measured: below 3.6 * sqrt(n) * 2^-24.
     """
     points, normals, light = in_the_lobe(n)
     expected, inside = exact_highlight(points, normals, light, n)
@@ -87,7 +89,7 @@ def test_highlights_own_relative_error(device, n):
 
 
 def test_the_reference_is_right_at_the_stiffest(device):
-    """float64 itself, in the form that the oracle uses, against 50 digits at n = 1e9: an error of 1e-11 or less."""
+    """The oracle's form in float64 against 50 digits at n = 1e9: an error of at most 1e-11."""
     n = 1e9
     points, normals, light = in_the_lobe(n, 60)
     expected, inside = exact_highlight(points, normals, light, n)
@@ -100,7 +102,7 @@ def test_the_reference_is_right_at_the_stiffest(device):
 
 
 def test_a_naive_power_would_not_pass(device):
-    """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above tells the two forms apart."""
+    """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above rejects it."""
     points, normals, light = in_the_lobe(1e6)
     expected, inside = exact_highlight(points, normals, light, 1e6)
     _, r_v, _ = shade.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
@@ -113,10 +115,11 @@ def test_a_naive_power_would_not_pass(device):
 
 @pytest.mark.parametrize("n", [0.0, 0.5, 1.0, 20.0, 200.0, 1e4])
 def test_light_at_random_points(device, n):
-    """Three lights, diffuse and specular, colors above 1 too: DESIGN's bound of the light budget.
+    """Three lights, diffuse and specular, also with colors above 1: within the bound of the light budget
+    (clshade/measure/README.md, "Bounds, and where they come from").
 
-    An exponent between 0 and 1 has an infinite slope at R.V = 0: there the bound holds from R.V = 0.02 on, where the
-    slope n * x^(n-1) is 3.5.
+    For an exponent between 0 and 1 the slope at R.V = 0 is infinite: there the bound holds from R.V = 0.02 on, where
+    the slope n * x^(n-1) is 3.5.
     """
     rng = np.random.default_rng(1)
     count = 5000
@@ -150,13 +153,13 @@ def test_light_at_random_points(device, n):
 
 
 def one(device, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), intensity=(1, 1, 1), **options) -> list[float]:
-    """The light at a single point."""
+    """Return the light at a single point."""
     vectors = [float32([v]) for v in (point, normal)]
     return reflect(device, *vectors, (float32(light), float32(intensity)), **options)[0].tolist()
 
 
 def test_closed_forms(device):
-    """Exact in float32: incidence along the normal, and at 90 degrees; R.V is 1, and 0^n nothing."""
+    """Exact in float32: incidence along the normal and at 90 degrees; R.V = 1; 0^n contributes nothing."""
     assert one(device) == [2, 2, 2]  # kd + ks
     assert one(device, material={"ks": 0.0}) == [1, 1, 1]
     assert one(device, material={"kd": 0.0}) == [1, 1, 1]
@@ -165,7 +168,7 @@ def test_closed_forms(device):
     assert one(device, intensity=(1, 0, -2)) == [2, 0, -4]
     for n in (0.0, 1.0, 1e9):
         assert one(device, material={"n": n, "kd": 0.0}) == [1, 1, 1]
-    # The light over the point, the eye aside: N.L = 1, R.V = 0: no highlight whatever n.
+    # The light above the point, the eye to the side: N.L = 1, R.V = 0: no highlight for any n.
     aside = {"point": (-2.0, 0, 0), "normal": (0, 0, 1), "light": (-2.0, 0, 1)}
     for n in (0.0, 1.0, 20.0):
         assert one(device, **aside, material={"n": n}) == [1, 1, 1]
@@ -177,10 +180,10 @@ def test_closed_forms(device):
 def test_degenerate_input_contributes_zero(device):
     assert one(device, normal=(0, 0, 0)) == [0, 0, 0]
     assert one(device, point=(1, 1, -2), light=(1, 1, -2)) == [0, 0, 0]  # the light at the point
-    assert one(device, point=(0, 0, 0), light=(0, 0, 2)) == [1, 1, 1]  # the eye at it: no highlight, diffuse stays
+    assert one(device, point=(0, 0, 0), light=(0, 0, 2)) == [1, 1, 1]  # the eye at the point: diffuse only
     assert one(device, point=(0, 0, 0), light=(0, 0, 0)) == [0, 0, 0]
     assert one(device, point=(1e-30, 0, 0), light=(0, 0, 2), material={"n": 0.0}) == [1, 1, 1]
-    assert one(device, point=(0, 0, -2), light=(0, 0, 2.0**61)) == [2, 2, 2]  # as far as the host lets one be
+    assert one(device, point=(0, 0, -2), light=(0, 0, 2.0**61)) == [2, 2, 2]  # the largest distance admitted
     nothing = reflect(device, np.zeros((3, 3)), np.zeros((3, 3)), (np.zeros((2, 3)), np.ones((2, 3))))
     assert not nothing.any()
 

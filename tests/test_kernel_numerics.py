@@ -65,7 +65,7 @@ PAIRS(modulo, MODULO)
 
 @pytest.fixture(scope="module")
 def probes(device):
-    """The probe for each number of lanes."""
+    """Return the probe for each number of lanes."""
     return {lanes: Probe(device, TEXT, lanes=lanes, POWER=1) for lanes in LANES}
 
 
@@ -79,7 +79,7 @@ def random(seed: int = 1) -> np.random.Generator:
 
 
 def relative(found: np.ndarray, expected: np.ndarray) -> float:
-    """The largest relative error."""
+    """Return the largest relative error."""
     return float(np.abs(found.astype(np.float64) / expected - 1.0).max())
 
 
@@ -87,7 +87,7 @@ def relative(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def roots() -> np.ndarray:
-    """Both kinds of exponent, every 64th mantissa; then every exponent of the range."""
+    """Return both parities of the exponent with every 64th mantissa, and every exponent of the range."""
     dense = np.arange(0x3F800000, 0x40800000, 64, dtype=np.int32).view(np.float32)  # [1, 4)
     exponents = np.arange(-100, 126)
     spread = np.ldexp(random().uniform(1.0, 2.0, (500, 1)), exponents).astype(np.float32).reshape(-1)
@@ -95,19 +95,19 @@ def roots() -> np.ndarray:
 
 
 def test_reciprocal_sqrt(probe):
-    """Within 2 ulp. The third-order step leaves 5/16 e^3 of e = 2 * 1.76e-3: 0.2 of 2^-24. Its correction carries half
+    """Within 2 ulp. The third-order step leaves 5/16 e^3 of e = 2 * 1.76e-3: 0.2 of 2^-24. Its correction contains half
     of the rounding of x*y*y, and the sum is rounded once more, 1/2 ulp of at most 2 * 2^-24: together below 2 * 2^-24,
     and an ulp is at least 2^-24 of the value. Measured over all mantissas: 1.17 ulp."""
     x = roots()
     expected = 1.0 / np.sqrt(x.astype(np.float64))
     error = np.abs(probe("inverse_root", x) - expected) / np.spacing(expected.astype(np.float32))
     assert error.max() <= 2.0
-    assert error.max() > 0.5  # rounded correctly everywhere it would not be what the comment says
+    assert error.max() > 0.5  # correct rounding everywhere would contradict the comment
 
 
 def test_normalize_or_zero(probe):
-    """The square of the length: three roundings of sums of positive terms, 3/2 of 2^-24 in the root; reciprocal_sqrt
-    2 ulp, 4 of 2^-24; the product one: 6.5 of 2^-24 in each component."""
+    """The squared length: three roundings of sums of positive terms, 3/2 of 2^-24 in the root; reciprocal_sqrt:
+    2 ulp, 4 of 2^-24; the product: one; 6.5 of 2^-24 in each component."""
     v = random().normal(size=(20_000, 3)) * np.exp2(random(seed=2).integers(-45, 60, (20_000, 1)))
     v = float32(v)
     found = probe("unit", *np.ascontiguousarray(v.T), width=3)
@@ -117,7 +117,7 @@ def test_normalize_or_zero(probe):
 
 
 def test_vectors_too_short_become_zero(probe):
-    """Squares below 2^-100 count as zero, also those that underflow; the first above has a direction."""
+    """Squared lengths below 2^-100 count as zero, also if they underflow; the first above has a direction."""
     v = float32([[0, 0, 0], [-0.0, 0, -0.0], [0, 2.0**-50.1, 0], [2.0**-75, 2.0**-75, 0], [1e-38, 0, 0], [1e-45, 0, 0]])
     assert not probe("unit", *np.ascontiguousarray(v.T), width=3).any()
     just = float32([[0, -(2.0**-50), 0]])
@@ -128,7 +128,7 @@ def test_vectors_too_short_become_zero(probe):
 
 
 def shares() -> np.ndarray:
-    """t in [0, 1) at every magnitude, dense near 1 too."""
+    """Return t in [0, 1) of every magnitude, also dense near 1."""
     tiny = np.ldexp(random().uniform(0.5, 1.0, 100_000), -random(seed=3).integers(0, 100, 100_000))
     near_one = 1.0 - np.ldexp(random(seed=4).uniform(0.5, 1.0, 50_000), -random(seed=5).integers(0, 24, 50_000))
     t = float32(np.concatenate([tiny, near_one, random(seed=6).uniform(0.0, 1.0, 200_000)]))
@@ -166,13 +166,14 @@ def test_results_below_the_range_are_zero_and_never_denormal(probe):
 
 @pytest.mark.parametrize("n", [0.0, 1.0, 20.0, 1e3, 1e5, 1e9])
 def test_power_inside_the_lobe(probe, n):
-    """Given t, the power's condition number in it is n*t/(1-t) <= 1.3 inside the lobe (x^n >= 1/e), so the error does
-    not grow with n at all: |y| = n*|log2(1-t)| <= 1.45 carries the logarithm's 3 of 2^-24 and one rounding, ln 2 times
-    that stands in the result, with exp2's 1.6: below 6 of 2^-24. DESIGN section 5 allows 16*sqrt(n)."""
+    """The power's condition number in t is n*t/(1-t) <= 1.3 inside the lobe (x^n >= 1/e), so the error does not grow
+    with n: |y| = n*|log2(1-t)| <= 1.45 has the logarithm's 3 of 2^-24 and one rounding, times ln 2 in the result, plus
+    exp2's 1.6: below 6 of 2^-24. 16*sqrt(n) are allowed (clshade/measure/README.md, "Bounds, and where they come
+    from")."""
     lobe = 1.0 if n < 4.0 else -np.expm1(-1.0 / n)
-    lobe = 0.2928 if n < 4.0 else lobe  # where the logarithm has its digits
+    lobe = 0.2928 if n < 4.0 else lobe  # where the logarithm is accurate
     t = float32(lobe * np.concatenate([random().uniform(0.0, 1.0, 20_000), np.exp2(-random().uniform(0, 60, 5_000))]))
-    with mpmath.workdps(40):  # float64's own error at n = 1e9 is as small: checked at a few
+    with mpmath.workdps(40):  # float64's own error at n = 1e9, checked at a few values
         for value in t[:20].tolist():
             assert np.exp(n * np.log1p(-value)) == pytest.approx(
                 float((1 - mpmath.mpf(value)) ** mpmath.mpf(n)), rel=1e-14
@@ -184,7 +185,7 @@ def test_power_inside_the_lobe(probe, n):
 
 
 def test_power_beyond_the_lobe_is_small_and_close(probe):
-    """Out there the error in the result is |y| ln 2 times the logarithm's, 6 of 2^-24, and the rounding of y."""
+    """There the error of the result is |y| ln 2 times the logarithm's, 6 of 2^-24, plus the rounding of y."""
     t = float32(random().uniform(0.0, 1.0, 50_000))
     for n in (0.5, 20.0, 1e3, 1e9):
         y = n * np.log1p(-t.astype(np.float64))
@@ -205,12 +206,13 @@ def test_power_of_zero_and_one(probe):
     assert (probe("power", np.zeros_like(n), n) == 1.0).all()
 
 
-# Pairs
+# Double-single
 
 
 @pytest.fixture(scope="module")
 def operands():
-    """Pairs of both signs over forty orders of magnitude, as four float32 arrays and as float64 sums."""
+    """Return double-single values of both signs over forty orders of magnitude, as four float32 arrays and as float64
+    sums."""
     values = random().normal(size=(2, 50_000)) * np.exp2(random(seed=7).integers(-40, 40, (2, 50_000)))
     a, b = split(values[0]), split(values[1])
     wide = [high.astype(np.float64) + low for high, low in (a, b)]
@@ -221,35 +223,35 @@ def operands():
 def test_pairs_keep_48_bits(probe, operands, name, most):
     """A low part is at most 2^-24 of the high one (1 unit), and rounding an amount of k units errs by k * 2^-48.
 
-    Sum, of the magnitudes, as it may cancel: 1 unit of low parts, then 2 with the high parts' error: 3. Product: 2
-    units, then 3, and the product of the low parts, 1: 6. Quotient: what is left of a, at most 3 units, of which the
-    fma rounds 2, the sum 3, the division 3, and 3 for the divisor's low part: 11.
+    Sum, relative to the magnitudes, as it may cancel: 1 unit of low parts, then 2 with the high parts' error: 3.
+    Product: 2 units, then 3, and the product of the low parts, 1: 6. Quotient: the remainder of a, at most 3 units, of
+    which the fma rounds 2, the sum 3, the division 3, and 3 for the divisor's low part: 11.
     """
     arrays, (a, b) = operands
     found = probe(name, *arrays, width=2).astype(np.float64)
     expected = {"sum": a + b, "product": a * b, "quotient": a / b}[name]
     scale = np.abs(a) + np.abs(b) if name == "sum" else np.abs(expected)
     assert (np.abs(found.sum(axis=1) - expected) / scale).max() <= most * 2.0**-48
-    # The low part is what the high one leaves; a quotient's is up to three halves of a unit in its last place.
+    # The low part is the remainder of the high one; a quotient's is up to 3/2 ulp.
     if name == "quotient":
         assert (np.abs(found[:, 1]) <= 1.5 * 2.0**-23 * np.abs(found[:, 0])).all()
     else:
         assert np.array_equal(found[:, 0], float32(found.sum(axis=1)))
-    assert (np.abs(found[:, 0] - expected) / scale).max() > 2.0**-26  # and needed
+    assert (np.abs(found[:, 0] - expected) / scale).max() > 2.0**-26  # the low part is needed
 
 
 def test_pair_sum_of_canceling_high_parts(probe):
-    """What is left when the high parts cancel is the difference of the low parts, exactly."""
+    """If the high parts cancel, the result is exactly the difference of the low parts."""
     a, b = (float32([1.0, 3.0]), float32([2.0**-30, -(2.0**-27)])), (float32([-1.0, -3.0]), float32([2.0**-31, 0.0]))
     assert probe("sum", *a, *b, width=2).sum(axis=1).tolist() == [2.0**-30 + 2.0**-31, -(2.0**-27)]
 
 
 @pytest.mark.parametrize("period", [1.0, 2.0])
 def test_modulo(probe, period):
-    """What is left of a pair, where the low part reaches beyond a multiple of the period, too.
+    """The remainder of a double-single value, also if the low part crosses a multiple of the period.
 
-    In units of 2^-24 of the number or the period, what is larger: the first step leaves at most 1 and a low part of 3, and
-    rounds their sum by up to 2 * 2^-24 units; the second one leaves at most 2 and rounds by 1: 3 * 2^-48.
+    In units of 2^-24 of the number or the period, whichever is larger: the first step leaves at most 1 and a low part
+    of 3, and rounds their sum by up to 2 * 2^-24 units; the second leaves at most 2 and rounds by 1: 3 * 2^-48.
     """
     magnitude = np.exp2(random().uniform(-10, 40, 60_000))
     values = magnitude * random(seed=8).normal(size=len(magnitude))
@@ -258,7 +260,7 @@ def test_modulo(probe, period):
     values = np.concatenate([values, whole, beside, [0.0, -0.0, 1e-30, -1e-30, 2.0**24 + 1, -(2.0**24) - 1]])
     high, low = split(values)
     turn = random(seed=11).choice([-1, 0, 1], len(low)) * (high != 0.0)
-    low += float32(turn * np.spacing(np.abs(high)))  # as quotients may have it
+    low += float32(turn * np.spacing(np.abs(high)))  # as in quotients
     known = high.astype(np.float64) + low
     found = probe("modulo", high, low, *(np.full_like(high, value) for value in (period, 0.0)), width=2)
     assert (found[:, 0] >= 0.0).all()

@@ -14,13 +14,13 @@ from clshade.measure.check import oracle_bounds
 
 FILES = ("setup.cl", "bin.cl", "phong.cl")
 RESOLUTION = (93, 71)
-# The two presets' ways: position, perspective, tinted; centroid, affine, plain.
+# The options of the two presets: position, perspective, tinted; centroid, affine, plain.
 STANDARD = {"DEPTH_TEST": 1, "PERSPECTIVE": 1, "TINTED": 1}
 COURSE = {"CENTROID": 1}
 
 
 def draw(device, inputs, ways, lanes=None, **features):
-    """(M, N, 4) rgba and (M, N) owners."""
+    """Run the stage; return rgba (M, N, 4) and owners (M, N)."""
     image = {"lights": len(inputs.lights)}
     pipeline = Pipeline(device, FILES, RESOLUTION, lanes=lanes, image=image, **options(PHONG=1, **ways, **features))
     inputs.set_up(pipeline)
@@ -45,7 +45,8 @@ def inputs():
 
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_pixels_equal_the_reflection_model(device, inputs, ways):
-    """Within DESIGN's bound for every exponent: 32 * sqrt(max(n, 1)) * 2^-24 * kappa of the light budget."""
+    """Within the bound for every exponent: 32 * sqrt(max(n, 1)) * 2^-24 * kappa of the light budget
+    (clshade/measure/README.md, "Bounds, and where they come from")."""
     rgba, owners = draw(device, inputs, ways)
     expected = oracle_of(inputs, owners, ways)
     assert (owners >= 0).mean() > 0.7
@@ -53,7 +54,7 @@ def test_pixels_equal_the_reflection_model(device, inputs, ways):
         chosen = stage_oracle.only(expected, inputs, n)
         assert chosen.sum() > 500
         assert oracle_bounds.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0  # measured: 1.8 at n = 1
-    # Highlights of the sharpest material show, so that the above looked at some.
+    # Highlights of the sharpest material are visible, so that the loop above tested some.
     sharp = stage_oracle.only(expected, inputs, EXPONENTS[-1]) & (expected.rgb > expected.budget / 4).all(axis=-1)
     assert sharp.any()
     assert np.array_equal(rgba[..., 3], owners >= 0)
@@ -85,7 +86,7 @@ def test_exponent_one_needs_no_power(device, inputs):
 
 
 def test_zero_normals_give_the_ambient_light_alone(device, inputs):
-    """Also where the corners' normals cancel at a pixel only: there the direction is lost, the color stays finite."""
+    """Also where the corners' normals cancel only at a pixel: the direction is undefined there, the color finite."""
     none = replace(inputs, normals=np.zeros_like(inputs.normals))
     rgba, owners = draw(device, none, COURSE)
     expected = none.materials["ambient"][none.face_materials[owners]]
@@ -98,7 +99,7 @@ def test_zero_normals_give_the_ambient_light_alone(device, inputs):
 
 @pytest.mark.parametrize("unit", [1.0, 2.0**20])
 def test_an_overflow_saturates_and_is_counted(device, inputs, unit):
-    """Where light is summed up, or where it is taken from its own unit."""
+    """When light is summed, or when it is scaled back from its unit."""
     bright = replace(inputs, lights=inputs.lights.copy(), colors=np.float32(1e3) * inputs.colors)
     bright.lights["intensity"] *= np.float32(1e36)
     given = replace(bright, lights=bright.lights.copy())

@@ -1,4 +1,5 @@
-"""project.cl: snapped positions and depths equal the float64 oracle's, bit for bit; what is beyond limits is marked."""
+"""project.cl: snapped positions and depths are bit-identical to the float64 oracle's; vertices beyond limits are
+marked."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ GUARD = struct_layout.GUARD_PIXELS
 
 
 def oracle_of(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Camera-space depths (V,) and image positions (V, 2) of the oracle."""
+    """Return the oracle's camera-space depths (V,) and image positions (V, 2)."""
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     at = transform.to_camera(points, camera.eye, axes)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -46,8 +47,8 @@ def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
 
 @pytest.mark.parametrize("camera", cameras(), ids=CAMERAS)
 def test_inverse_depth_and_relative_positions(device, camera):
-    """1/depth to 48 bits in two float32 (each rounding leaves at most 2^-24 of its value), in parallel projection minus
-    the depth; positions rounded once."""
+    """1/depth (in orthographic projection minus the depth) to 48 bits as double-single, each rounding at most 2^-24;
+    positions rounded once."""
     points = around(camera)
     distance = np.linalg.norm(camera.lookat - camera.eye)
     near, scale = 1e-3 * distance, 2.0 ** -np.ceil(np.log2(distance))
@@ -77,14 +78,14 @@ def test_halves_are_snapped_to_even(device):
 
 
 def test_guard_band_ends_exactly_at_its_limit(device):
-    """At z = 0 pixel p lies at x = (p - 16)/8: the limit itself is inside, a float64 step beyond it is not."""
+    """At z = 0 pixel p is at x = (p - 16)/8: the limit itself is inside, one float64 step beyond it is not."""
     at = np.array([GUARD, -GUARD, np.nextafter(GUARD, np.inf), -np.nextafter(GUARD, np.inf), 1e12, -1e300])
     points = np.zeros((len(at), 3))
     points[:, 0] = (at - 16) / 8
     points[2, 0], points[3, 0] = np.nextafter(points[0, 0], np.inf), np.nextafter(points[1, 0], -np.inf)
     found = project(device, points, CAMERA, 0.1).projected.array["x"]
     inside, limit = GUARD << struct_layout.SUBPIXEL_BITS, struct_layout.SNAP_LIMIT
-    # u itself is rounded: whether a step beyond shows in it is the oracle's to say.
+    # u itself is rounded: the oracle decides whether a step beyond changes it.
     _, uv = oracle_of(points, CAMERA)
     beyond = np.abs(uv[:, 0]) > GUARD
     assert beyond[4:].all()
@@ -104,7 +105,7 @@ def test_the_near_plane_itself_is_before_the_eye(device):
 
 
 def test_the_hosts_camera_axes_are_the_oracles():
-    """The renderer uploads geometry.look_at's axes: depths of equally deep triangles decide by their last bit."""
+    """The renderer uploads the axes of geometry.look_at: the last bit decides between triangles of equal depth."""
     rng = np.random.default_rng(2)
     for _ in range(500):
         eye, lookat, up = rng.normal(size=(3, 3)) * np.exp2(rng.uniform(-20, 20, (3, 1)))

@@ -1,4 +1,4 @@
-"""setup.cl against the oracle: areas, boxes, culls and their counters, faces left to the clipper, the order of keys."""
+"""setup.cl against the oracle: areas, boxes, culling and its counters, faces left to the clipper, the order of keys."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from clshade.pipeline.sample_pattern import positions
 
 COLUMNS, ROWS = 61, 43
 LIMIT = struct_layout.SNAP_LIMIT
-FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed: the same program as in test_kernel_fill.py
+FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
 def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
-    """Snapped corners (F, 3, 2) of all sizes in and about the image, many of them without area or between samples;
+    """Return snapped corners (F, 3, 2) of all sizes in and around the image, many without area or between samples, and
     depths (F, 3)."""
     rng = np.random.default_rng(1)
     size = np.exp2(rng.uniform(0.0, 16.0, (count, 1, 1)))
     middle = rng.uniform(-20, 80, (count, 1, 2)) * 256
     xy = np.rint(middle + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
-    xy[::10, 2] = 2 * xy[::10, 1] - xy[::10, 0]  # on a line
+    xy[::10, 2] = 2 * xy[::10, 1] - xy[::10, 0]  # collinear
     xy[5::100, 1] = xy[5::100, 0]  # repeated
     xy[1::7] = xy[1::7] // 128 * 128  # corners on pixel centers and edges
     xy = np.clip(xy, -struct_layout.GUARD_PIXELS * 256, struct_layout.GUARD_PIXELS * 256)
@@ -33,18 +33,18 @@ def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
 
 
 def separate(device, pipeline: Pipeline, xy: np.ndarray, z: np.ndarray, near: float = 0.0):
-    """Sets up triangles that share no vertex."""
+    """Set up triangles without shared vertices."""
     vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
     return pipeline.set_up(vertices, np.arange(len(xy) * 3).reshape(-1, 3), near)
 
 
 def aside(xy: np.ndarray) -> np.ndarray:
-    """Wholly to one side of the image."""
+    """Return which triangles are entirely to one side of the image."""
     return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * 256).all(axis=1)).any(axis=1)
 
 
 def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
-    """(F,) bool: which triangles cover a pixel, exactly."""
+    """Return exactly which triangles cover a pixel, (F,) bool."""
     found = np.zeros(len(xy), bool)
     alive = np.flatnonzero(~culled)
     for k, _, _, _ in coverage.samples(xy[alive], box[alive]):
@@ -54,7 +54,8 @@ def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("cull", [0, 1])
 def test_areas_boxes_and_culls(device, cull):
-    """Visible is every triangle with a pixel, none that the oracle culls; of those about one pixel, just the first."""
+    """Triangles with a pixel are visible, culled ones are not; one whose box is a single pixel is visible only if it
+    covers that pixel."""
     xy, z = triangles()
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull)
     counters = separate(device, pipeline, xy, z)
@@ -91,8 +92,8 @@ def test_areas_boxes_and_culls(device, cull):
 
 @pytest.mark.parametrize("count", [2, 3, 16, 64])
 def test_boxes_and_culls_of_several_samples(device, count):
-    """The box is the hull of all samples' boxes, and visible is what has a pixel at any of them, of what is about one
-    pixel nothing else."""
+    """The box is the union of all samples' boxes. Triangles with a pixel at any sample are visible; one whose box is a
+    single pixel only if it covers that pixel at a sample."""
     (xy, z), places = triangles(), positions(count)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=samples_at(places), OWNERS=1, SAMPLES=1)
     counters = separate(device, pipeline, xy, z)
@@ -115,7 +116,8 @@ def test_boxes_and_culls_of_several_samples(device, count):
 
 @pytest.mark.parametrize("cull", [0, 1])
 def test_counters_say_why(device, cull):
-    """Each face counts once, by the first reason: wholly aside, no area, winding, samples or the image's border."""
+    """Each face counts once, by the first reason: outside the image, no area, winding, samples or the image's
+    border."""
     xy, z = triangles()
     counters = separate(device, Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull), xy, z)
     area, _, _ = coverage.setup(xy, COLUMNS, ROWS)
@@ -132,14 +134,15 @@ def test_counters_say_why(device, cull):
     assert back.any() == bool(cull)
     assert counters["off_screen"] == beside.sum() + missed.sum()
     assert missed.any()
-    # Those between samples besides the ones whose box tells: the ones that are not visible of what is left.
+    # Triangles between samples, except those rejected by their box, are the remaining ones that are not visible.
     assert counters["visible"] + counters["between_samples"] == left.sum() + between.sum()
     assert counters["between_samples"] >= between.sum() > 0
     assert counters["to_clip"] == counters["behind"] == 0
 
 
 def test_faces_that_cross_are_left_to_the_clipper(device):
-    """One or two corners behind the near plane, or one beyond the guard band; never what lies to one side anyway."""
+    """One or two corners behind the near plane, or one beyond the guard band; never faces entirely outside the
+    image."""
     inside = [[10 * 256, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
     far = [[-LIMIT, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
     left = [[-LIMIT, 10 * 256], [-5, 10 * 256], [-5, 30 * 256]]
@@ -170,7 +173,7 @@ DEPTHS = (0.0, -0.0, 5e-324, 1e-30, np.nextafter(1.0, 0), 1.0, np.nextafter(1.0,
 
 
 def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
-    """Visible triangles of these depths (F, 3), set up with the near plane far behind."""
+    """Set up visible triangles of these depths (F, 3), with the near plane far behind the eye."""
     xy = np.tile(np.array([[[0, 0], [9000, 0], [0, 9000]]]), (len(z), 1, 1))
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, **features)
     assert separate(device, pipeline, xy, z, near=-np.inf)["visible"] == len(z)
@@ -178,7 +181,7 @@ def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
 
 
 def test_painters_keys_order_mean_depths(device):
-    """Mean depths an ulp apart, equal ones and -0.0: with exact depths for equal keys, the oracle's order to the last."""
+    """Mean depths an ulp apart, equal ones and -0.0: with exact depths for equal keys, exactly the oracle's order."""
     rng = np.random.default_rng(2)
     z = rng.choice(np.array(DEPTHS), (1500, 1)) + np.zeros(3)
     z[::3] = rng.uniform(1, 2, (500, 3))
@@ -202,11 +205,11 @@ def test_depth_keys_order_nearest_corners(device):
     ordered = z.min(axis=1)[pipeline.sort()]
     assert (np.diff(ordered) > -(2.0**-28) * ordered[1:]).all()
     mean_order = np.argsort(z.mean(axis=1))
-    assert not np.array_equal(pipeline.sort(), mean_order)  # the two kinds of key differ here
+    assert not np.array_equal(pipeline.sort(), mean_order)  # the two kinds of keys differ here
 
 
 def test_shared_vertices_and_a_count_that_fills_no_run(device):
-    """Faces through an index buffer; 256 faces a work-item, so 257 leave one for the next."""
+    """Faces through an index buffer; 256 faces per work-item, so 257 leave one for the next."""
     for count in (1, 255, 256, 257, 1000):
         xy = np.array([[0, 0], [9000, 0], [0, 9000], [9000, 9000]])
         faces = np.tile(np.array([[0, 1, 2], [1, 3, 2]]), (count, 1))[:count]
@@ -219,7 +222,7 @@ def test_shared_vertices_and_a_count_that_fills_no_run(device):
 
 
 def test_setup_pieces(device):
-    """Pieces follow the faces, with their own depth as the key and their face's index kept."""
+    """Pieces follow the faces, with their own depth as key and the index of their face."""
     xy, z = triangles(400)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     face_count = 7

@@ -1,4 +1,4 @@
-"""The sources of the kernels: numbers that the host knows too, and macros that a misspelling would turn into 0."""
+"""Kernel sources: constants shared with the host, and macros that would be 0 if misspelled."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ KERNELS = sorted((ROOT / "kernels").glob("*.cl*"))
 
 
 def code_of(text: str) -> str:
-    """OpenCL C without comments and strings."""
+    """Return OpenCL C without comments and strings."""
     return re.sub(r'//[^\n]*|/\*.*?\*/|"[^"\n]*"', " ", text, flags=re.DOTALL)
 
 
 def literals(text: str) -> set[float]:
-    """The values of all numbers in OpenCL C."""
+    """Return the values of all numeric literals in OpenCL C."""
     hexadecimal = r"0[xX][0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?(?:[pP][+-]?\d+)?"
     decimal = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
     found = re.findall(rf"(?<![\w.])({hexadecimal}|{decimal})[fFuUlL]*(?![\w.])", code_of(text))
@@ -31,8 +31,8 @@ def test_literals_are_found():
     assert literals(text) == {127.0, 16.0, 1.5, 2.0**-100, 2.5e-3, 3.0}
 
 
-# Numbers of layout.py that stand for nothing else. Of TILE_SIZE (16) and SUBPIXEL_BITS (8) a kernel may well have other
-# uses; tests/pipeline/test_frames.py changes the tile's size instead.
+# Constants of struct_layout.py with distinctive values. 16 (TILE_SIZE) and 8 (SUBPIXEL_BITS) may have other uses in a
+# kernel; tests/pipeline/test_frames.py changes the tile size instead.
 SHARED = [value for value in struct_layout.CONSTANTS.values() if value > 255]
 
 
@@ -45,14 +45,14 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
 
 
 def guards_of(name: str) -> set[str]:
-    """The macros without which a kernel file does not build."""
+    """Return the macros that a kernel file requires to be defined."""
     guards = re.findall(r"^#if (!defined.*)\n#error", (ROOT / "kernels" / name).read_text(), re.MULTILINE)
     return set(re.findall(r"defined\((\w+)\)", " ".join(guards)))
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
 def test_every_feature_that_a_kernel_tests_is_guarded(path):
-    """A macro in #if that neither features.clh nor the file itself demands would pass as 0 when misspelled."""
+    """A macro in #if that neither features.clh nor the file itself requires would silently be 0 if misspelled."""
     guarded = guards_of("features.clh") | guards_of(path.name)
     own = {"FP64", "LANES", "BLOCKS_X", "BLOCKS_Y", "ITEMS_PER_TILE", "PREFETCH", "GATHERS", "HAS_ROWS"}
     text = code_of(path.read_text())

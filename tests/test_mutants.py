@@ -1,4 +1,4 @@
-"""mutants.py: that it plants what it says, and that its tables name what there is. It is run by hand."""
+"""mutants.py, which is run by hand: it plants what it reports, and its tables name existing files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that README.md and the rooms' own show is run as it stands there."""
+"""Every example of README.md and of the rooms' READMEs runs as printed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_LINES = 160  # of README.md: a newcomer's page
 
 
 class Block(NamedTuple):
-    """A fenced block of a document. name: the file that its text is, given after the language, or ""."""
+    """A fenced block of a document. name: the file with this text, given after the language, or ""."""
 
     document: str
     language: str
@@ -51,7 +51,7 @@ def at_line(block: Block) -> str:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Where all of it is run, with the files that documents spell out."""
+    """Return the folder in which the examples run, with the files that documents contain."""
     folder = tmp_path_factory.mktemp("readme")
     for block in BLOCKS:
         if block.name:
@@ -61,18 +61,18 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def namespaces() -> dict[str, dict[str, Any]]:
-    """What the Python blocks of each document have defined so far: a block goes on where the one before it ends."""
+    """Return the namespace of each document: a Python block continues the one before it."""
     return {document: {"blocks run": 0} for document in TEXTS}
 
 
 def described(comment: str) -> tuple[tuple[int, ...], str] | None:
-    """Shape and type of an array that a comment begins with, such as "(600, 800, 3) float32"."""
+    """Return the shape and type of an array that a comment begins with, such as "(600, 800, 3) float32"."""
     found = re.match(r"# (\([\d, ]+\)) (\w+)", comment)
     return found and (ast.literal_eval(found[1]), found[2])
 
 
 def run_python(block: Block, namespace: dict[str, Any]) -> int:
-    """Runs a block; returns how many arrays it describes, of which each is as described."""
+    """Run a block, check the arrays that its comments describe, and return their number."""
     checked, lines = 0, block.text.splitlines()
     for statement in ast.parse(block.text).body:
         code = compile(ast.Module([statement], []), at_line(block), "exec")
@@ -107,9 +107,9 @@ def test_descriptions_of_arrays_are_found_and_checked():
 
 
 def commands(block: Block) -> list[list[str]]:
-    """The command lines of a shell block, without what installs something, runs the tests, or needs servers
+    """Return the command lines of a shell block, except those that install something, run the tests, or need servers
     (tests/farm/test_farm_cluster.py starts those)."""
-    # Not shlex's comments: to it the # of `out.####.exr` begins one.
+    # shlex would take the # of `out.####.exr` for the start of a comment.
     code = [re.sub(r"(^|\s)#\s.*", "", line) for line in block.text.splitlines()]
     lines = [shlex.split(part) for line in code for part in line.split("&&")]
     return [
@@ -122,7 +122,7 @@ def commands(block: Block) -> list[list[str]]:
 
 
 def case(words: list[str]) -> Any:
-    """The demos and a whole turn take long; test_demos.py and test_farm.py run them on small images."""
+    """Mark slow commands: the demos and a full turn; test_demos.py and test_farm.py run them on small images."""
     slow = any(word.startswith("demos/") or word == "turntable" for word in words)
     return pytest.param(words, id=" ".join(words[1:]), marks=[pytest.mark.long] if slow else [])
 
@@ -203,7 +203,7 @@ def test_readme_is_a_newcomers_page_that_leads_to_all_others():
     "document", [name for name in TEXTS if name.startswith("clshade/") or name == "kernels/README.md"]
 )
 def test_every_file_that_a_document_names_is_there(document):
-    """Paths in backquotes, from the repository's root or the document's folder."""
+    """Paths in backquotes, relative to the repository's root or the document's folder."""
     named = re.findall(r"`((?:[\w.-]+/)*[\w-]+\.(?:py|cl|clh))`", PROSE[document])
     places = [ROOT, (ROOT / document).parent, ROOT / "kernels"]
     assert not [name for name in named if not any((place / name).is_file() for place in places)]

@@ -1,4 +1,4 @@
-"""What type checkers and editors see of the public API is what it is."""
+"""Type checkers and editors see the public API as it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from clshade.pipeline.frame import SAVING, Frame, SavingOptions
 from clshade.scene import camera, model, settings
 
-# Typed defaults that stand for values that only exist when they are made.
+# Typed defaults in place of values that a factory creates.
 FACTORY = "..."
 
 
@@ -45,7 +45,7 @@ def test_the_keywords_of_save_are_those_of_write():
     ],
 )
 def test_a_choice_has_the_same_values_for_type_checkers(literal, choices, field):
-    """Each of them is taken, and both the keyword's and the field's annotation name the literal."""
+    """Each value is accepted, and the annotations of the keyword and of the field both name the literal."""
     assert get_args(literal) == choices
     for value in choices:
         assert getattr(settings.Settings(**{field: value}), field) == value
@@ -80,7 +80,7 @@ def test_operators_compressions_and_axes():
 
 
 def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
-    """The parameters and defaults of the constructors that only type checkers see, by class."""
+    """Return parameters and defaults of the constructors declared for type checkers only, by class."""
     found = {}
     tree = ast.parse(Path(module.__file__).read_text())
     for each in (node for node in tree.body if isinstance(node, ast.ClassDef)):
@@ -162,7 +162,7 @@ WRONG = {
 
 
 def checked_by_mypy(folder: Path, text: str) -> list[str]:
-    """mypy's errors for a user's script, in the order of its lines."""
+    """Return mypy's errors for a user's script, in the order of its lines."""
     from mypy import api
 
     script = folder / "script.py"

@@ -1,4 +1,4 @@
-"""`compare`: measures of planted differences, layer by layer, as an image regression test."""
+"""`compare`: metrics of planted differences, layer by layer, as an image regression test."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHAPE = (24, 32)
 
 
 def layers():
-    """An image with color, coverage, depth with an infinite background, directions and owners."""
+    """Return an image with color, coverage, depth with an infinite background, directions and owners."""
     ids = RNG.integers(0, 9, SHAPE).astype(np.uint32)
     return {
         **exr.flatten(RNG.uniform(0.1, 0.9, (*SHAPE, 4)).astype(np.float32)),
@@ -91,7 +91,7 @@ def test_over_counts_pixels_strictly_above_the_threshold():
     ],
 )
 def test_nan_and_infinity(value, expected, differ):
-    """Over any threshold, however large; the measures stay those of what is finite in both."""
+    """They exceed any threshold; the metrics cover the pixels that are finite in both images."""
     changed, reference = ({"Z": np.float32([[each, 2.0]])} for each in (value, expected))
     layer = found(changed, reference, threshold=1e30)["Z"]
     assert (layer.different, layer.over, layer.nonfinite) == (differ,) * 3
@@ -100,17 +100,17 @@ def test_nan_and_infinity(value, expected, differ):
 
 
 def test_whole_numbers_are_compared_exactly():
-    """Neighbors at 2^32 - 1, which float32 does not tell apart, under any threshold; against floats too."""
+    """Adjacent values at 2^32 - 1, which float32 cannot distinguish, with any threshold; also against floats."""
     reference = {"id": np.uint32([[2**32 - 1, 7, 0]])}
     changed = {"id": np.uint32([[2**32 - 2, 7, 0]])}
     layer = found(changed, reference, threshold=1e9)["id"]
     assert (layer.exact, layer.different, layer.over, layer.maximum) == (True, 1, 1, None)
     layer = found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"]
-    assert (layer.different, layer.nonfinite, layer.worst[:2]) == (2, 0, (0, 0))  # none is worse than the other
+    assert (layer.different, layer.nonfinite, layer.worst[:2]) == (2, 0, (0, 0))  # all are equally bad
 
 
 def test_large_images_are_compared_in_strips(monkeypatch):
-    """Of one, two, three rows: the same figures, and the worst pixel in the last strip."""
+    """Strips of one, two, three rows: the same figures, and the worst pixel in the last strip."""
     reference = layers()
     changed = {name: plane.copy() for name, plane in reference.items()}
     changed["G"] += np.float32(0.01)
@@ -122,7 +122,7 @@ def test_large_images_are_compared_in_strips(monkeypatch):
         monkeypatch.setattr(compare, "_STRIP", rows * 32)
         for name, layer in found(changed, reference, threshold=0.005).items():
             expected = vars(whole[name])
-            for field, value in vars(layer).items():  # sums in another order
+            for field, value in vars(layer).items():  # sums are in another order
                 if isinstance(value, float):
                     assert value == pytest.approx(expected[field], rel=1e-12), field
                 else:
@@ -139,7 +139,8 @@ def test_half_floats_against_floats():
 
 @pytest.mark.skipif(not metrics.has_ssim(), reason="scikit-image is not installed")
 def test_structural_similarity():
-    """Of images that differ by a constant, the means' term alone is left: (2ab + C1)/(a^2 + b^2 + C1), C1 = 0.01^2."""
+    """For images that differ by a constant, only the term of the means remains: (2ab + C1)/(a^2 + b^2 + C1), C1 =
+    0.01^2."""
     a, b = np.full((20, 20, 3), 0.4), np.full((20, 20, 3), 0.5)
     assert metrics.ssim_of_seen(a, b) == pytest.approx((0.4 + 1e-4) / (0.16 + 0.25 + 1e-4), rel=1e-9)
     assert metrics.ssim_of_seen(a, a) == 1.0
@@ -157,7 +158,7 @@ def test_without_the_packages(monkeypatch):
 
 
 def run(capsys, *arguments):
-    """Exit code, standard output, lines of standard error."""
+    """Run `compare`; return exit code, standard output, lines of standard error."""
     code = main(["compare", *map(str, arguments)])
     out, err = capsys.readouterr()
     return code, out, err.splitlines()
@@ -165,7 +166,7 @@ def run(capsys, *arguments):
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """a.exr; b.exr, whose color is off by 0.125 in one pixel, and one id."""
+    """Write a.exr, and b.exr, which differs by 0.125 in the color of one pixel, and in one id."""
     monkeypatch.chdir(tmp_path)
     planes = layers()
     exr.write("a.exr", planes)
@@ -253,7 +254,7 @@ def test_refused(files, capsys):
 
 @pytest.fixture
 def partial(files):
-    """less.exr: a.exr without Z and N.Y; more.exr: with a mask, and off by 0.125 in one pixel."""
+    """Write less.exr, a.exr without Z and N.Y, and more.exr, with a mask and a difference of 0.125 in one pixel."""
     planes = exr.read("a.exr")[0]
     exr.write("less.exr", {name: plane for name, plane in planes.items() if name not in ("Z", "N.Y")})
     planes = exr.read("b.exr")[0]
@@ -265,7 +266,7 @@ def test_what_both_images_have_is_compared(capsys):
     code, out, err = run(capsys, "less.exr", "a.exr")
     assert (code, err) == (0, ["clshade: warning: not compared: N.Y, Z of the reference alone"])
     assert [line.split()[0] for line in out.splitlines()[2:-1]] == ["RGB", "A", "N", "id"]
-    assert out.splitlines()[-1] == "different"  # though nothing of what was compared is
+    assert out.splitlines()[-1] == "different"  # although no compared layer differs
     code, out, err = run(capsys, "more.exr", "less.exr", "--json")
     found = json.loads(out, parse_constant=pytest.fail)
     assert (code, len(err), found["passed"], found["identical"]) == (0, 1, True, False)
@@ -276,7 +277,7 @@ def test_what_both_images_have_is_compared(capsys):
 
 @pytest.mark.usefixtures("partial")
 def test_a_regression_test_never_passes_without_a_layer(capsys):
-    """Whichever image lacks it; unless the layers are named, or there is no threshold."""
+    """Whichever image lacks it, unless the layers are named or there is no threshold."""
     for pair, place in ((("less.exr", "a.exr"), "reference"), (("a.exr", "less.exr"), "image")):
         code, out, err = run(capsys, *pair, "--threshold", "1")
         assert (code, len(err)) == (1, 1)
@@ -300,7 +301,7 @@ def test_alpha_of_a_png_that_the_other_lacks(tmp_path, capsys, monkeypatch):
 
 
 def test_pngs(tmp_path, capsys, monkeypatch):
-    """Units are shares of the largest code."""
+    """Units are fractions of the largest code."""
     monkeypatch.chdir(tmp_path)
     codes = RNG.integers(0, 200, (12, 12, 3), dtype=np.uint8)
     png.write("a.png", codes)
@@ -315,7 +316,7 @@ def test_pngs(tmp_path, capsys, monkeypatch):
     assert run(capsys, "a.png", "a.png", "--threshold", "0")[0] == 0
 
 
-# The picture
+# The figure
 
 
 def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
@@ -331,11 +332,11 @@ def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
     shown = np.argwhere((np.asarray(errors) != errors[-1, -1]).any(axis=-1))
     assert shown.tolist() == [[0, 1], [250, 250]]  # of blocks of 4 x 4
     assert errors[0, 1].tolist() == list(compare_figure.UNEQUAL_COLOR)
-    assert errors[250, 250].tolist() == [252, 255, 164]  # the end of `inferno`: the largest, not a mean
+    assert errors[250, 250].tolist() == [252, 255, 164]  # the end of `inferno`: the maximum, not the mean
 
 
 def test_a_color_means_the_same_in_both_images():
-    """Depths from 1 to 3 beside depths from 1 to 2, whose largest is the other's middle."""
+    """Depths from 1 to 3 beside depths from 1 to 2, whose largest is in the middle of the other range."""
     wide, narrow = (np.linspace(1, most, 129 * 129).reshape(129, 129) for most in (3, 2))
     pairs = compare.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
     figure = compare_figure.draw(pairs, encoded=False, titles=("a", "b"))

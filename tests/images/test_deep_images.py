@@ -1,4 +1,4 @@
-"""Images of more than 8 bits a channel, TIFF and PNM: every bit arrives, or a line says why not."""
+"""Images with more than 8 bits per channel, TIFF and PNM: every bit is read, or a one-line error says why not."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def refused(data: bytes, *parts: str) -> None:
 
 
 def expected(codes: np.ndarray, most: int = 65535) -> np.ndarray:
-    """(h, w, 3 or 4) float32 of codes (h, w, 1 to 4)."""
+    """Return (h, w, 3 or 4) float32 for codes (h, w, 1 to 4)."""
     values = (codes / most).astype(np.float32)
     return (
         np.concatenate([np.repeat(values[:, :, :1], 3, axis=2), values[:, :, 1:]], axis=2)
@@ -56,7 +56,7 @@ def codes_of(channels: int, most: int = 65535, shape=(11, 9)) -> np.ndarray:
 
 
 def tiff_of(codes: np.ndarray, **options) -> bytes:
-    """A TIFF file by tifffile. codes: (h, w, C)."""
+    """Write a TIFF file with tifffile. codes: (h, w, C)."""
     channels = codes.shape[2]
     if options.get("planarconfig") == "separate":
         codes = np.moveaxis(codes, 2, 0)
@@ -118,10 +118,10 @@ def test_associated_alpha_is_divided_out():
     times = np.round(straight[:, :, :3] * alpha / 65535).astype(np.uint16)
     data = tiff_of(np.dstack([times, straight[:, :, 3]]), extrasamples=["assocalpha"])
     found = decoded(data)
-    # Times is rounded by half a code, which alpha of at least a half doubles; the quotient's own half comes on top.
+    # The product is rounded by half a code, which an alpha of at least 1/2 doubles; the quotient adds its own half.
     assert np.abs(found - expected(straight)).max() <= 1.5 / 65535
     assert not found[0, 0].any()
-    codes = np.array([[[5, 6, 7, 0], [1, 1, 1, 1], [0, 1, 2, 2]]], np.uint16)  # alphas of 0 and of next to nothing
+    codes = np.array([[[5, 6, 7, 0], [1, 1, 1, 1], [0, 1, 2, 2]]], np.uint16)  # alphas of 0 and almost 0
     found = decoded(tiff_of(codes, extrasamples=["assocalpha"]))
     assert np.array_equal(found[0, :, :3], [[0, 0, 0], [1, 1, 1], [0, np.float32(32768 / 65535), 1]])
 
@@ -146,7 +146,7 @@ def test_inks():
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("planes", ["contig", "separate"])
 def test_orientation(orientation, planes):
-    """As Pillow turns images, with tifffile and without."""
+    """As Pillow orients images, with and without tifffile."""
     codes = codes_of(3)
     data = tiff_of(codes, planarconfig=planes, extratags=[(274, "H", 1, orientation, True)])
     turned = Image.open(
@@ -157,7 +157,7 @@ def test_orientation(orientation, planes):
 
 
 def test_12_bits(tmp_path):
-    """Pillow's codes go to 4095 there."""
+    """There Pillow's codes end at 4095."""
     codes = codes_of(1, 4095, (4, 6))
     pairs = codes.reshape(-1, 2).astype(np.uint32)
     packed = np.stack([pairs[:, 0] >> 4, (pairs[:, 0] & 15) << 4 | pairs[:, 1] >> 8, pairs[:, 1] & 255], axis=1)
@@ -178,7 +178,7 @@ def test_other_kinds_of_numbers_are_refused():
 
 
 def test_without_tifffile(monkeypatch):
-    """What Pillow reads is read; the rest is refused by name, not cut to 8 bits."""
+    """Files that Pillow can read are read; others are refused by name, not truncated to 8 bits."""
     monkeypatch.setitem(sys.modules, "tifffile", None)
     codes = codes_of(3)
     assert np.array_equal(decoded(TIFF_RGB(codes)), expected(codes))
@@ -245,7 +245,7 @@ def test_a_strip_that_swells_is_refused():
 
 
 def with_tag(data: bytes, name: str, value: int) -> bytes:
-    """A TIFF file, one value of whose first image is another."""
+    """Return a TIFF file with one value of its first image replaced."""
     tag = tifffile.TiffFile(io.BytesIO(data)).pages[0].tags[name]
     width = {3: 2, 4: 4}[int(tag.dtype)]
     return data[: tag.valueoffset] + value.to_bytes(width, "little") + data[tag.valueoffset + width :]
@@ -269,7 +269,7 @@ def test_claims_of_more_than_the_image_are_refused(compression):
 def test_long_words_take_no_long_time(body):
     start = time.process_time()
     refused(b"P2 100 100 255\n" + body)
-    assert time.process_time() - start < 2.0  # byte by byte it would be twice as much at least
+    assert time.process_time() - start < 2.0  # byte by byte would take at least twice as long
 
 
 @pytest.mark.parametrize("most", [1, 100, 255, 256, 1023, 65535])
@@ -283,7 +283,7 @@ def test_pnm(kind, most):
         body = " ".join(words).encode()
     else:
         body = codes.astype(">u2" if most > 255 else np.uint8).tobytes()
-    for rest in (b"", b"\n", b"\nP5 1 1 255\n0"):  # a second image is left out
+    for rest in (b"", b"\n", b"\nP5 1 1 255\n0"):  # a second image is ignored
         assert np.array_equal(decoded(head + body + rest), expected(codes, most)[:, :, :3])
 
 
@@ -296,7 +296,7 @@ def test_long_text_in_pieces(monkeypatch):
         monkeypatch.setattr(pnm, "_CHUNK", size)
         for end in ("\n", "\r\n", "\r"):
             data = ("P2 30 40 65535 " + end.join(lines)).encode()
-            for rest in (b"", end.encode() + b"7 " * 50, end.encode() + b"P2 1 1 1 0"):  # what follows is left out
+            for rest in (b"", end.encode() + b"7 " * 50, end.encode() + b"P2 1 1 1 0"):  # trailing data is ignored
                 assert np.array_equal(decoded(data + rest), expected(codes))
 
 
@@ -324,7 +324,7 @@ def test_broken_pnm(data, part):
 
 
 def test_the_transparent_color_of_a_16_bit_png():
-    """It is compared with all 16 bits."""
+    """It is compared in all 16 bits."""
     for channels in (1, 3):
         codes = codes_of(channels)
         codes[2, 3], codes[2, 4] = 0x1234, 0x1235

@@ -1,4 +1,4 @@
-"""EXR files: every channel and attribute bit for bit as it was given."""
+"""EXR files: every channel and attribute is preserved bit for bit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clshade.scene.camera_matrices import camera_matrices, camera_metadata
 from clshade.scene.geometry import camera_axes
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
-# Zeros, denormals, infinities, NaNs quiet and signaling with payloads, 1e6, the largest float; then anything.
+# Zeros, denormals, infinities, quiet and signaling NaNs with payloads, 1e6, the largest float; then random bits.
 SPECIAL = [0, 1 << 31, 1, 0x80000001, 0x7FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001, 0xFFC12345, 0x7FFFFFFF]
 SPECIAL += [int(np.float32(1e6).view(np.uint32)), 0x7F7FFFFF]
 BITS = np.concatenate([np.array(SPECIAL, np.uint32), np.random.default_rng(3).integers(0, 2**32, 5000, np.uint32)])
@@ -77,7 +77,7 @@ def test_pxr24_rounds_floats_and_says_so(path):
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("compression", [name for name in exr.LOSSY if name != "pxr24"])
 def test_lossy_compressions_change_the_channels_that_they_name(path, compression, half):
-    """b44 knows half only; dwaa works on colors, and leaves depths, normals and ids alone."""
+    """b44 supports half only; dwaa changes colors, and leaves depths, normals and ids alone."""
     values = np.random.default_rng(4).uniform(0.1, 1.0, (40, 50)).astype(np.float32)
     given = {"R": values, "albedo.B": values, "A": values, "N.X": values, "Z": values, "id": values.view(np.uint32)}
     warnings = exr.write(path, given, compression=compression, half=half)
@@ -128,7 +128,7 @@ def test_layers_get_their_channel_names(path):
 
 
 def test_red_is_red_and_row_0_is_on_top(path):
-    """Read from the bytes, without OpenEXR: chunks hold y, size, then the channels of a row in alphabetical order."""
+    """Parsed from the bytes, without OpenEXR: chunks hold y, size, then the channels of a row in alphabetical order."""
     image = np.arange(2 * 3 * 3, dtype=np.float32).reshape(2, 3, 3)
     exr.write(path, image, compression="none")
     data = path.read_bytes()
@@ -199,14 +199,14 @@ def test_header_values(path):
 
 
 def test_matrices_are_stored_row_after_row(path):
-    """Imath's M44f is used with row vectors: the translation is the last row, so the last but one of 16 floats is z."""
+    """Imath's M44f is used with row vectors: the translation is the last row, so the 15th of 16 floats is z."""
     exr.write(path, noise((1, 1, 3)), metadata={"worldToCamera": np.arange(16.0).reshape(4, 4)})
     stored = struct.pack("<16f", *range(16))
     assert b"worldToCamera\0m44f\0" + struct.pack("<i", 64) + stored in path.read_bytes()
 
 
 def test_camera_matrices_project_as_the_renderer_does():
-    """Against the design's formulas: camera axes, u = (focal*x/(z*W) + 1/2)*N, v = (focal*y/(z*H) + 1/2)*M, v up."""
+    """Against the formulas with camera axes, u = (focal*x/(z*W) + 1/2)*N, v = (focal*y/(z*H) + 1/2)*M, v up."""
     to_camera, to_ndc = camera_matrices(CAMERA)
     eye, forward = CAMERA.eye, (CAMERA.lookat - CAMERA.eye) / np.linalg.norm(CAMERA.lookat - CAMERA.eye)
     up = CAMERA.up - (CAMERA.up @ forward) * forward
@@ -221,7 +221,7 @@ def test_camera_matrices_project_as_the_renderer_does():
         v = (CAMERA.focal * y / (z * height) + 0.5) * rows
         ndc = row @ to_ndc
         assert np.allclose(ndc[:3] / ndc[3], [u / columns, 1 - v / rows, 1 - CAMERA.focal / z], rtol=1e-12)
-    corner = eye + CAMERA.focal * forward - width / 2 * axes[0] + height / 2 * axes[1]  # upper left, on the plane
+    corner = eye + CAMERA.focal * forward - width / 2 * axes[0] + height / 2 * axes[1]  # upper left, on the image plane
     ndc = np.append(corner, 1.0) @ to_ndc
     assert np.allclose(ndc[:3] / ndc[3], 0, atol=1e-14)
     assert np.linalg.det(to_camera[:3, :3]) == pytest.approx(-1)  # left-handed
@@ -334,7 +334,7 @@ def test_refused_arguments(path, channels, options, message):
 
 
 def test_a_child_made_by_fork_can_write(path):
-    """OpenEXR's threads do not survive a fork; were they left running, the child would wait for them forever."""
+    """OpenEXR's threads do not survive a fork; unless stopped before, the child would wait for them forever."""
     code = (
         "import os, sys, numpy as np\nfrom clshade import exr\n"
         "exr.write(sys.argv[1], np.ones((99, 99, 3)))\n"
@@ -348,7 +348,7 @@ def test_a_child_made_by_fork_can_write(path):
         assert process.wait(timeout=20) == 0
     finally:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)  # a child that waits forever goes, too
+            os.killpg(process.pid, signal.SIGKILL)  # also ends a child that hangs
     assert (path.parent / "a.exrTrue").read_bytes() == (path.parent / "a.exrFalse").read_bytes()
 
 

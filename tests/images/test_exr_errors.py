@@ -1,4 +1,4 @@
-"""EXR files when something is wrong: full disks leave the earlier file, bad files give an InputError of one line."""
+"""EXR errors: a full disk leaves the earlier file intact, bad files raise an InputError of one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def path(tmp_path):
 
 
 class Failing(io.BytesIO):
-    """A stream that takes `limit` bytes."""
+    """A stream that fails after `limit` bytes."""
 
     limit, error = 0, None
 
@@ -37,7 +37,7 @@ class Failing(io.BytesIO):
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_disk_that_is_full_after_any_number_of_bytes(error):
-    """The last bytes count most: OpenEXR goes back and writes its table of offsets at the very end."""
+    """The last bytes matter most: OpenEXR seeks back and writes its table of offsets at the very end."""
     import OpenEXR
 
     def encode(compression, limit, error=None):
@@ -153,7 +153,7 @@ def window(*edges):
 
 
 def test_several_parts(path, capfd):
-    """Each in its own window; a name that is taken gets the part's in front."""
+    """Each in its own window; a name already taken is prefixed with the part's."""
     import OpenEXR
 
     first, second = noise((5, 7)).copy(), np.arange(4, dtype=np.float16).reshape(2, 2)
@@ -177,7 +177,8 @@ def test_several_parts(path, capfd):
 
 
 def test_a_subsampled_channel(path, capfd):
-    """OpenEXR's module writes none; two halves a row become one float for every second pixel by a patched header."""
+    """OpenEXR's module cannot write one; a patched header turns two halves per row into a float for every second
+    pixel."""
     exr.write(path, {"Y": np.ones((3, 2)), "RY": np.ones((3, 2))}, compression="none", half=True)
     data = path.read_bytes()
     before, after = (b"RY\0" + struct.pack("<4i", *fields) for fields in ((1, 0, 1, 1), (2, 0, 2, 1)))
@@ -197,7 +198,8 @@ def test_a_header_that_claims_too_many_pixels(path, capfd):
 
 
 def test_a_small_file_with_a_large_display_window(path, capfd, monkeypatch):
-    """Refused before any memory is taken, or where there is none; what is 0 outside of the data window takes none."""
+    """Refused before memory is allocated, or if there is too little; channels that are 0 outside the data window need
+    none."""
     exr.write(path, {"c": np.ones((2, 2), np.float32)}, window=(0, 0, 0, 0))
     data = path.read_bytes()
     start = data.index(b"displayWindow\0box2i\0") + len(b"displayWindow\0box2i\0") + 4
@@ -218,7 +220,7 @@ def test_a_small_file_with_a_large_display_window(path, capfd, monkeypatch):
 
 
 def wide(data: bytes, *edges: int, name: bytes = b"dataWindow") -> bytes:
-    """The file with another window in every header."""
+    """Return the file with another window in every header."""
     before, *parts = data.split(name + b"\0box2i\0" + struct.pack("<i", 16))
     assert parts
     return before + b"".join(name + b"\0box2i\0" + struct.pack("<5i", 16, *edges) + part[16:] for part in parts)
@@ -264,7 +266,7 @@ print(peak())
 @pytest.mark.parametrize("names", [("R", "G", "B"), ("A",), ("x.Y",), ("Z", "N.X"), ("id",)])
 @pytest.mark.parametrize("compression", exr.COMPRESSIONS)
 def test_the_densest_files_are_read(path, compression, names):
-    """Zeros, of all types and of names that DWA treats in its three ways: no codec gets nearer to what it could."""
+    """Zeros, of all types, with names for each of DWA's three schemes: the highest compression ratios of each codec."""
     for half in (False, True):
         planes = {name: np.zeros((512, 1024), np.uint32 if name == "id" else np.float32) for name in names}
         exr.write(path, planes, compression=compression, half=half)

@@ -1,4 +1,4 @@
-"""Layers in files, as other programs read them: names, types, windows and header, through OpenEXR and OpenImageIO."""
+"""Layers in files as other programs read them, with OpenEXR and OpenImageIO: names, types, windows and header."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clshade.pipeline.opencl.device import Device
 from clshade.scene.camera_matrices import camera_matrices
 from clshade.scene.model import LAYERS, Scene
 
-# README's table: channel -> bits of its type, f for float and u for uint.
+# The README's table: channel -> type, f for float and u for uint, with its bits.
 CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V"), "f32")
 CHANNELS |= {f"{layer}.{letter}": "f32" for layer in ("N", "P") for letter in "XYZ"}
 CHANNELS |= {f"albedo.{letter}": "f32" for letter in "RGB"}
@@ -32,13 +32,13 @@ HALVES = {name for name, kind in CHANNELS.items() if kind == "f32" and name[0] n
 
 @pytest.fixture(scope="module")
 def frame(opened: Device) -> Frame:
-    """Part of the image is background on every side."""
+    """Render a frame with background on every side."""
     return clshade.render(Scene((dome(),), CAMERA, background=None), layers="all", device=opened)
 
 
 @pytest.fixture(scope="module")
 def window(frame) -> tuple[int, int, int, int]:
-    """Of the covered pixels."""
+    """Return the window of the covered pixels."""
     rows, columns = np.nonzero(frame.alpha)
     found = int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
     assert 0 < found[0] < found[2] < 63
@@ -121,7 +121,7 @@ def test_oiiotool_tells_of_the_layers(frame, window, tmp_path):
 
 @pytest.mark.parametrize("half", [False, True])
 def test_a_cropped_file_reads_as_the_whole_one(frame, window, tmp_path, half):
-    """Every channel, Z of the background included; and the file is smaller."""
+    """Every channel is equal, Z of the background included, and the file is smaller."""
     for crop in (False, True):
         frame.save(tmp_path / str(crop), crop=crop, half=half)
     (whole, header), (cropped, header_of_cropped) = (exr.read(tmp_path / f"{crop}.exr") for crop in (False, True))
@@ -148,7 +148,7 @@ def test_the_header_names_objects_and_materials(opened, tmp_path):
 
 
 def test_what_is_not_cropped(opened, tmp_path):
-    """A background that is not black is in the file; and of a file with nothing in it one pixel."""
+    """A background that is not black is kept; a file with nothing in it keeps one pixel."""
     scene = Scene((wedge(),), CAMERA, background=(0.0, 0.1, 0.0))
     clshade.render(scene, device=opened, layers="Z").save(tmp_path / "a", crop=True)
     found, header = exr.read(tmp_path / "a.exr")
@@ -198,7 +198,7 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
 
 
 def test_the_scene_is_read_back_as_it_was_drawn(opened, tmp_path):
-    """Position, depth and camera of the file belong together: P times worldToCamera has Z as its third coordinate."""
+    """Position, depth and camera of the file are consistent: the third coordinate of P times worldToCamera is Z."""
     clshade.render(mixed(), device=opened, layers=("Z", "P", "id")).save(tmp_path / "a")
     found, header = exr.read(tmp_path / "a.exr")
     shown = found["id"] > 0
@@ -206,7 +206,8 @@ def test_the_scene_is_read_back_as_it_was_drawn(opened, tmp_path):
         [found[f"P.{axis}"][shown].astype(np.float64) for axis in "XYZ"] + [np.ones(shown.sum())], axis=-1
     )
     seen = points @ header["worldToCamera"].astype(np.float64)
-    # Coordinates and matrix are rounded to float32: 4 products of numbers up to 30, half an ulp each twice over.
+    # Coordinates and matrix are rounded to float32: 4 products of numbers up to 30, with two errors of half an ulp
+    # each.
     assert np.abs(seen[:, 2] - found["Z"][shown]).max() <= 8 * 30 * 2.0**-24
     in_image = points @ header["worldToNDC"].astype(np.float64)
     rows, columns = np.nonzero(shown)

@@ -1,4 +1,4 @@
-"""Measures of images' differences, on images whose error is known; and the radiance that a PNG's codes stand for."""
+"""Error metrics on images with known errors, and the radiance that a PNG's codes stand for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def flat(value: float) -> np.ndarray:
 def test_a_constant_offset():
     reference = RNG.uniform(0.0, 2.0, (12, 16, 3))
     assert rmse(reference + 0.25, reference) == pytest.approx(0.25, rel=1e-12)
-    assert rmse(reference.astype(np.float32), reference) == pytest.approx(2.0**-25, rel=0.9)  # float64 is compared
+    assert rmse(reference.astype(np.float32), reference) == pytest.approx(2.0**-25, rel=0.9)  # compared in float64
 
 
 def test_one_channel_of_one_pixel():
@@ -81,7 +81,7 @@ def test_radiance_has_the_code_that_it_is_read_from(operator, exposure):
 
 
 def test_radiance_is_off_by_half_a_step():
-    """`none` has steps of 1/255; beyond white nothing is left."""
+    """`none` has steps of 1/255; values beyond white are lost."""
     image = RNG.uniform(0.0, 254.4 / 255.0, (20, 30, 3))
     assert np.abs(radiance(tonemap(image, "none"), "none") - image).max() <= 0.5 / 255.0 + 1e-12
     assert radiance(np.uint8(255), "none") == pytest.approx(254.5 / 255.0)

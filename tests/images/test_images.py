@@ -1,4 +1,4 @@
-"""Image files become linear float32 RGB, whatever their type; what cannot be decoded is refused in one line."""
+"""Image files of any type become linear float32 RGB; those that cannot be decoded are refused in one line."""
 
 from __future__ import annotations
 

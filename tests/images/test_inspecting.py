@@ -1,4 +1,4 @@
-"""Statistics of images with planted values; what `inspect` says of files, and the figure that it draws."""
+"""Statistics of images with planted values; the output and the figure of `inspect`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def words(text):
 
 
 def planted():
-    """1..100 in a random order, then NaNs, infinities and negative values."""
+    """Return 1..100 in random order, then NaNs, infinities and negative values."""
     values = np.random.default_rng(6).permutation(np.arange(1.0, 101.0, dtype=np.float32))
     return np.concatenate([values, np.float32([np.nan, np.nan, np.inf, -np.inf, np.inf, -0.5, -2, -0.0])]).reshape(
         9, 12
@@ -102,7 +102,7 @@ def test_the_table():
 
 
 def inspected(capsys, *arguments):
-    """The exit code of `inspect`, the parsed JSON, and the lines of standard error."""
+    """Run `inspect`; return its exit code, the parsed JSON, and the lines of standard error."""
     code = main(["inspect", *map(str, arguments), "--json"])
     out, err = capsys.readouterr()
     return code, json.loads(out, parse_constant=pytest.fail), err.splitlines()
@@ -170,7 +170,7 @@ def test_sixteen_bits_of_a_png_are_kept(tmp_path):
     Image.fromarray(np.uint16([[1, 65535]])).save(tmp_path / "a.png")
     found = statistics.image_statistics(tmp_path / "a.png")
     assert found.channels["Y"].minimum == pytest.approx(1 / 65535, rel=1e-6)
-    # sRGB's curve is a line of slope 12.92 there.
+    # The sRGB curve is linear there, with slope 12.92.
     assert found.stops == pytest.approx(math.log2(65535 * 12.92), rel=1e-6)
 
 
@@ -205,7 +205,7 @@ def test_bad_files_of_others(data_folder, capsys):
 
 
 def panels_of(figure):
-    """Title -> what an axes shows."""
+    """Return the panels' images by title."""
     return {
         axes.get_title().split("\n")[0]: np.asarray(axes.images[0].get_array()) for axes in figure.axes if axes.images
     }
@@ -243,7 +243,7 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
 
 
 def test_a_thousand_layers(tmp_path):
-    """No more than a picture has room for; how many are left out is told."""
+    """No more than fit into the figure; the number of omitted ones is reported."""
     channels = {f"L{k:04}": np.zeros((2, 200), np.float32) for k in range(1000)}
     figure = statistics_figure.draw(Picture(channels), "a")
     titles = [axes.get_title() for axes in figure.axes if axes.images]
@@ -257,7 +257,7 @@ def test_false_colors():
     pixels = statistics_figure.false_colors(values, -2.0, 2.0).pixels
     assert pixels[0].tolist() == [[0, 0, 0], [0, 0, 0], [255, 0, 255], [255, 255, 255]]
     assert len({tuple(pixel) for pixel in pixels[1].tolist()}) == 3
-    assert (pixels[1, 2] == pixels[1, 3]).all()  # held to the highest
+    assert (pixels[1, 2] == pixels[1, 3]).all()  # clamped to the highest
 
 
 def test_the_figure_of_the_command(tmp_path, capsys, monkeypatch):
@@ -306,5 +306,5 @@ def test_the_memory_that_statistics_take(names):
     tracemalloc.stop()
     plane = image[names[0]].nbytes
     blocks = 6 * 8 * statistics._BLOCK  # a few float64 arrays of a block
-    # The stops of all pixels, twice as large, and where there are three channels these side by side.
+    # The stops of all pixels, twice as large, and with three channels also those side by side.
     assert peak < (2.2 + (3 if len(names) > 1 else 0)) * plane + blocks

@@ -1,4 +1,4 @@
-"""PNG files: every code as it was, whole or not at all."""
+"""PNG files: every code is preserved, and a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_every_layout(path):
 
 
 def test_red_is_red_and_row_0_is_on_top(path):
-    """Read from the bytes, without Pillow: a row is its filter's number and then R, G, B of each pixel."""
+    """Parsed from the bytes, without Pillow: a row is its filter's number and then R, G, B of each pixel."""
     codes = np.zeros((2, 1, 3), np.uint8)
     codes[0, 0], codes[1, 0] = (255, 1, 2), (3, 4, 255)
     png.write(path, codes)

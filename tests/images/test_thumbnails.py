@@ -1,4 +1,4 @@
-"""Channels to layers, and layers to pictures: whatever shape and type they have."""
+"""Grouping of channels into layers, and thumbnails of layers of any shape and type."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RNG = np.random.default_rng(3)
 
 
 def named(*names):
-    """A plane for each name, which holds its position."""
+    """Return a plane for each name, filled with its index."""
     return {name: np.full((2, 3), float(k)) for k, name in enumerate(names)}
 
 
@@ -36,7 +36,7 @@ def test_channels_of_this_program():
 
 
 def test_channels_of_other_programs():
-    """In any order and case, nested, alone, without a prefix; nothing is lost when names meet."""
+    """In any order and case, nested, alone, without a prefix; nothing is lost when names collide."""
     found = layers(
         "B", "G", "R", "View.Depth.Z", "View.Normal.z", "View.Normal.x", "View.Normal.y", "X", "Y", "N.R", "N.G"
     )
@@ -107,7 +107,7 @@ def test_names_of_things_have_colors_of_their_own():
     ids = np.arange(1000, dtype=np.uint32).reshape(20, 50)
     pixels = thumbnails({"id": ids})["id"].pixels.reshape(-1, 3)
     assert pixels[0].tolist() == [0, 0, 0]
-    assert len(np.unique(pixels, axis=0)) >= 995  # of 190^3 colors; half a pair meets by chance
+    assert len(np.unique(pixels, axis=0)) >= 995  # of 190^3 colors; half a pair coincides by chance
     steps = np.abs(np.diff(pixels[1:].astype(int), axis=0)).sum(axis=1)
     assert np.median(steps) > 100  # neighbors look different
     again = thumbnails({"other": ids[::-1]})["other"].pixels

@@ -1,4 +1,4 @@
-"""Tone maps: equal to the float64 oracle at every code's threshold, at the extremes and everywhere between."""
+"""Tone maps: equal to the float64 oracle at every code's threshold, at the extremes and in between."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ TINY, HUGE = np.float32(1e-45), np.finfo(np.float32).max
 
 
 def image(values, dtype=np.float32):
-    """Values of any shape as a gray image one pixel high."""
+    """Return values of any shape as a gray image one pixel high."""
     return np.repeat(np.asarray(values, dtype).reshape(1, -1, 1), 3, axis=2)
 
 
 def steps(operator, exposure):
-    """The 255 smallest float32 values of their codes, as (255, 5) with the two nearest floats on either side."""
+    """Return the 255 smallest float32 values of each code, (255, 5), with the two nearest floats on either side."""
     bits = tm._thresholds(operator, exposure, np.float32)
     return (bits[:, None] + np.arange(-2, 3)).astype(np.int32).view(np.float32)
 
@@ -40,7 +40,7 @@ def assert_equals_oracle(pixels, operator, exposure):
 @pytest.mark.parametrize("operator", OPERATORS)
 @pytest.mark.parametrize("exposure", EXPOSURES)
 def test_every_threshold(operator, exposure):
-    """Both sides of all 255 steps, to the last bit; the oracle itself must step there, else they were no steps."""
+    """Both sides of all 255 steps, exactly; the oracle itself must step there."""
     values = steps(operator, exposure)
     assert oracle(values[:, 2], operator, exposure).tolist() == list(range(1, 256))
     assert oracle(values[:, 1], operator, exposure).tolist() == list(range(255))
@@ -50,8 +50,8 @@ def test_every_threshold(operator, exposure):
 @pytest.mark.parametrize("operator", OPERATORS)
 @pytest.mark.parametrize("exposure", EXPOSURES)
 def test_every_threshold_of_float64(operator, exposure):
-    """Within 1e-13 of a step the formula's own rounding decides: its slope there is below 255 * 4, each of some ten
-    operations rounds by 1e-16, so it crosses a half within 1e-15 / (slope * value) of the step, relative."""
+    """Within 1e-13 of a step the formula's own rounding decides: its slope is below 255 * 4 there, each of some ten
+    operations rounds by 1e-16, so it crosses 1/2 within a relative distance of 1e-15 / (slope * value) of the step."""
     values = tm._thresholds64(operator, exposure)
     assert ((steps(operator, exposure)[:, 1] < values) & (values <= steps(operator, exposure)[:, 2])).all()
     for factor in (1 - 1e-12, 1 + 1e-12, 1 - 1e-9, 1 + 1e-9):
@@ -120,7 +120,7 @@ def test_values_by_hand(operator, value, code):
 
 
 def test_srgb_curve():
-    """Straight up to 0.0031308; from there a power, that meets the line to 3e-8 at the joint."""
+    """Linear up to 0.0031308, then a power, which meets the line to within 3e-8."""
     straight = np.array([0.0, 0.001, 0.003, 0.0031308])
     assert np.array_equal(tm.srgb_curve(straight), 12.92 * straight)
     assert tm.srgb_curve(np.array([0.0031309]))[0] == pytest.approx(12.92 * 0.0031309, abs=1e-7)
@@ -163,7 +163,7 @@ def test_the_input_is_not_changed():
 
 
 def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
-    """Moves one of the 255 thresholds to the next float and sees the test above fail."""
+    """Move one of the 255 thresholds to the next float: the test above must fail."""
     right = tm._thresholds
 
     def planted(*arguments):
@@ -183,7 +183,7 @@ def test_the_comparison_notices_one_threshold_off_by_one_float(monkeypatch):
 
 @pytest.mark.parametrize("operator", OPERATORS)
 def test_no_table_entry_holds_two_thresholds(operator):
-    """The claim in `_table`, throughout one stop (whole stops only change exponents), and at the ends."""
+    """The claim in `_table`, throughout one stop (integer stops only change exponents), and at the ends."""
     for exposure in [*np.linspace(0, 1, 60), tm._TABLE_EXPOSURE, -tm._TABLE_EXPOSURE]:
         bits = tm._thresholds(operator, float(exposure), np.float32)
         assert (np.diff(bits >> tm._LOW_BITS) > 0).all()
@@ -208,7 +208,7 @@ def test_refused_arguments(arguments, name):
 
 
 def test_speed():
-    """About 6 ms on the developers' machine; the bound is for the busiest of others: a formula per pixel takes 60."""
+    """About 6 ms when idle; the bound allows for a busy machine. Evaluating the formula per pixel takes 60 ms."""
     pixels = np.random.default_rng(2).exponential(0.4, (600, 800, 3)).astype(np.float32)
     times = []
     for _ in range(5):

@@ -24,7 +24,7 @@ POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor"
 
 @pytest.fixture
 def fresh_cache(tmp_path, monkeypatch):
-    """An empty cache root for what this process keeps from now on."""
+    """Use an empty cache folder in this process from now on."""
     (tmp_path / "clshade").mkdir()
     monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"
@@ -39,7 +39,7 @@ def no_space(*arguments, **options):
 
 @pytest.fixture
 def disks(tmp_path, monkeypatch):
-    """Two disks, for the home and for temporary files; free[name] says how many bytes are free."""
+    """Simulate two disks, for the home and for temporary files; free[name] is the number of free bytes."""
     free = {"home": 1 << 30, "tmp": 1 << 30}
     for name in free:
         (tmp_path / name).mkdir()
@@ -107,7 +107,7 @@ def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch, home):
 
 
 def test_leftovers_of_probes_that_vanish_meanwhile(fresh_cache, monkeypatch):
-    """Another process removes them between the listing and the look at each."""
+    """Another process removes them between listing and inspection."""
     old = fresh_cache / "probe-old"
     old.mkdir()
     os.utime(old, (1, 1))
@@ -149,7 +149,7 @@ except KeyboardInterrupt:
     ("call", "at"), [("list", ""), ("list", "0:0"), ("list", "1:0"), ("open", ""), ("open", "0:0")]
 )
 def test_an_interrupt_ends_probes_and_removes_their_folders(tmp_path, call, at):
-    """at: the device whose probe had just been started; "": while waiting for the first."""
+    """at: the device whose probe has just been started; "": while waiting for the first."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
     command = [sys.executable, "-c", INTERRUPTED, call, at]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=50)

@@ -1,4 +1,4 @@
-"""What is compiled or loaded at a first use: counted apart from the frame, said when it takes long, marked in the cache."""
+"""Compiling and loading at a first use: timed apart from the frame, announced if slow, marked in the cache."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ SLOWLY = 0.06  # seconds
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
-    """As if no program were built yet in this process, and each build and each kernel's first launch took a while: what
-    was called, and whether the mark was there."""
+    """Simulate a process without built programs, in which each build and each kernel's first launch is slow; yield the
+    calls, and whether the mark existed."""
     mark = environment.prepare().folder / MARK
     found: list[tuple[str, bool]] = []
     program, launch = cl.Program, cl.enqueue_nd_range_kernel
@@ -72,7 +72,7 @@ def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool
 
 
 def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], opened: Device) -> None:
-    """A camera among the triangles needs a kernel that the frame before did not."""
+    """A camera among the triangles needs a kernel that the previous frame did not."""
     scene = clshade.builtin("torus_knot")
     seen = scene.camera
     inside = clshade.Camera(seen.lookat, seen.eye, seen.up, seen.focal, seen.plane, (32, 24))
@@ -92,8 +92,8 @@ def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], op
 def test_what_takes_long_is_said_once(
     parts: int, stored: bool, compiled: bool, level: int, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
-    """Even if no part of it takes long by itself; where a program was thought to be stored, after a part that
-    did, and that left new files: loading can be slow, too."""
+    """Even if no single part is slow; for a program believed to be cached, only after a slow part that left new files,
+    as loading can be slow, too."""
     monkeypatch.setattr(programs, "_said", False)
     monkeypatch.setattr(programs, "_own", type(programs._own)())
     monkeypatch.setattr(programs, "SLOW", 0.24)
@@ -161,7 +161,7 @@ def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opene
 
 
 def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As PoCL makes one of an emptied file, in a folder that is the user's."""
+    """As PoCL creates from an emptied file in a folder of the user's."""
     monkeypatch.setattr(programs, "_built", {})
     monkeypatch.setattr(programs, "_without_log", lambda *_: SimpleNamespace(all_kernels=list, binaries=[b""]))
     monkeypatch.setattr(programs, "_store", lambda *_: pytest.fail("it is not kept"))

@@ -1,4 +1,4 @@
-"""Damaged kernel caches: the run that meets one draws the right image all the same, and says so in a line."""
+"""Damaged kernel caches: a run that finds one still draws the correct image, and reports it in one line."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Run(NamedTuple):
 
 
 def run(folder: Path, device: str, *options: str, before: str = "") -> Run:
-    """A run with the cache in `folder`; `before`: Python that comes first."""
+    """Run with the cache in `folder`. before: Python code to run first."""
     for name in ("image.exr", "image.png"):
         (folder / name).unlink(missing_ok=True)
     environment = {name: value for name, value in os.environ.items() if "POCL_CACHE_DIR" not in name}
-    # A cache that cannot be written lets the temporary folder serve, which the tests do not share.
+    # Without a writable cache the temporary folder is used, which tests must not share.
     environment |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
     code = f"import sys, resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); sys.argv[0] = 'clshade'\n{before}"
     code += "\nfrom clshade.__main__ import entry; entry()"
@@ -49,7 +49,7 @@ def run(folder: Path, device: str, *options: str, before: str = "") -> Run:
 
 @pytest.fixture(scope="module")
 def kept(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
-    """A folder with the cache that a run leaves, and what a run that finds all in it gives."""
+    """Return a folder with the cache of a run, and the result of a run that finds everything in it."""
     if "portable computing" not in opened.platform.lower():
         pytest.skip("only PoCL keeps its kernels in our folder")
     folder = tmp_path_factory.mktemp("kept")
@@ -62,7 +62,7 @@ def kept(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 @pytest.fixture
 def cached(kept: tuple[Path, Run], tmp_path: Path) -> Path:
-    """A folder with a copy of that cache."""
+    """Return a folder with a copy of that cache."""
     shutil.copytree(kept[0] / "cache", tmp_path / "cache")
     return tmp_path
 
@@ -75,7 +75,7 @@ def cut(share: float) -> Damage:
 
 
 def flip(seed: int) -> Damage:
-    """Thirty bits, here and there."""
+    """Flip thirty random bits."""
 
     def change(path: Path) -> None:
         drawn, data = random.Random(f"{seed} {path.name}"), bytearray(path.read_bytes())
@@ -100,7 +100,7 @@ def make_folder(path: Path) -> None:
 
 
 def every(change: Damage, pattern: str = "*") -> Damage:
-    """The change, of every file that is not empty and has such a name."""
+    """Apply the change to every file that is not empty and matches the pattern."""
 
     def apply(cache: Path) -> None:
         found = [path for path in cache.rglob(pattern) if path.is_file() and path.stat().st_size]
@@ -120,7 +120,7 @@ def file_instead(name: str) -> Damage:
 
 
 def with_pyopencls(change: Damage) -> Damage:
-    """Of the file in which pyopencl would keep what it generates."""
+    """Apply the change to the file in which pyopencl would cache generated code."""
 
     def apply(cache: Path) -> None:
         version = ".".join(map(str, sys.version_info))
@@ -159,7 +159,7 @@ KINDS: dict[str, Damage] = {
     "pocl a file": file_instead("clshade/slot-0/pocl"),
     "verdicts a file": file_instead("clshade/verdicts"),
 }
-THROWN_AWAY = ("all", "so", "bc", "binaries", "seal garbage")  # what a line says
+THROWN_AWAY = ("all", "so", "bc", "binaries", "seal garbage")  # how the message begins
 
 
 @pytest.mark.long
@@ -176,7 +176,7 @@ def test_every_kind_of_damage(kept: tuple[Path, Run], cached: Path, opened: Devi
 
 
 def test_a_flipped_bit_is_found_before_it_is_run(kept: tuple[Path, Run], cached: Path, opened: Device) -> None:
-    """In any compiled file, were it one that would only draw wrong pixels."""
+    """In any compiled file, even one that would only draw wrong pixels."""
     path = sorted((cached / "cache").rglob("*.so"))[-1]
     data = bytearray(path.read_bytes())
     data[len(data) // 3] ^= 4
@@ -208,7 +208,7 @@ def test_a_run_that_died_of_what_is_cached(kept: tuple[Path, Run], cached: Path,
 
 @pytest.mark.long
 def test_only_the_first_use_counts(kept: tuple[Path, Run], cached: Path, opened: Device) -> None:
-    """A run that is killed later, here when it would write, throws nothing away."""
+    """A run that is killed later, here while writing, discards nothing."""
     crash = (
         "import os; from clshade.pipeline import frame; frame.Frame.write = lambda *_, **__: os.kill(os.getpid(), 9)"
     )

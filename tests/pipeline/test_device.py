@@ -1,4 +1,4 @@
-"""Finding, trying out and opening devices. Uses whatever device there is, or says that there is none."""
+"""Finding, probing and opening devices. Uses any device there is."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EVERY = [POCL_GPU, POCL, INTEL_FPGA, INTEL, RUSTICL, NVIDIA]
 
 
 def probe_that(code: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Replaces the probing process; returns the list to which each tried device's index is added."""
+    """Replace the probing process; return the list to which each probed device's index is appended."""
     tried: list[str] = []
 
     def command(info: DeviceInfo) -> list[str]:
@@ -42,7 +42,7 @@ def probe_that(code: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return tried
 
 
-# Which device a name means
+# Device names
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_open_device_runs_a_kernel(opened: device.Device) -> None:
 
 
 def test_pyopencl_keeps_no_caches_of_its_own(opened: device.Device, tmp_path: Path) -> None:
-    """They are shared with other programs, and a damaged one ended every run; unless the user wants them."""
+    """They are shared with other programs, and a damaged one would end every run. The user can turn them on."""
     code = f"""
 import numpy as np
 from clshade.pipeline.opencl import device
@@ -135,7 +135,7 @@ def test_importing_does_not_import_pyopencl(tmp_path: Path) -> None:
     assert done.stdout.split() == ["False", "False"], done.stderr
 
 
-# Trying out
+# Probing
 
 
 def test_a_device_that_aborts_gives_one_line(
@@ -143,7 +143,7 @@ def test_a_device_that_aborts_gives_one_line(
 ) -> None:
     text = 'error: unable to execute command: Executable "ld" doesn\'t exist!\\nFinal linking failed.\\n'
     tried = probe_that(f"import os, sys; sys.stderr.write({text!r}); sys.stderr.flush(); os.abort()", monkeypatch)
-    for times in (1, 2):  # it is tried out again each time
+    for times in (1, 2):  # it is probed again each time
         with pytest.raises(DeviceError, match="crashes at its first kernel") as caught:
             device.open_device(opened.index)
         assert tried == [opened.index] * times
@@ -280,7 +280,7 @@ def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.skipif(not PYPI_POCL, reason="this is not PyPI's PoCL")
 def test_pocl_without_a_linker(homeless: tuple[Path, str]) -> None:
-    # Neither the verdict nor a kernel compiled before, both found in the cache, may hide that the linker is gone.
+    # Neither the verdict nor a compiled kernel in the cache may hide that the linker is gone.
     nowhere = "/proc/nowhere"
     done = python(OPEN, "", HOME=nowhere, PATH=nowhere, TMPDIR=str(homeless[0]), CLSHADE_DEVICE="pocl")
     assert done.returncode == 0, done.stderr
@@ -323,7 +323,7 @@ def test_install_advice(system: str, machine: str, words: list[str], monkeypatch
 
 
 def test_no_advice_names_a_package_that_is_not_published() -> None:
-    """Of clshade itself: an extra is installed from a clone, as '.[intel]'."""
+    """clshade's own extras are installed from a clone, as '.[intel]'."""
     for path in (*Path(device.__file__).parent.rglob("*.py"), ROOT / "README.md"):
         assert "clshade[" not in path.read_text(), path
 

@@ -1,4 +1,4 @@
-"""What a scene needs, and why the rest is left out: each reason is the one that holds."""
+"""The features that a scene needs, and the reasons why others are left out."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_one_feature_forced_is_one_left_out_less():
 
 
 def test_normals_that_are_read_keep_their_indices():
-    """Without a light nobody reads them; forced to light nevertheless, the kernels must find them."""
+    """Without a light they are unused; if lighting is forced, the kernels must find them."""
     dark = scene(INDEXED, lights=())
     assert not features.derive(dark, Settings(), double_positions=False)["NORMAL_INDICES"]
     for name in ("DIFFUSE", "SPECULAR"):

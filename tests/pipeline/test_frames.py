@@ -1,4 +1,4 @@
-"""Whole frames: against the oracle, against each other bit by bit, and at the edges of what a scene may be."""
+"""Whole frames: against the oracle, bit by bit against each other, and at the limits of scenes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXPONENTS = (1.0, 20.0, 200.0, 1e4)
 SCENES = {
     "course": lambda: scenes.course(4, (96, 80)),
     "teapot": lambda: scenes.teapot(4, (120, 90)),
-    "box_room": lambda: scenes.box_room(3, (101, 67)),  # the eye is inside: the near plane cuts the walls
+    "box_room": lambda: scenes.box_room(3, (101, 67)),  # the eye is inside: the near plane clips the walls
     "quads": lambda: scenes.quads(20, 3, (83, 47)),
 }
 
@@ -40,13 +40,14 @@ def scene_of(name: str) -> Scene:
 
 
 def draw(device: Device, scene: Scene, **options: Any) -> Frame:
-    """One frame with all layers."""
+    """Render one frame with all layers."""
     with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
         return renderer.render()
 
 
 def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
-    """Ids exact, depths within 4 ulp, colors within DESIGN's bound. Returns the largest error, in bounds."""
+    """Assert exact ids, depths within 4 ulp and colors within their bound (clshade/measure/README.md, "Bounds, and
+    where they come from"). Returns the largest error, in bounds."""
     expected = oracle.render(frame.scene, frame.settings)
     return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
 
@@ -54,7 +55,7 @@ def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
 # Against the oracle
 
 
-# Each feature mask is a program to build, for two seconds. These are drawn every day, the rest with -m long.
+# Each feature mask needs a program, which takes two seconds to build. These always run, the rest with -m long.
 EVERY_DAY = {
     ("course", "course", "phong"),
     ("course", "course", "gouraud"),
@@ -66,14 +67,14 @@ EVERY_DAY = {
 
 
 def combinations() -> list[Any]:
-    """Every built-in scene with every preset and shader."""
+    """Return every built-in scene with every preset and shader."""
     every = itertools.product(SCENES, scene_module.PRESETS, scene_module.SHADERS)
     return [pytest.param(*case, marks=[] if case in EVERY_DAY else pytest.mark.long) for case in every]
 
 
 @pytest.mark.parametrize(("name", "preset", "shader"), combinations())
 def test_built_in_scenes_equal_the_oracle(device, name, preset, shader):
-    """Measured: at most 3 of the 32 bounds that DESIGN allows."""
+    """Measured: at most 3 of the 32 bounds allowed (clshade/measure/README.md, "Bounds, and where they come from")."""
     frame = draw(device, scene_of(name), preset=preset, shader=shader)
     assert (frame["id"] > 0).mean() > 0.15
     assert assert_equals_oracle(frame) < 16.0
@@ -82,7 +83,7 @@ def test_built_in_scenes_equal_the_oracle(device, name, preset, shader):
 
 
 def with_exponent(scene: Scene, n: float) -> Scene:
-    """The same, every material with exponent n."""
+    """Return the scene with exponent n in every material."""
     meshes = tuple(replace(mesh, material=replace(mesh.material, n=n)) for mesh in scene.meshes)
     return replace(scene, meshes=meshes)
 
@@ -98,7 +99,7 @@ def test_exponents(device, shader):
 
 @pytest.mark.parametrize("shader", GOURAUD_LONG)
 def test_the_course_file(device, data_folder, shader):
-    """The course's own scene, for every exponent."""
+    """The course's own scene, with every exponent."""
     scene = load(data_folder / "cat.npy", resolution=(96, 96))
     for n in EXPONENTS:
         frame = draw(device, with_exponent(scene, n), shader=shader)
@@ -108,7 +109,7 @@ def test_the_course_file(device, data_folder, shader):
 
 
 def test_the_comparison_notices_another_scene(device):
-    """Planted: a light moved a little, a vertex color changed, a triangle turned."""
+    """Planted: a light moved slightly, a vertex color changed, a triangle's winding reversed."""
     scene = scene_of("course")
     frame = draw(device, scene, shader="phong")
     mesh, light = scene.meshes[0], scene.lights[0]
@@ -122,7 +123,7 @@ def test_the_comparison_notices_another_scene(device):
             oracle_bounds.assert_frame(frame, expected, wrong, frame.settings)
 
 
-# A scene of its own: what follows shares few feature masks
+# Another scene: the following tests share few feature masks
 
 
 PRESETS = ("standard", "course")
@@ -134,7 +135,7 @@ def blob_scene(**fields: Any) -> Scene:
 
 
 def flat(*corners: tuple[float, float, float]) -> Mesh:
-    """One triangle with the feature mask of `blob`."""
+    """Return one triangle with the feature mask of `blob`."""
     colors = np.array([[1.0, 0.5, 0.2], [0.1, 0.9, 0.3], [0.2, 0.3, 0.7]])
     return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, material=MATERIAL)
 
@@ -158,7 +159,7 @@ def test_odd_sizes(device, preset, resolution):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_crop_is_that_part_of_the_whole(device, preset):
-    """An image with its principal point moved shows a part of the larger one, bit for bit."""
+    """An image with a moved principal point is bit-identical to a part of the larger one."""
     camera = replace(CAMERA, resolution=(64, 64))
     whole = draw(device, blob_scene(camera=camera), preset=preset)
     for left, bottom, columns, rows in ((0, 0, 1, 1), (31, 17, 1, 7), (5, 9, 17, 33), (1, 30, 63, 1), (17, 3, 32, 48)):
@@ -177,7 +178,7 @@ def test_a_crop_is_that_part_of_the_whole(device, preset):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_offset_and_scale(device, preset):
-    """The whole scene at +1e6 (its vertices on a grid that float64 holds there) and at scales from 1e-20 to 1e20: the
+    """The whole scene at +1e6 (its vertices on a grid exact in float64 there) and at scales from 1e-20 to 1e20: the
     oracle's image of that scene; a power of two gives the same bits."""
     mesh = blob()
     grid = replace(mesh, verts=np.round(mesh.verts * 2**20) / 2**20 + 2.0**-26)
@@ -234,7 +235,7 @@ def test_triangles_without_area_draw_nothing(device):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_triangles_through_the_near_plane(device, preset):
-    """Faces about the eye, many of them with corners on both sides of it."""
+    """Faces around the eye, many of them with corners on both sides of it."""
     mesh = blob()
     near = replace(mesh, verts=mesh.verts + [0.0, 0, 4.5])
     frame = draw(device, blob_scene(meshes=(near,)), preset=preset)
@@ -254,8 +255,8 @@ def test_a_floor_to_the_horizon(device, preset):
 
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
-    """Two floors through the near plane, or two walls beyond the guard band, that cross at an angle of 2^-25: which one
-    is nearer is decided below the last bit of float32."""
+    """Two floors through the near plane, or two walls beyond the guard band, that intersect at an angle of 2^-25: the
+    nearer one differs below the last bit of float32."""
     camera = replace(CAMERA, eye=(0.0, 0.0, 5.0), lookat=(0.0, 0.0, 0.0)) if orthographic else CAMERA
     camera = replace(camera, orthographic=orthographic)
     far, tilt = 900.0, 2.0**-25
@@ -274,7 +275,7 @@ def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("far", [1e4, 1e10])
 def test_a_triangle_far_larger_than_the_screen(device, preset, far):
-    """1e4 times the screen and more: every pixel is its, and it is as deep as the oracle says."""
+    """1e4 times the screen and more: it owns every pixel, at the oracle's depth."""
     width = 5.0 / 1.3  # of the image at the origin
     mesh = flat((-far * width, -far * width, 0.0), (far * width, -far * width, 0.1), (0.1, far * width, 0.2))
     frame = draw(device, blob_scene(meshes=(mesh,)), preset=preset, near=0.1)
@@ -284,8 +285,8 @@ def test_a_triangle_far_larger_than_the_screen(device, preset, far):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
-    """A triangle out to 1e20, 1e36, 1e100 among the others: what it covers is the oracle's, and no digit is lost beside
-    it. (Its own plane is anywhere: it is seen where corners so far off put it in float64.)"""
+    """A triangle out to 1e20, 1e36, 1e100 among the others: its coverage is the oracle's, and no digit is lost beside
+    it. (Its own plane is arbitrary: it appears where corners so far away put it in float64.)"""
     for far in (1e20, 1e36, 1e100):
         mesh = flat((-far, -far, -20.0), (far, -far, -20.0), (0.0, far, -20.0))
         frame = draw(device, blob_scene(meshes=(blob(), mesh)), preset=preset, near=0.1)
@@ -294,7 +295,7 @@ def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
         expected = oracle.render(frame.scene, frame.settings)
         ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
         oracle_bounds.assert_colors_within(frame.rgb, expected, skip=ties)
-        oracle_bounds.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # 1e100 deep is beyond float32
+        oracle_bounds.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # a depth of 1e100 exceeds float32
 
 
 # Light and background
@@ -302,7 +303,7 @@ def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
 
 @pytest.mark.parametrize("preset", COURSE_LONG)
 def test_without_lights_and_background(device, preset):
-    """Only ambient light is left; where nothing covers, rgb is 0 and so is alpha. A light that does not shine is none."""
+    """Only ambient light is left; in the background rgb and alpha are 0. A black light counts as none."""
     for lights in ((), (PointLight((1.0, 2, 3), (0.0, 0, 0)),)):
         frame = draw(device, blob_scene(lights=lights, ambient=0.5, background=None), preset=preset)
         assert_equals_oracle(frame)
@@ -320,8 +321,8 @@ CAMERAS = {
 @pytest.mark.parametrize("camera", [pytest.param("perspective", marks=pytest.mark.long), "orthographic"])
 @pytest.mark.parametrize("shader", GOURAUD_LONG)
 def test_sides_alpha_and_light_on_both_sides(device, camera, shader):
-    """Cards about the origin seen from both sides: culled, lit from behind, cut out by their texture's alpha, mirrored;
-    in parallel projection, off center."""
+    """Cards around the origin seen from both sides: culled, lit from behind, cut out by their texture's alpha,
+    mirrored; in orthographic projection, off center."""
     image = np.random.default_rng(8).uniform(0, 1, (5, 4, 4)).astype(np.float32)
     uvs = np.tile([[0.0, 0.0], [1.5, 0.1], [0.2, 1.3]], (250, 1))
     materials = (
@@ -378,13 +379,13 @@ def test_lanes_change_no_bit(device, lanes):
 
 @pytest.mark.parametrize("size", [8, pytest.param(32, marks=pytest.mark.long)])
 def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
-    """Which also shows that no kernel has the host's number written in it."""
+    """This also shows that no kernel hard-codes the host's number."""
     plain = draw(device, blob_scene())
     monkeypatch.setattr(struct_layout, "TILE_SIZE", size)
     monkeypatch.setitem(struct_layout.CONSTANTS, "TILE_SIZE", size)
     monkeypatch.setattr(programs, "_built", {})
     frame = draw(device, blob_scene())
-    assert len(programs._built) == 2  # of the geometry and of the pixels
+    assert len(programs._built) == 2  # the geometry program and the pixel program
     assert same_bits(frame, plain)
 
 
@@ -397,7 +398,7 @@ def test_two_runs_give_the_same_bits(device, preset):
 
 
 def cameras() -> list[Camera]:
-    """Views from elsewhere, closer (which clips), and in another resolution."""
+    """Return views from elsewhere, closer (with clipping), and with another resolution."""
     eyes = ((-2.0, 1.0, 4.0), (0.3, 0.1, 0.8), (0.0, 9.0, 0.1))
     views = [replace(CAMERA, eye=np.array(eye)) for eye in eyes]
     return [*views, views[0].with_resolution((40, 23)), CAMERA]
@@ -426,7 +427,7 @@ def test_frames_own_their_memory(device):
         others = [renderer.render(camera=camera) for camera in cameras() * 2]
         assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
         assert len({address(frame) for frame in (first, *others)}) == 1 + len(others)
-    # The renderer is closed: frames stay as they are.
+    # Frames outlive the renderer.
     assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
     assert same_bits(others[4], first)
 

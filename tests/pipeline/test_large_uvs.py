@@ -1,4 +1,4 @@
-"""Texture coordinates far beyond the image: the texels of the oracle, on both sides of the seam."""
+"""Texture coordinates far outside the image: the oracle's texels, on both sides of the seam."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def texture(shape: tuple[int, int], wrap: Any, channels: int = 3) -> Texture:
 
 
 def cards(uvs: np.ndarray, *textures: Texture, seed: int = 1, **fields: Any) -> Scene:
-    """A mesh of large white triangles for each texture, with coordinates uvs (F, 3, 2)."""
+    """Return a mesh of large white triangles for each texture, with coordinates uvs (F, 3, 2)."""
     rng, meshes, count = np.random.default_rng(seed), [], len(uvs)
     for each in textures:
         material = Material(texture=each, **({} if each.image.shape[2] == 3 else fields))
@@ -40,7 +40,7 @@ def draw(device: Any, scene: Scene, **options: Any) -> Frame:
 
 
 def assert_equals_oracle(frame: Frame) -> None:
-    """The image and, where there is one sample, the layers."""
+    """Assert that the image and, with one sample, the layers equal the oracle's."""
     scene, settings = frame.scene, frame.settings
     expected = oracle.render(scene, settings)
     oracle_bounds.assert_frame(frame, expected, scene, settings)
@@ -50,11 +50,11 @@ def assert_equals_oracle(frame: Frame) -> None:
 
 
 def far(reach: float, count: int = 12) -> np.ndarray:
-    """Coordinates (count, 3, 2) from -reach to reach, without relation to their neighbors."""
+    """Return random coordinates (count, 3, 2) from -reach to reach."""
     return np.random.default_rng(2).uniform(-reach, reach, (count, 3, 2))
 
 
-# Texels that coordinates reach over: 2^25, where a fault of a texel is one of 2^20 bounds; few and many on the image.
+# Coordinates span 2^25 texels, where an error of one texel is 2^20 bounds; with small and large textures.
 SIZES = [((8, 4), 2.0**22), ((4, 1024), 2.0**15)]
 
 
@@ -86,7 +86,7 @@ def test_far_coordinates_however_they_are_drawn(device, options):
 @pytest.mark.long
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_far_but_close_to_each_other(device, wrap):
-    """1/16 to 128 textures across a triangle, which whole numbers up to 1e6 are added to: every level of the mip-map."""
+    """1/16 to 128 textures across a triangle, plus integer offsets up to 1e6: every mipmap level."""
     near = np.random.default_rng(3).uniform(0, 1, (12, 3, 2)) * np.exp2(np.arange(-4, 8)).reshape(-1, 1, 1)
     uvs = np.round(far(1e6)[:, :1]) + near
     assert_equals_oracle(draw(device, cards(uvs, texture((16, 8), wrap)), texture_filter="trilinear"))
@@ -95,7 +95,7 @@ def test_far_but_close_to_each_other(device, wrap):
 @pytest.mark.long
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_alpha_tests_far_away(device, wrap):
-    """Holes are where the oracle has them, in `fast` too, which takes full coordinates where they decide on coverage."""
+    """Holes are where the oracle has them, also in `fast`, which uses full coordinates where they decide coverage."""
     scene = cards(far(2.0**20), texture((8, 4), wrap, 4), alpha_cutoff=0.5)
     whole = draw(device, cards(far(2.0**20), texture((8, 4), wrap)))
     frame = draw(device, scene)
@@ -107,7 +107,7 @@ def test_alpha_tests_far_away(device, wrap):
 
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_as_far_as_coordinates_go(device, wrap):
-    """From 2^24 on float32 has no fractions: they are in the low parts alone. At 2^39 they are right to 2^-9."""
+    """From 2^24 on float32 has no fractions: only the low parts hold them. At 2^39 they are accurate to 2^-9."""
     for exponent in (24, 26, 32, 39):
         frame = draw(device, cards(far(2.0**exponent), texture((8, 4), wrap)))
         found = clshade.check(frame, "all")
@@ -116,7 +116,7 @@ def test_as_far_as_coordinates_go(device, wrap):
 
 
 def test_the_bound_knows_how_far_coordinates_reach(device):
-    """It is 32 up to 2^21 texels, and errors beyond it are of coordinates that have no more than 48 bits."""
+    """It is 32 up to 2^21 texels; larger errors come from coordinates, which have only 48 bits."""
     for shape, reach, allowed in (((8, 8), 2.0**18, 32.0), ((8, 8), 2.0**22, 47.0), ((4, 1024), 2.0**20, 543.0)):
         uvs = far(reach)
         uvs[0, 0] = reach

@@ -1,4 +1,4 @@
-"""The layers of a frame: against the float64 oracle and each other; nothing is done for those not asked for."""
+"""The layers of a frame: against the float64 oracle and each other; layers that are not requested cost nothing."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def assert_background_is_0(frame: Frame) -> None:
 
 
 def test_the_scene_has_of_everything(device):
-    """What the first test draws: clipped faces, both sides of a two-sided mesh, mirrored and plain placements."""
+    """The scene of the first test has clipped faces, both sides of a two-sided mesh, mirrored and plain placements."""
     frame = draw(device, mixed())
     assert frame.stats["clipped"] >= 2
     assert set(np.unique(frame["object_id"])) == {0, 1, 3, 4, 5}
@@ -87,7 +87,7 @@ def test_the_scene_has_of_everything(device):
 
 
 def test_normals_of_a_two_sided_material_are_turned_round(device):
-    """Where the mesh is seen from behind, and only there."""
+    """Exactly where the mesh is seen from behind."""
     two, one = (
         draw(device, Scene((replace(dome(), material=Material(two_sided=sides)),), CAMERA)) for sides in (True, False)
     )
@@ -100,7 +100,7 @@ def test_normals_of_a_two_sided_material_are_turned_round(device):
 
 
 def test_a_square_in_closed_form(device):
-    """A square of two triangles, seen at a slant: each layer is a formula of the pixel's place on it."""
+    """A square of two triangles, seen obliquely: each layer is a function of the position on it."""
     square = Mesh(
         [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
         [[0, 1, 2], [0, 2, 3]],
@@ -113,7 +113,7 @@ def test_a_square_in_closed_form(device):
     shown = frame["id"] > 0
     x, y, z = frame["P"][shown].T
     assert len(x) > 200
-    # Of float32: the largest coordinate is 4, and snapping to 1/256 px moves a point by 4/40/256.
+    # In float32: the largest coordinate is 4, and snapping to 1/256 px moves a point by 4/40/256.
     assert np.abs(z).max() < 1e-6
     off = (camera.eye - frame["P"])[shown]
     assert np.allclose(frame["Z"][shown], off @ -camera_axes(camera)[2], rtol=1e-6)
@@ -128,7 +128,7 @@ def test_a_square_in_closed_form(device):
 
 
 def test_corners_and_weights_give_the_other_layers(device):
-    """As a user would: attributes of the mesh's own corners, also where a placement mirrors."""
+    """As a user would do: interpolate attributes of the mesh's own corners, also under a mirroring placement."""
     mesh = dome()
     frame = draw(device, Scene((mesh,), CAMERA))
     shown = np.nonzero(frame["id"])
@@ -155,7 +155,7 @@ def test_albedo_is_the_image_without_light(device, preset, options):
 
 
 def test_positions_far_from_the_origin(device):
-    """Float64: a scene moved by 2^30 has the same picture, whose points float32 would put 64 apart."""
+    """Float64: a scene moved by 2^30 has the same image; float32 values are 64 apart there."""
     needs_float64(device)
     there = np.array([2.0**30, -(2.0**31), 2.0**30])
     mesh = replace(wedge(), verts=wedge().verts.astype(np.float64))
@@ -173,7 +173,7 @@ def test_positions_far_from_the_origin(device):
     assert np.abs(far["P"][shown] - there - near["P"][shown]).max() <= 2.0**-21
 
 
-# Only what is asked for
+# Only requested layers
 
 
 def test_the_image_does_not_depend_on_the_layers(device):
@@ -240,7 +240,7 @@ def test_a_scene_of_nothing(device, meshes):
     assert_background_is_0(frame)
 
 
-# Numbers
+# Object and material numbers
 
 
 def test_equal_materials_share_a_number():
@@ -262,7 +262,7 @@ def test_equal_materials_share_a_number():
 
 
 def test_many_materials_are_not_compared_in_pairs(monkeypatch):
-    """Of 3000 scalars alone, none; of two textures of one size, one comparison."""
+    """No comparison for 3000 materials of scalars; one for two textures of equal size."""
     compared = []
     monkeypatch.setattr(layer_buffers.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
     materials = [Material(kd=k / 3000, name=f"{k % 7}") for k in range(3000)]
@@ -279,12 +279,12 @@ def test_all_is_every_layer():
         Settings(layers=("normals",))
 
 
-# The comparator
+# The comparison itself
 
 
 @pytest.mark.parametrize("name", [name for name in LAYERS if name not in ("Z", "id")])
 def test_an_error_of_a_layer_is_noticed(opened, name):
-    """One pixel off by ten times what is allowed, or by one number."""
+    """One pixel off by ten times the bound, or by one number."""
     frame = draw(opened, mixed())
     expected = oracle.render_layers(frame.scene, frame.settings)
     layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)

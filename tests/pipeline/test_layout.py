@@ -1,5 +1,5 @@
-"""Every struct of layout.py has the same size and the same offsets on the device, of float32 and of float64 reals, every
-constant the same value."""
+"""Every struct of struct_layout.py has the same size and offsets on the device, with float32 and with float64 reals,
+and every constant the same value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from clshade.scene import model
 
 
 def struct_text(name: str, dtype: np.dtype) -> str:
-    """A kernel that writes the size of a struct, then each member's offset."""
+    """Return a kernel that writes the size of a struct, then each member's offset."""
     lines = ["out[0] = sizeof(struct_t);"]
     for i, member in enumerate(dtype.names, 1):
         lines.append(f"out[{i}] = (int)((private char *)&s.{member} - (private char *)&s);")
@@ -29,7 +29,7 @@ EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
 
 @pytest.fixture(scope="module")
 def probes(device):
-    """One with float32 reals, one with float64 reals."""
+    """Return a probe with float32 reals and one with float64 reals."""
     text = "".join(struct_text(name, dtype) for name, dtype in STRUCTS[0].items())
     values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(struct_layout.CONSTANTS))
     text += f"kernel void constants(global const float *unused, global float *out) {{ {values} }}"
@@ -37,7 +37,7 @@ def probes(device):
 
 
 def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
-    """What a single work-item writes: all of them write the same."""
+    """Return the output of a single work-item; all write the same."""
     return probe(name, np.zeros(32, np.float32), dtype=dtype)[:count].tolist()
 
 
@@ -49,7 +49,7 @@ def test_sizes_and_offsets(probes, kind, name):
 
 
 def test_constants(probes):
-    """As float32, which holds every one of them exactly."""
+    """As float32, in which all of them are exact."""
     assert single(probes[0], "constants", len(struct_layout.CONSTANTS), np.float32) == list(
         struct_layout.CONSTANTS.values()
     )
@@ -61,7 +61,7 @@ def test_settings_allow_as_many_samples_as_the_structs_hold():
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
 def test_rows_keep_their_alignment(kind, name):
-    """Row k of a table begins at k * itemsize: a multiple of 8 where a member is."""
+    """Row k of a table begins at k * itemsize, a multiple of 8 if a member needs that."""
     dtype = STRUCTS[kind][name]
     assert dtype.itemsize % (8 if any(dtype[member].base == np.float64 for member in dtype.names) else 4) == 0
 

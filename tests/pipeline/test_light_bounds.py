@@ -1,4 +1,4 @@
-"""Colors within their bounds where digits are few: colors far beyond 1, lights that nearly touch what they light."""
+"""Colors within their bounds in ill-conditioned cases: colors far beyond 1, lights that nearly touch the surface."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def draw(device, scene: Scene, **options) -> Frame:
 
 
 def triangle(colors, moved=(0.0, 0.0, 0.0), **fields) -> Mesh:
-    """Covers most of CAMERA's image."""
+    """Return a triangle that covers most of CAMERA's image."""
     verts = np.array([[-1.9, -1.9, 0.4], [1.9, -1.7, -0.5], [-1.5, 1.9, 0.1]]) + moved
     return Mesh(verts, [[0, 1, 2]], colors=np.asarray(colors, np.float64), material=MATTE, **fields)
 
@@ -56,7 +56,7 @@ MIXED = [[-1e6, 0.5, 1e4], [0.5, 1e6, -3.0], [0.7, -1e6, 0.1]]
     ids=str,
 )
 def test_a_glaring_corner_costs_the_others_no_digits(device, colors, options):
-    """Opposite a corner of 1e6, the pixel's own color is what the bound is of."""
+    """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
     if options.get("precision") == "float64":
         needs_float64(device)
     frame = draw(device, lit(triangle(colors)), shader="phong", **options)
@@ -66,7 +66,7 @@ def test_a_glaring_corner_costs_the_others_no_digits(device, colors, options):
 
 
 def test_glaring_corners_of_many_small_triangles(device):
-    """More owners a block than it turns to one by one: their corners are gathered."""
+    """More owners per block than are handled one by one: their corners are gathered."""
     rng = np.random.default_rng(1)
     across, up = np.meshgrid(np.linspace(-1.9, 1.9, 21), np.linspace(-1.9, 1.9, 21))
     verts = np.stack([across.ravel(), up.ravel(), 0.2 * rng.normal(size=441)], axis=1)
@@ -121,8 +121,8 @@ def test_only_colors_beyond_one_take_more_care(mesh, options, bright):
 
 
 def grazed(n: float = 0.0, height: float = 1e-7, *, orthographic: bool = False) -> Scene:
-    """A tilted square 2 wide, of which the image shows 0.1; a light over its middle, `height` above it. Around it N.L is
-    height over distance, in which P, a mean of corners some 3 from the eye, is off by some 1e-7."""
+    """Return a tilted square 2 wide, of which the image shows 0.1, with a light `height` above its center. Around it
+    N.L is height over distance, where P, a mean of corners some 3 from the eye, is off by some 1e-7."""
     x, y = np.array([0.48, 0.6, -0.64]), np.array([-0.8, 0.6, 0.0])
     normal = np.cross(x, y)
     verts = np.array([-x - y, x - y, x + y, y - x]) + [0.1, 0.2, 0.3]
@@ -150,7 +150,7 @@ def test_a_light_that_grazes_opens_and_closes_highlights_within_rounding(device,
 
 @pytest.mark.parametrize("height", [1e-5, 1e-4, 1e-3])
 def test_highlights_that_are_wrong_are_found_beside_grazing_lights(height):
-    """Planted: no highlights, wherever N.L is clear of rounding."""
+    """Planted: no highlights where N.L exceeds rounding."""
     scene = grazed(0.0, height)
     expected = oracle.render(scene, Settings(shader="phong"))
     assert (expected.jump <= expected.budget).all()
@@ -164,7 +164,7 @@ def test_highlights_that_are_wrong_are_found_beside_grazing_lights(height):
 
 
 def test_what_exceeds_the_highlight_is_found_at_its_gate():
-    """Planted at a single pixel at a gate: the highlight, which is excepted, and twice what is allowed on top of it."""
+    """Planted at a single pixel at a gate: the highlight, which is excepted, plus twice the allowed error."""
     expected = oracle.render(grazed(), Settings(shader="phong"))
     bound = oracle_bounds.color_bound(expected)
     at = tuple(np.argwhere(expected.gate & (expected.kappa < 1e4))[0])
@@ -178,7 +178,7 @@ def test_what_exceeds_the_highlight_is_found_at_its_gate():
 
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_the_oracle_does_not_depend_on_the_unit_of_length(orthographic):
-    """A scene in another unit, a power of two, looks the same and is as well conditioned, whatever the camera."""
+    """A scene in another unit, a power of two, looks the same and is equally conditioned, with any camera."""
     scene = grazed(0.5, 1e-4, orthographic=orthographic)
     first = oracle.render(scene, Settings(shader="phong"))
     assert first.kappa.min() < 1e3

@@ -1,4 +1,4 @@
-"""What materials, placements and lenses can ask for, whole frames against the oracle."""
+"""Materials, placements and cameras: whole frames against the oracle."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def noisy_texture(wrap: tuple[str, str] = ("mirror", "repeat")) -> Texture:
 
 
 def cut_out() -> Scene:
-    """A knot with holes by alpha test, whose inside is lit too."""
+    """Return a knot with alpha-tested holes, whose inside is lit too."""
     material = replace(GLOSSY, texture=noisy_texture(), color=(0.5, 1.0, 2.0), alpha_cutoff=0.45, two_sided=True)
     return replace(KNOT, meshes=(replace(BODY, uvs=BODY.verts[:, :2] * 2.0, material=material),))
 
@@ -46,7 +46,7 @@ def orthographic(scene: Scene, plane: tuple[float, float]) -> Scene:
 
 
 def close_up(scene: Scene) -> Scene:
-    """So near to the nearest vertex that its faces reach beyond the guard band."""
+    """Return the scene so close to the nearest vertex that its faces extend beyond the guard band."""
     camera = orthographic(scene, (1e-4, 1e-4)).camera
     verts = scene.meshes[0].verts.astype(np.float64)
     shift = verts[((verts - camera.eye) ** 2).sum(axis=1).argmin()] - camera.lookat
@@ -86,7 +86,7 @@ def test_front_only_leaves_out_what_is_seen_from_behind(device):
 
 @pytest.mark.parametrize("alpha", [0.5, 0.3, 1.0])
 def test_alpha_at_the_cutoff_is_seen(device, alpha):
-    """Left out is what lies below it: one float32 above the texture's alpha leaves nothing."""
+    """Only alphas below the cutoff are discarded: a cutoff one float32 above the texture's alpha leaves nothing."""
     at = float(np.float32(alpha))
     image = np.concatenate([np.ones((3, 3, 3)), np.full((3, 3, 1), at)], axis=2)
     card = Mesh([[-1, -1, 0], [3, -1, 0], [-1, 3, 0]], [[0, 1, 2]], uvs=[[0, 0], [2, 0], [0, 2]])
@@ -112,7 +112,7 @@ def test_two_sided_light_is_the_same_from_both_sides(device):
 
 
 def test_vertex_colors_of_whole_numbers():
-    """Unsigned ones are shares of their type's maximum, as a texture's are; ones and zeros of a list stay what they are."""
+    """Unsigned integers are fractions of their type's maximum, as in textures; ones and zeros of a list are kept."""
     shares = np.array([[0, 51, 255], [255, 102, 0], [204, 255, 0]])
     for kind, factor in ((np.uint8, 1), (np.uint16, 257), (np.uint32, 16843009)):
         given = (shares * factor).astype(kind)

@@ -1,4 +1,4 @@
-"""Mip-map levels: of the host, of the oracle, and in the tables that the kernels read."""
+"""Mipmap levels: of the host, of the oracle, and in the tables that the kernels read."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def test_sizes_are_halved_and_rounded_down_to_a_single_texel(size):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_host_and_oracle_agree(size):
-    """Two computations of the same means, in float64: rounded to float32 they are the same but for ties, which random
-    texels do not have. Values of 8 bits do have them: their sums are exact, so they are rounded the same way."""
+    """Two float64 computations of the same means: rounded to float32 they are equal except for ties, which random
+    texels do not have. 8-bit values do have ties, but their sums are exact, so they are rounded alike."""
     for image in (image_of(size), np.rint(image_of(size) * 255).astype(np.float32) / 255):
         first, *expected = texture.levels(image)
         assert np.array_equal(first, image)
@@ -44,7 +44,8 @@ def test_host_and_oracle_agree(size):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_every_level_has_the_mean_of_the_image(size):
-    """Each texel counts by its area, so that no size loses or doubles a row. Rounded to float32: 2^-24 of at most 1."""
+    """Each texel is weighted by its area, so that no size loses or doubles a row. Rounded to float32: 2^-24 of at most
+    1."""
     image = image_of(size)
     for level in smaller_levels(image):
         assert (
@@ -54,7 +55,7 @@ def test_every_level_has_the_mean_of_the_image(size):
 
 
 def test_odd_sizes_weigh_by_area():
-    """Of five rows the first new one covers two and a half; of three rows the only one covers all."""
+    """Of five rows, the first new one covers two and a half; of three rows, the only one covers all."""
     rows = np.float32([1, 10, 100, 1000, 10000]).reshape(5, 1, 1)
     first, second = smaller_levels(rows)
     assert first[:, 0, 0] == pytest.approx([(1 + 10 + 50) / 2.5, (50 + 1000 + 10000) / 2.5])
@@ -64,7 +65,7 @@ def test_odd_sizes_weigh_by_area():
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_constant_stays_the_same_to_the_last_bit(size):
-    """Also after fifteen levels, and of values that are no sums of few powers of two."""
+    """Also after fifteen levels, and for values that are not sums of few powers of two."""
     color = np.float32([0.1, 1 / 3, 3.4e38])
     for level in smaller_levels(np.broadcast_to(color, (*size[::-1], 3))):
         assert (level == color).all()
@@ -74,7 +75,7 @@ def test_a_constant_stays_the_same_to_the_last_bit(size):
 
 @pytest.mark.parametrize("size", [(2 * BAND // 30, 11), (BAND // 6 - 1, 12), (700, 900), (901, 701)])
 def test_bands_of_rows_change_no_bit(monkeypatch, size):
-    """One row to a band, some, or all at once; of images that take several bands as it is."""
+    """One row per band, several, or all; and images that need several bands by default."""
     image = image_of(size)
     found = smaller_levels(image)
     for band in (1, 1 << 40):
@@ -85,8 +86,8 @@ def test_bands_of_rows_change_no_bit(monkeypatch, size):
 
 @pytest.mark.parametrize("side", [2048, 2047])
 def test_a_large_image_takes_little_memory(side):
-    """Of the image's bytes, float32: the first level in float64 1/2, all in float32 1/3, the next in float64 1/8 while it
-    is made; and a few bands."""
+    """Relative to the float32 image: the first level in float64 1/2, all in float32 1/3, the next in float64 1/8 while
+    it is computed; and a few bands."""
     image = np.ones((side, side, 3), np.float32)
     tracemalloc.start()
     try:
@@ -109,7 +110,8 @@ def test_levels_are_kept_as_long_as_their_texture():
 
 
 def test_levels_lie_behind_their_texture():
-    """Each texture's own texels first, with its alpha; levels are opaque, and only for the standard lookup."""
+    """Each texture's own texels come first, with its alpha; levels are opaque, and exist only for the standard
+    lookup."""
     textures = [Texture(image_of((5, 4), 4)), Texture(image_of((6, 3)), lookup="course"), Texture(image_of((16, 9)))]
     table, texels = texture_tables(textures, mipmaps=True)
     assert table["levels"].tolist() == [3, 1, 5]

@@ -67,7 +67,7 @@ def test_nothing_left():
 
 
 def test_a_sheet_with_a_back_has_no_normals():
-    """Each face with its reverse: what sums leave is rounding, not a direction."""
+    """Each face with its reverse: the sums leave rounding errors, not a direction."""
     line = np.linspace(-1, 1, 12)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
     verts = np.stack([x, y, 0.3 * x * x - 0.1 * y], axis=1)
@@ -83,7 +83,7 @@ def test_a_sheet_with_a_back_has_no_normals():
 
 
 def test_a_vertex_whose_faces_nearly_cancel_keeps_its_normal():
-    """A cone's tip 1e-6 high beside its reverse's: far above rounding."""
+    """The tip of a cone 1e-6 high beside that of its reverse: far above rounding."""
     angle = np.linspace(0, 2 * np.pi, 9)[:8]
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(8)], axis=1)
     k = np.arange(8)

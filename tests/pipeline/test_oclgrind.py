@@ -1,4 +1,4 @@
-"""Every kernel under Oclgrind, a simulated device: no access out of bounds, no data race, no read of unset memory."""
+"""Every kernel on Oclgrind, a simulated device: no access out of bounds, data race or read of uninitialized memory."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ pytestmark = pytest.mark.long
 
 
 def library() -> str:
-    """Oclgrind's library for ICD loaders: pyopencl has a loader of its own, which the command does not reach."""
+    """Return Oclgrind's library for ICD loaders: pyopencl bundles its own loader, which the command `oclgrind`
+    bypasses."""
     command = shutil.which("oclgrind")
     beside = Path(command or "/").resolve().parent.parent / "lib" / "oclgrind" / "liboclgrind-rt-icd.so"
     return next((str(path) for path in (beside, *LIBRARIES) if os.path.exists(path)), "")
 
 
 def oclgrind(folder: Path, form: str, options: str = "-disable-llvm-passes") -> tuple[Any, str]:
-    """What tests/support/oclgrind_drawing.py prints for a form, and Oclgrind's log.
+    """Run tests/support/oclgrind_drawing.py for a form; return its output and Oclgrind's log.
 
-    options: clang's, for kernels: Oclgrind 21.10 ends at intrinsics that LLVM's optimizer puts in.
+    options: clang's, for kernels: Oclgrind 21.10 aborts at intrinsics that LLVM's optimizer inserts.
     """
     if not shutil.which("oclgrind") or not library():
         pytest.skip("oclgrind is not installed (apt install oclgrind)")
@@ -66,7 +67,7 @@ def test_planted_errors_are_found(tmp_path):
 @pytest.mark.parametrize("form", ["groups", "vectors"])
 def test_no_kernel_does_anything_undefined(tmp_path, form):
     """Ten scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
-    empty frame; the images are right too."""
+    empty frame; the images are correct too."""
     found, log = oclgrind(tmp_path, form)
     assert log.strip() == ""
     assert set(found["ran"]) == KERNELS
@@ -74,6 +75,6 @@ def test_no_kernel_does_anything_undefined(tmp_path, form):
 
 
 def test_padding_is_never_read():
-    """tests/support/oclgrind_drawing.py sets it, so that Oclgrind does not report the copying of structs."""
+    """tests/support/oclgrind_drawing.py initializes it, so that Oclgrind does not report copies of structs."""
     for path in (ROOT / "kernels").iterdir():
         assert not re.search(r"(->|\.)\s*pad", path.read_text()), path.name

@@ -1,4 +1,4 @@
-"""Instances whose placements flatten or mirror: which way round faces and normals are."""
+"""Instances whose placements flatten or mirror: winding of faces, and orientation of normals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from clshade.scene.model import Material, Mesh, PointLight, Scene
 
 
 def test_mirroring_is_decided_exactly():
-    """Of placements that flatten space float64 gives determinants of either sign; packing and oracle have to agree."""
+    """For placements that flatten space float64 gives determinants of either sign; packing and oracle must agree."""
     rng = np.random.default_rng(3)
     signs = []
     for number in range(300):
@@ -58,7 +58,7 @@ def test_whether_a_placement_mirrors(rows, mirrored):
 
 @pytest.mark.parametrize("size", [1e-200, 1e-30, 1.0, 1e30, 1e200])
 def test_placed_normals_of_any_length(size):
-    """Under matrices of any size, in packing as in the oracle."""
+    """Under matrices of any scale, in packing and in the oracle."""
     rng = np.random.default_rng(4)
     normals, matrix = size * rng.normal(size=(20, 3)), np.eye(4)
     matrix[:3, :3] = rng.normal(size=(3, 3))
@@ -75,7 +75,7 @@ def cross(a: list, b: list) -> list:
 
 
 def nearly_flat(rng: np.random.Generator) -> np.ndarray:
-    """A placement whose third row is nearly a mean of the others."""
+    """Return a placement whose third row is nearly a mean of the others."""
     matrix = np.eye(4)
     matrix[:3, :3] = rng.normal(size=(3, 3))
     matrix[2, :3] = rng.normal(size=2) @ matrix[:2, :3] + 1e-9 * rng.normal(size=3)
@@ -83,8 +83,8 @@ def nearly_flat(rng: np.random.Generator) -> np.ndarray:
 
 
 def test_normals_under_placements_that_nearly_flatten():
-    """Found by the fuzzer: there cofactors, and normals with them, are differences of larger numbers. What float64 may
-    make of them is known: half of it holds against fractions, and packing and oracle differ by no more."""
+    """Found by the fuzzer: there cofactors, and hence normals, are differences of larger numbers. The bound of the
+    float64 error is known: errors against fractions are within half of it, and packing and oracle differ by no more."""
     rng = np.random.default_rng(8)
     normals, worst = rng.normal(size=(50, 3)), 0.0
     for _ in range(20):
@@ -106,8 +106,8 @@ def test_normals_under_placements_that_nearly_flatten():
 
 
 def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
-    """Quads with given normals, flattened along random directions: each one's normal is on the side that the exact sign of
-    its determinant says, and two-sided materials turn it by the same."""
+    """Quads with given normals, flattened along random directions: the exact sign of the determinant decides the side
+    of each normal, and two-sided materials flip it by the same rule."""
     rng = np.random.default_rng(5)
     placements = np.tile(np.eye(4), (12, 1, 1))
     for k, placement in enumerate(placements):

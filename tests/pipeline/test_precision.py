@@ -1,4 +1,4 @@
-"""Precision fast, float32 and float64: the same coverage, each as exact as it says."""
+"""Precision fast, float32 and float64: the same coverage, each within its bounds."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ kernel void power(global const REAL *t, global const REAL *n, global REAL *out) 
 
 
 def relative(found: np.ndarray, expected: list) -> float:
-    """The largest relative error against exact values."""
+    """Return the largest relative error against exact values."""
     return float(max(abs(mpmath.mpf(float(f)) / e - 1) for f, e in zip(found, expected, strict=True)))
 
 
@@ -46,8 +46,8 @@ def double(device):
 
 
 def test_float64_functions(double):
-    """A few roundings of 2^-53 each: the root two; the logarithm the quotient s and its products, six; the exponential its
-    argument (half a rounding of 0.35) and the sum, two; each with a little for the series' end."""
+    """A few roundings of 2^-53 each. Root: two. Logarithm: the quotient s and its products, six. Exponential: its
+    argument (half a rounding of 0.35) and the sum, two. Each plus a little for the truncated series."""
     mpmath.mp.dps = 40
     rng = np.random.default_rng(4)
     t = np.concatenate([rng.uniform(0, 1, 1000), 10.0 ** rng.uniform(-17, -1, 1000)])
@@ -74,8 +74,8 @@ def test_float64_powers(double, n):
 
 
 def test_fast_functions(device):
-    """As kernels/numerics.clh says: 4.7e-6, 7.4e-6 and 6.3e-6, with a few roundings; and no better than a tenth of that,
-    or the shorter polynomials are not the ones in use."""
+    """As derived in kernels/numerics.clh: 4.7e-6, 7.4e-6 and 6.3e-6, plus a few roundings; and not below a tenth of
+    that, or else the shorter polynomials are not in use."""
     probe = Probe(device, TEXT, FAST=1, POWER=1)
     rng = np.random.default_rng(6)
     t = rng.uniform(0.001, 0.999, 5000).astype(np.float32)
@@ -117,7 +117,7 @@ def test_built_in_scenes(device, name, precision, shader):
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_weighted_samples(device, precision):
-    """Found by the fuzzer: luminance was counted with float32's coefficients in float64 too."""
+    """Found by the fuzzer: luminance had float32's coefficients in float64 too."""
     scene = clshade.builtin("box_room")
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
     frame = draw(device, scene, precision=precision, samples=4, resolve="weighted")
@@ -126,7 +126,7 @@ def test_weighted_samples(device, precision):
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
-    """Cut along different diagonals, so that the depths of a pixel differ by roundings alone."""
+    """Cut along different diagonals, so that the depths of a pixel differ only by rounding."""
     corners = np.array([[-1.0, -1.0, 0.3], [1.0, -1.0, -0.2], [1.0, 1.0, -0.3], [-1.0, 1.0, 0.2]])
     meshes = [Mesh(corners, faces) for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])]
     scene = Scene(tuple(meshes), CAMERA.with_resolution((160, 120)), LIGHTS)
@@ -150,7 +150,7 @@ def test_exponents(device, precision, n):
 
 
 def test_float64_does_not_pass_for_float32(device):
-    """The bound of float64 is one that float32 misses."""
+    """float32 exceeds the bound of float64."""
     scene = lit(20.0)
     frame = draw(device, scene)
     expected = oracle.render(scene, frame.settings)
@@ -167,8 +167,8 @@ def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
 
 
 def test_large_texture_coordinates_in_float64(device):
-    """Found by the fuzzer: coordinates of some thousand hold fewer digits of a texel, which float64's bound counts, and
-    which float32's pairs, of 48 bits, still miss."""
+    """Found by the fuzzer: coordinates of some thousands hold fewer digits of a texel, which float64's bound includes;
+    double-single, with 48 bits, still exceeds it."""
     needs_float64(device)
     image = np.random.default_rng(6).uniform(0, 1, (33, 33, 3)).astype(np.float32)
     uvs = np.random.default_rng(7).uniform(-2e4, 2e4, (120, 2))
@@ -185,7 +185,7 @@ def test_large_texture_coordinates_in_float64(device):
 
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic):
-    """Found by the fuzzer: the corners of clipped pieces get means of the coordinates, which are rounded even where all
+    """Found by the fuzzer: the corners of clipped pieces get means of the coordinates, which are rounded even if all
     coordinates are equal."""
     needs_float64(device)
     image = np.random.default_rng(6).uniform(0, 1, (33, 33, 3)).astype(np.float32)
@@ -199,8 +199,8 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
 
 
 def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
-    """Found by the fuzzer: where depths are small, or differ little, on an edge that is cut, rounding of positions counts
-    more in barycentric coordinates."""
+    """Found by the fuzzer: if depths are small, or differ little, along a clipped edge, barycentric coordinates amplify
+    the rounding of positions."""
     needs_float64(device)
     rng, worst, least = np.random.default_rng(9), 0.0, np.inf
     for _ in range(12):

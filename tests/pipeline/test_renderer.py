@@ -1,4 +1,4 @@
-"""A renderer's life: threads, errors on the way, closing, forks, memory over many frames."""
+"""The lifetime of a renderer: threads, errors, closing, forks, memory over many frames."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCENE = Scene((TRIANGLE,), CAMERA)
 
 @pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])
 def test_float64_in_a_buffer_is_aligned(device, shape):
-    """Kernels read four float64 at once, whatever the array's rows hold; NumPy aligns to 16 bytes."""
+    """Kernels read four float64 at once, with rows of any length; NumPy aligns to 16 bytes."""
     count = int(np.prod(shape))
     given = aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
     given[:] = np.arange(count).reshape(shape)
@@ -42,7 +42,7 @@ def test_float64_in_a_buffer_is_aligned(device, shape):
 
 
 def test_memory_that_is_hardly_aligned_is_shared_as_other_is(device):
-    """What the host writes the device sees, and the reverse, in arrays at multiples of 16 bytes alone."""
+    """The device sees the host's writes, and vice versa, in arrays aligned to only 16 bytes."""
     given = aligned((4 + 1000,), np.dtype(np.uint32))[4:]
     given[:] = 5
     buffer = Buffer(device, given)
@@ -67,7 +67,7 @@ def test_a_closed_renderer_says_so_and_its_frames_stay(device):
 
 
 def test_threads_share_a_renderer_and_a_device(device):
-    """Each frame is that of its camera, with the interpreter switching threads as often as it can."""
+    """Each frame is that of its camera, with the shortest thread switch interval."""
     cameras = [replace(CAMERA, eye=np.array([0.1 * k, 0.0, 3.0])) for k in range(8)]
     with Renderer(SCENE, device=device) as one, Renderer(SCENE, device=device) as other:
         expected = [one.render(camera).rgba.copy() for camera in cameras]

@@ -1,6 +1,6 @@
-"""Cameras from a matrix K and a pose: points project where these say, and depth leads back to the points.
+"""Cameras from a matrix K and a pose: points project accordingly, and depth leads back to the points.
 
-All of the arithmetic here is the pinhole model's own, in float64: no camera of clshade takes part in it.
+All arithmetic here is that of the pinhole model in float64, without clshade's cameras.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FLIPS = {"opencv": np.diag([1.0, 1.0, 1.0]), "opengl": np.diag([1.0, -1.0, -1.0]
 @pytest.mark.parametrize("convention", ["opencv", "opengl"])
 @pytest.mark.parametrize("pixel_center", [0.5, 0])
 def test_points_project_where_the_matrix_says(device, convention, pixel_center):
-    """Small quads around known points cover the pixels that K and the pose name, and Z leads back to the points."""
+    """Small quads around known points cover the pixels given by K and the pose, and Z leads back to the points."""
     rng = np.random.default_rng(3)
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     rotation *= np.linalg.det(rotation)
@@ -31,7 +31,7 @@ def test_points_project_where_the_matrix_says(device, convention, pixel_center):
     in_camera = np.stack(
         [(centers[:, 0] - 70.0) / 220.0 * depth, (centers[:, 1] - 41.0) / 240.0 * depth, depth], axis=1
     )
-    size = 0.4 / 230.0 * depth  # a quad of 0.8 px: covers the one pixel whose center is its middle
+    size = 0.4 / 230.0 * depth  # a quad of 0.8 px covers only the pixel whose center is its center
     corners = in_camera[:, None] + size[:, None, None] * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     world = corners.reshape(-1, 3) @ (rotation @ FLIPS[convention]).T + pose[:3, 3]
     faces = np.concatenate([[[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]] for i in range(4)])
@@ -40,12 +40,13 @@ def test_points_project_where_the_matrix_says(device, convention, pixel_center):
         frame = renderer.render()
     covered = np.argwhere(frame.alpha > 0)[:, ::-1]
     assert sorted(map(tuple, covered)) == sorted(map(tuple, pixels))
-    # Z is flat over a quad; 8 roundings of 2^-24.
+    # Z is constant on a quad; 8 roundings of 2^-24.
     assert np.abs(frame["Z"][pixels[:, 1], pixels[:, 0]] / depth - 1.0).max() <= 8 * 2.0**-24
 
 
 def pose_at(eye, target) -> np.ndarray:
-    """(4, 4) OpenCV pose (x right, y down, z forward), camera to world, that looks at a target; world y is up."""
+    """Return the OpenCV pose (4, 4) (x right, y down, z forward), camera to world, that looks at a target; world y is
+    up."""
     z = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
     x = np.cross(z, [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)
@@ -55,7 +56,7 @@ def pose_at(eye, target) -> np.ndarray:
 
 
 def project(k: np.ndarray, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(P, 2) pixels of world points (P, 3) under K and an OpenCV pose."""
+    """Return the pixels (P, 2) of world points (P, 3) under K and an OpenCV pose."""
     x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
     return np.stack([k[0, 0] * x / z + k[0, 2], k[1, 1] * y / z + k[1, 2]], axis=1)
 
@@ -63,17 +64,17 @@ def project(k: np.ndarray, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("convention", ["opencv", "opengl"])
 @pytest.mark.parametrize("pixel_center", [0.5, 0])
 def test_depth_reprojects_into_another_view(device, convention, pixel_center):
-    """Every pixel's Z leads to a point of the surface; seen from a second place it is within 1/256 px of where the
-    true point is, the one where the pixel's ray meets the surface.
+    """Every pixel's Z leads to a point of the surface; in a second view it is within 1/256 px of the true point, the
+    intersection of the pixel's ray with the surface.
 
     Vertices are snapped to 1/256 px, which moves them by up to 1/512 px along either axis, and Z as if the surface had
-    been moved by that. Both cameras see the planes at less than 60 degrees from their normals and with equal K, so a
-    point moves as far in the second image as in the first, or less.
+    moved with them. Both cameras see the planes at less than 60 degrees from their normals and with equal K, so a
+    point moves at most as far in the second image as in the first.
     """
     rng = np.random.default_rng(7)
     k = np.array([[410.0, 0.0, 157.3], [0.0, 395.0, 121.9], [0.0, 0.0, 1.0]])
     first, second = pose_at([0.3, 0.4, 6.0], [0.0, 0.1, 0.0]), pose_at([-0.8, 1.0, 6.5], [0.1, 0.0, 0.0])
-    # Four triangles about a point in front: planes of different slopes, their corners nowhere near pixel centers.
+    # Four triangles around a point in front: planes of different slopes, with corners away from pixel centers.
     rim = np.array([[-1.3, -1.1], [1.2, -0.9], [1.4, 1.0], [-1.2, 1.3]]) + rng.uniform(-0.1, 0.1, (4, 2))
     verts = np.vstack([[0.07, -0.05, 0.6], np.column_stack([rim, rng.uniform(-0.2, 0.2, 4)])])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
@@ -96,6 +97,6 @@ def test_depth_reprojects_into_another_view(device, convention, pixel_center):
     true = first[:3, 3] + reach[:, None] * rays
     error = np.abs(project(k, second, found) - project(k, second, true)).max()
     assert error < 1 / 256
-    # Depth that is wrong by a thousandth is noticed.
+    # A depth error of 1/1000 is detected.
     wrong = first[:3, 3] + 1.001 * depth[rows, columns, None] * rays
     assert np.abs(project(k, second, wrong) - project(k, second, true)).max() > 10 / 256

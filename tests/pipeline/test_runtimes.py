@@ -1,4 +1,4 @@
-"""Cache folders that processes claim for themselves, and the runtimes that are pointed to."""
+"""Cache folders claimed by single processes, and the runtimes made known to the loader."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_no_home(homeless: tuple[Path, str]) -> None:
 
 @pytest.mark.parametrize("kind", ["others can write", "group can write", "link", "file", "another user's"])
 def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: str) -> None:
-    """Whoever can write to it can put code there. What serves instead does not pile up, run after run."""
+    """Anyone who can write to it could plant code. The replacement folders do not accumulate."""
     taken = tmp_path / f"clshade-{os.getuid()}"
     own = tmp_path / "own"
     own.mkdir(mode=0o700)
@@ -89,7 +89,7 @@ def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
             folder, pocl = process.stdout.readline().split()
             assert folder == str(tmp_path / "clshade" / expected)
             assert pocl == str(tmp_path / "clshade" / expected / "pocl")
-        # What a process that is killed leaves behind is cleared away by the next.
+        # The next process removes what a killed one leaves behind.
         slot = tmp_path / "clshade" / "slot-0"
         running[0].kill()
         running[0].wait()
@@ -191,7 +191,7 @@ def test_intel_is_exposed_beside_the_others(fresh_cache: Path, tmp_path: Path, m
         environment.expose_runtimes()
         assert {path.name: path.read_text().strip() for path in folder.iterdir()} == contents
         assert list(fresh_cache.glob("vendors-*")) == [folder]
-    # Registered by the system already: nothing has to be done. The variable set above does not pass for the user's.
+    # Already registered by the system: nothing to do. The variable set above is not mistaken for the user's.
     (system / "intel.icd").write_text(str(library))
     environment.expose_runtimes()
     assert "OCL_ICD_VENDORS" not in os.environ

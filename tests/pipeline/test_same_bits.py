@@ -1,4 +1,4 @@
-"""The same bits everywhere: one SHA-256 per scene and settings, on every device, with any lanes, threads and features."""
+"""Bit-identical results: one SHA-256 per scene and settings, on every device, with any lanes, threads and features."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
-# (scene, a field of the settings, its value), of the preset `standard` otherwise.
+# (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {
     ("torus_knot", "samples", 5): "cca50022d326a2d3",
     ("box_room", "precision", "float64"): "5b6582138bb71d2a",
     ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
 }
-# The same of several fields together: (scene, the fields' names and values).
+# The same for several fields together: (scene, the fields' names and values).
 COMBINED = {
     ("torus_knot", ("samples", 5), ("resolve", "weighted")): "34cae387820be4f5",
     ("torus_knot", ("samples", 7), ("sample_shading", True)): "259491f30b381eef",
@@ -74,8 +74,9 @@ def test_neither_lanes_nor_features_change_a_bit(device, key, options):
     assert digest(draw(device, *key, **options)) == GOLDEN[key]
 
 
-# No result of a lane may depend on the others: on which of them a triangle covers, or need what it does not. Each scene goes
-# its own way through the kernels: many owners in a block, gathered; textures, clipped pieces, materials; an alpha test.
+# The result of a lane must not depend on the other lanes: on which of them a triangle covers, or which need more work.
+# Each scene takes another path through the kernels: many owners per block, gathered; textures, clipped pieces,
+# materials; an alpha test.
 def knot() -> Scene:
     return clshade.builtin("torus_knot", triangles=3000, resolution=(97, 61))
 
@@ -102,7 +103,7 @@ SEVERAL = [
     {"samples": 1, "shader": "gouraud"},
 ]
 EVERY_DAY = (knot, {"samples": 5, "resolve": "weighted"}, (1,))
-# Times its weight, divided by that, in float32 none of its channels is itself.
+# Multiplied and then divided by its weight in float32, none of its channels is restored.
 BACKGROUND = (0.26161213, 0.29849114, 0.81422574)
 
 
@@ -117,7 +118,7 @@ BACKGROUND = (0.26161213, 0.29849114, 0.81422574)
     ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, background, lanes):
-    """Nor of the layers; where nothing is seen the image is the background, in tiles without a triangle and in others."""
+    """Nor of the layers; pixels without a face show the background, in tiles with and without triangles."""
     if options.get("precision") == "float64":
         needs_float64(device)
     found = {}
@@ -133,7 +134,7 @@ def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, ba
     if scene is knot:
         assert empty[-struct_layout.TILE_SIZE :, : struct_layout.TILE_SIZE].all()
         edges = empty[:, 1:] != empty[:, :-1]
-        assert edges.any()  # tiles that are partly empty
+        assert edges.any()  # partly empty tiles
 
 
 ONE_THREAD = """
@@ -159,7 +160,7 @@ def test_one_thread_gives_the_same_bits(device):
 
 @pytest.mark.filterwarnings("error")
 def test_programs_from_the_cache_give_the_same_bits(device, tmp_path, monkeypatch):
-    """And neither building nor loading them has anything to say."""
+    """And neither building nor loading them prints anything."""
     device = replace(device, keeps_programs=False)
     monkeypatch.setattr(programs, "_built", {})
     monkeypatch.setattr(programs, "_stored_at", lambda device, source, _: tmp_path / str(hash(source)))

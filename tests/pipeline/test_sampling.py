@@ -1,4 +1,4 @@
-"""Several samples a pixel: where they lie, what they cover, how they become a pixel."""
+"""Several samples per pixel: their positions, their coverage, and the resolve."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
 LAYERS = ("Z", "id")
-# One unit of the plane z = 0 is a pixel, the image's lower left corner is (0, 0).
+# One unit in the plane z = 0 is a pixel; the image's lower left corner is (0, 0).
 WIDTH, HEIGHT = 61, 47
 
 
 def flat(points, faces, **fields) -> Scene:
-    """Triangles of the plane z = 0, in pixels, white on black unless told."""
+    """Return triangles in the plane z = 0, in pixels, by default white on black."""
     eye = (WIDTH / 2, HEIGHT / 2, -100.0)
     camera = Camera(eye, (*eye[:2], 0.0), (0, 1, 0), 100.0, (float(HEIGHT), float(WIDTH)), (WIDTH, HEIGHT))
-    # Seen from -z with y up the x axis points to the left: mirrored, so that columns run with x.
+    # Seen from -z with y up, the x axis points to the left: mirror it, so that columns increase with x.
     xyz = np.column_stack(
         [WIDTH - np.asarray(points, float)[:, 0], np.asarray(points, float)[:, 1], np.zeros(len(points))]
     )
@@ -40,11 +40,11 @@ def draw(device, scene: Scene, **options):
         return renderer.render()
 
 
-# Places
+# Positions
 
 
 def test_places():
-    """On the grid of 1/256 px, all different, the nearest to the center first; what the oracle makes of the same formula."""
+    """On the grid of 1/256 px, all different, the nearest to the center first, and equal to the oracle's."""
     for samples in range(1, 65):
         found = sample_pattern.positions(samples)
         assert found.shape == (samples, 2)
@@ -57,7 +57,7 @@ def test_places():
 
 
 def test_places_are_symmetric_about_the_center():
-    """So that a triangle that covers them all covers the center too: triangles are convex."""
+    """Hence a triangle that covers them all covers the center too, as triangles are convex."""
     for samples in range(1, 65):
         found = sample_pattern.positions(samples)
         assert {tuple(place) for place in found} == {tuple(place) for place in 256 - found}, samples
@@ -69,8 +69,8 @@ def test_one_sample_is_the_center():
 
 @pytest.mark.parametrize("samples", [4, 16, 64])
 def test_every_column_and_nearly_every_row_of_strips_has_a_sample(samples):
-    """Of S strips across each has exactly one sample; of S strips up the golden ratio's leave less than a third empty: three
-    gaps at most occur between its multiples, the widest 1.9 times the mean one."""
+    """Each of S columns has exactly one sample; of S rows, the golden ratio's multiples leave less than a third empty:
+    at most three different gaps occur between them, the widest 1.9 times the mean."""
     x, y = sample_pattern.positions(samples).T * samples // 256
     assert sorted(x) == list(range(samples))
     assert len(set(y)) > samples * 2 // 3
@@ -80,7 +80,7 @@ def test_every_column_and_nearly_every_row_of_strips_has_a_sample(samples):
 
 
 def star(points: int = 9) -> tuple[np.ndarray, list]:
-    """Needles round a center, none along an axis."""
+    """Return needles around a center, none along an axis."""
     angle = 0.1234 + np.arange(2 * points) * np.pi / points
     radius = np.where(np.arange(2 * points) % 2, 6.0, 21.0)
     rim = np.stack([30.3 + radius * np.cos(angle), 23.4 + radius * np.sin(angle)], axis=1)
@@ -105,7 +105,7 @@ def area(polygon: np.ndarray) -> float:
 
 
 def exact_coverage(points: np.ndarray, faces: list) -> np.ndarray:
-    """The share of each pixel that the triangles cover, from areas; row 0 at the top."""
+    """Return the covered fraction of each pixel, from areas; row 0 at the top."""
     found = np.zeros((HEIGHT, WIDTH))
     for face in faces:
         triangle = np.rint(points[face] * 256) / 256
@@ -121,8 +121,8 @@ def exact_coverage(points: np.ndarray, faces: list) -> np.ndarray:
 
 
 def test_64_samples_have_a_twelfth_of_the_error_of_one(device):
-    """On a star, whose coverage is known from areas. The error falls as S^-0.7: an edge passes a lattice of S points with an
-    error of about S^-3/4, random points would give S^-1/2."""
+    """On a star, whose coverage is known from areas. The error falls as S^-0.7: for an edge a lattice of S points has
+    an error of about S^-3/4, random points one of S^-1/2."""
     points, faces = star()
     scene, exact = flat(points, faces), exact_coverage(points, faces)
     errors = {}
@@ -136,12 +136,12 @@ def test_64_samples_have_a_twelfth_of_the_error_of_one(device):
 
 
 def test_a_mesh_is_watertight_at_every_sample(device):
-    """Triangles over the whole image, down to slivers: no sample is left out."""
+    """Triangles over the whole image, down to slivers: no sample is missed."""
     rng = np.random.default_rng(7)
     corners = [[-5, -5], [WIDTH + 5, -5], [WIDTH + 5, HEIGHT + 5], [-5, HEIGHT + 5]]
     points = np.concatenate([corners, rng.uniform([0, 0], [WIDTH, HEIGHT], (1, 2))])
     faces = [[k, (k + 1) % 4, 4] for k in range(4)]
-    for k in range(5, 40):  # a point anywhere in some triangle cuts it in three
+    for k in range(5, 40):  # a random point splits a triangle in three
         a, b, c = faces.pop(int(rng.integers(len(faces))))
         points = np.concatenate([points, [rng.dirichlet([1, 1, 1]) @ points[[a, b, c]]]])
         faces += [[a, b, k], [b, c, k], [c, a, k]]
@@ -180,7 +180,7 @@ def test_frames(device, name, options):
 
 @pytest.mark.parametrize("samples", [2, 64])
 def test_triangles_smaller_than_a_pixel(device, samples):
-    """Thousands that cover one sample or none."""
+    """Thousands that cover at most one sample."""
     rng = np.random.default_rng(samples)
     middle = rng.uniform([0, 0], [WIDTH, HEIGHT], (3000, 1, 2))
     points = (middle + rng.uniform(-0.4, 0.4, (3000, 3, 2))).reshape(-1, 2)
@@ -199,7 +199,7 @@ def test_odd_sizes(device, resolution):
 
 
 def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
-    """The bits of one sample, but where a pixel has several owners."""
+    """The same bits as with one sample, except where a pixel has several owners."""
     scene = Scene((blob(),), CAMERA.with_resolution((64, 48)), LIGHTS)
     one, four = draw(device, scene), draw(device, scene, samples=4)
     same = (one.rgb == four.rgb).all(axis=-1)
@@ -207,14 +207,14 @@ def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
 
 
 def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
-    """They change where that sample's owner does, and are never between two faces' values."""
+    """They change where that sample's owner does, and never mix two faces' values."""
     scene = Scene((blob(),), CAMERA.with_resolution((64, 48)), LIGHTS)
     frame = draw(device, scene, samples=8)
     owned = frame["id"] > 0
     assert np.array_equal(owned, np.isfinite(frame["Z"]))
     x, y = sample_pattern.positions(8)[0]
     columns, rows = scene.camera.resolution
-    # The same camera, its image moved so that the pixels' centers are where the samples were.
+    # The same camera with a shifted image, so that pixel centers are where the samples were.
     principal = scene.camera.principal
     moved = (principal[0] + (128 - x) / 256 / columns, principal[1] + (128 - y) / 256 / rows)
     alone = draw(device, replace(scene, camera=replace(scene.camera, principal=moved)))
@@ -224,7 +224,7 @@ def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
 
 
 def test_light_is_never_extrapolated(device):
-    """Colors from 0.25 to 0.75 at the corners of slivers: a pixel is a mean of such colors."""
+    """Colors from 0.25 to 0.75 at the corners of slivers: a pixel is within that range."""
     points, faces = star(40)
     colors = np.random.default_rng(3).uniform(0.25, 0.75, (len(points), 3))
     scene = replace(flat(points, faces, colors=colors), background=None)
@@ -250,7 +250,7 @@ def test_over_a_background_and_over_nothing(device):
 
 
 def test_weighted_keeps_bright_samples_from_standing_out(device):
-    """A surface of radiance 1000 beside black: half of a pixel counts 500, weighted 1000 * w / (w + 1), w = 1/1001."""
+    """A surface of radiance 1000 beside black: half a pixel gives 500, weighted 1000 * w / (w + 1), w = 1/1001."""
     points = [[-1, -1], [30.5, -1], [30.5, HEIGHT + 1], [-1, HEIGHT + 1]]
     scene = flat(points, [[0, 1, 2], [0, 2, 3]], material=Material(color=1000.0))
     plain = draw(device, scene, shader="nolight", samples=4).rgb[20, 30]
@@ -260,7 +260,7 @@ def test_weighted_keeps_bright_samples_from_standing_out(device):
 
 
 def test_weighted_over_nothing_is_premultiplied(device):
-    """One color stays itself, however bright: only the share of it changes."""
+    """A single color is preserved, however bright: only its coverage changes."""
     points, faces = star()
     for color in (100.0, 1e24):
         scene = replace(flat(points, faces, material=Material(color=color)), background=None)
@@ -272,7 +272,7 @@ def test_weighted_over_nothing_is_premultiplied(device):
 
 
 def test_pixels_with_a_saturated_sample_are_counted(device):
-    """Two lights beyond float32 on one half of a pixel: its mean is not the largest number, but it is counted."""
+    """Two lights beyond float32 on one half of a pixel: its mean is not the largest float32, but it is counted."""
     points, faces = star()
     material = Material(ka=0.0, kd=1.0, ks=0.0, color=3e38)
     scene = replace(

@@ -1,4 +1,4 @@
-"""Frames as files and as bytes: both files or neither, what is refused before anything is written, pickling."""
+"""Frames as files and as bytes: both files or neither, refusals before anything is written, pickling."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENOSPC = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def made(**layers: np.ndarray) -> Frame:
-    """A frame of noise, whose stats are made on demand by a closure, as a renderer does."""
+    """Return a frame of noise, with stats computed on demand by a closure, as by a renderer."""
     pixels = np.random.default_rng(1).uniform(0, 1, (32, 48, 4)).astype(np.float32)
     calls: list[int] = []
 
@@ -36,7 +36,7 @@ def made(**layers: np.ndarray) -> Frame:
 
 @pytest.fixture
 def earlier(tmp_path):
-    """Two earlier files, which must stay as they were, alone in their folder."""
+    """Write two earlier files, which must stay unchanged and alone in their folder."""
     for name in ("a.exr", "a.png"):
         (tmp_path / name).write_text(f"earlier {name}")
     yield tmp_path / "a"
@@ -46,7 +46,7 @@ def earlier(tmp_path):
 
 
 def failing(real, call: int):
-    """`real`, but for its call of that number, which fails with a full disk."""
+    """Wrap `real` so that call number `call` fails with a full disk."""
     calls: list[int] = []
 
     def fail(*arguments, **options):
@@ -88,7 +88,7 @@ def test_a_png_that_cannot_be_encoded(earlier, monkeypatch):
 @pytest.mark.parametrize(("call", "name"), [(1, "a.exr"), (2, "a.png")])
 @pytest.mark.parametrize("operation", ["fsync", "replace", "open"])
 def test_a_step_that_fails_for_either_file(earlier, monkeypatch, operation, call, name):
-    """fsync: what was kept in memory until then does not fit. replace: the EXR's rename is taken back."""
+    """fsync: data buffered until then does not fit. replace: the EXR's rename is undone."""
     monkeypatch.setattr(atomic_files, "_swept", {str(earlier.parent)})
     monkeypatch.setattr(os, operation, failing(getattr(os, operation), call))
     with pytest.raises(OutputError, match=rf"{name}: cannot be written: No space left on device"):

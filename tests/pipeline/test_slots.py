@@ -1,4 +1,4 @@
-"""Cache folders: seals and marks by which damage is found, folders for one process, and what stands in their way."""
+"""Cache folders: seals and marks that detect damage, folders for single processes, and obstacles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def take(folder: Path) -> Slot:
 
 @pytest.fixture
 def sealed(tmp_path: Path) -> Path:
-    """A slot with two compiled files and a program, left in order."""
+    """Return a slot with two compiled files and a program, left in order."""
     slot = take(tmp_path / "slot-0")
     for name in ("pocl/AB/phong.so", "pocl/AB/program.bc", "binaries/0123"):
         (slot.folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -39,7 +39,7 @@ def files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
-# What is whole stays
+# Undamaged files are kept
 
 
 def test_what_was_sealed_is_kept(sealed):
@@ -79,7 +79,7 @@ def test_notes_of_the_runtime_and_missing_files_are_no_damage(sealed):
 
 
 def test_what_a_killed_process_left_goes_alone(sealed):
-    """It had not said that these are whole."""
+    """They were not yet marked as complete."""
     for name in ("pocl/AB/setup.so", "pocl/tempfile_x", f"{SEAL}.new", "programs/lock"):
         (sealed / name).parent.mkdir(exist_ok=True)
         (sealed / name).write_bytes(b"half")
@@ -132,7 +132,7 @@ def test_damage_throws_everything_away(sealed, name, damage):
     status = (sealed / name).stat()
     damage(sealed / name)
     if (sealed / name).is_file():
-        os.utime(sealed / name, ns=(status.st_atime_ns, status.st_mtime_ns))  # not even the time tells
+        os.utime(sealed / name, ns=(status.st_atime_ns, status.st_mtime_ns))  # even the time is the same
     slot = take(sealed)
     assert slot.emptied == f"{Path(name).name} is damaged"
     assert files(sealed) == {"lock"}
@@ -180,7 +180,7 @@ def test_it_is_said_in_a_line(sealed, capsys, monkeypatch):
 
 
 def take_again(folder: Path) -> Slot:
-    """After a run that died in it."""
+    """Take the slot again after a run that died in it."""
     environment._slot.release()
     (folder / MARK).touch()
     return take(folder)
@@ -265,7 +265,7 @@ def test_a_full_disk_takes_neither_mark_nor_seal(sealed, monkeypatch):
     slot.seal()
 
 
-# What stands in the way
+# Obstacles
 
 
 @pytest.mark.parametrize("obstacle", ["file", "lock is a folder", "link to nowhere", "of another user"])
@@ -314,7 +314,7 @@ def test_no_slots_are_tried_where_files_cannot_be_locked(tmp_path, monkeypatch):
         assert not (slot.folder / MARK).exists(), "nobody will look"
 
 
-# Folders for one process
+# Folders for single processes
 
 PRIVATE = """
 import os, signal, sys
@@ -342,7 +342,7 @@ def test_private_folders_go_with_their_process_or_with_the_next(tmp_path):
 
 @pytest.mark.parametrize("locked", [False, True])
 def test_a_private_folder_that_another_process_removes_is_made_anew(tmp_path, monkeypatch, locked):
-    """Between the making of the file to be locked and the locking; locked: or while it has the lock."""
+    """Between creating the lock file and locking it; locked: or while it holds the lock."""
     lock_file, robbed = cache_slots.lock_file, []
 
     def lock_too_late(path: Path) -> int | None:

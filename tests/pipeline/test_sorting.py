@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.struct_layout import KEY_INDEX_BITS
 
-# Values that 40 bits of a float64 tell apart, and ones they do not: 1, an ulp on both sides, and 2^-28 above.
+# Values that 40 bits of a float64 distinguish, and others: 1, an ulp on both sides, and 2^-28 above.
 NEAR_ONE = (1.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 1.0 + 2.0**-40, 1.0 + 2.0**-28)
 DEPTHS = (*NEAR_ONE, -1.0, -1.0 - 2.0**-40, 0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e300, 2.0, 1e6, 1e6 + 2.0**-30)
 
 
 def keys_of(depth: np.ndarray) -> np.ndarray:
-    """Keys as documented in sorting.py, made one by one: order of the float, 40 bits of it, index complemented."""
+    """Compute keys one by one as documented in sorting.py: 40 bits of the float in sortable order, index
+    complemented."""
     keys = []
     for index, value in enumerate(depth):
         (raw,) = np.array([value + 0.0]).view(np.uint64).tolist()
@@ -27,7 +28,7 @@ def keys_of(depth: np.ndarray) -> np.ndarray:
 
 
 def sort(depth: np.ndarray, face: np.ndarray, seed: int = 0) -> np.ndarray:
-    """The order found from shuffled keys: `setup` appends them in any order."""
+    """Return the order of shuffled keys: `setup` appends them in any order."""
     keys = np.random.default_rng(seed).permutation(keys_of(depth))
     return front_to_back(keys, lambda index: (depth[index], face[index]))
 
@@ -43,7 +44,7 @@ def test_nearest_first_then_the_later_face(values, seed):
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(NEAR_ONE), st.integers(0, 5)), max_size=30))
 def test_pieces_are_ordered_by_their_face(rows):
-    """A clipped face's pieces have indices of their own; among equal depths the face decides, not the index."""
+    """A clipped face's pieces have their own indices; for equal depths the face decides, not the index."""
     depth = np.array([row[0] for row in rows])
     face = np.array([row[1] for row in rows], np.int64)
     order = sort(depth, face)
@@ -68,7 +69,7 @@ def test_exact_depths_are_asked_for_only_where_keys_are_equal():
         asked.extend(index.tolist())
         return depth[index], index.astype(np.int64)
 
-    # Just below 1 the float's exponent is another: 1.0 itself is alone in its run.
+    # Just below 1 the exponent differs: 1.0 itself is alone in its run.
     assert front_to_back(keys_of(depth), exact).tolist() == [4, 2, 1, 3, 0]
     assert sorted(asked) == [2, 4]
 

@@ -32,7 +32,7 @@ UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def noise(columns: int, rows: int, seed: int = 1) -> np.ndarray:
-    """Texels without any relation to their neighbors: where a level is off, the color shows it."""
+    """Return independent random texels, so that a wrong level shows in the color."""
     return np.random.default_rng(seed).uniform(0, 1, (rows, columns, 3)).astype(np.float32)
 
 
@@ -70,14 +70,14 @@ kernel void detail(global const REAL *a, global const REAL *b, global const REAL
 """
 SIZE = (48, 20)  # columns and rows: levels 0 to 5
 LAST = 5
-# rho^2: a product of each side, 2 roundings of its square; their sum, 1: 3 and 2^-53 or 2^-24 of it are 3/(2 ln 2) = 2.2
-# of lambda. The logarithm, at most 3/2 before it is halved, is within 1 rounding of it, and a sum of 1 may be rounded
-# once more: 3.7 together. FAST: 7.4e-6 of the logarithm's 1/2, halved.
+# rho^2: a product per side, 2 roundings of its square; their sum, 1: 3 of 2^-53 or 2^-24, which are 3/(2 ln 2) = 2.2 in
+# lambda. The logarithm, at most 3/2 before it is halved, is within 1 rounding, and a sum of 1 may be rounded once more:
+# 3.7 in total. FAST: 7.4e-6 of the logarithm's 1/2, halved.
 DETAIL = {"float32": 4 * 2.0**-24, "fast": 1.9e-6 + 4 * 2.0**-24, "float64": 4 * 2.0**-53}
 
 
 def details(device: Device, slopes: np.ndarray, precision: str = "float32", lanes: int | None = None) -> np.ndarray:
-    """(K, 2) level and fraction of slopes (K, 4): u and v to the right, u and v up."""
+    """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
     features = {"FAST": int(precision == "fast"), "DOUBLE": int(precision == "float64")}
     probe = Probe(device, TEXT, MIPMAPS=1, lanes=lanes, **features)
     kind = np.float64 if precision == "float64" else np.float32
@@ -111,16 +111,16 @@ def test_the_oracles_level_of_detail_is_the_specifications():
 
 
 def test_whole_levels_are_exact(device):
-    """A power of two texels a pixel, along any of the four: that level, and nothing of the next."""
+    """A power of two texels per pixel, in any of the four slopes: that level, and nothing of the next."""
     for k in range(LAST + 3):
         step = np.diag([2.0**k / side for side in (*SIZE, *SIZE)])[[0, 2]]  # 20 rows: 1/20 is not a float32
         assert details(device, step).tolist() == [[min(k, LAST), 0.0]] * 2
 
 
 def test_undefined_and_endless_slopes(device):
-    """Of NaN, of infinity and of 1e30 the last level; of 0 and what squares to nothing level 0. So in the oracle."""
+    """NaN, infinity and 1e30 select the last level; 0 and values whose squares underflow level 0. So in the oracle."""
     for value, level in ((np.nan, LAST), (np.inf, LAST), (1e30, LAST), (-1e30, LAST), (0.0, 0), (1e-30, 0)):
-        for count in (1, 4):  # of the four, the last ones
+        for count in (1, 4):  # the last ones of the four
             slopes = np.zeros((1, 4))
             slopes[:, -count:] = value
             assert details(device, slopes).tolist() == [[level, 0.0]]
@@ -137,7 +137,7 @@ def test_lanes_do_not_change_a_bit_of_the_level(device, lanes):
 
 
 def cards(image: np.ndarray, wrap: Any = "repeat", **fields: Any) -> Scene:
-    """White triangles of all sizes about the origin, with anything from a texel to the whole texture on a pixel."""
+    """Return white triangles of all sizes around the origin, with between a texel and the whole texture per pixel."""
     rng = np.random.default_rng(5)
     uvs = rng.uniform(-1, 2, (250, 1, 2)) + np.exp2(rng.uniform(-6, 2, (250, 1, 1))) * rng.normal(size=(250, 3, 2))
     mesh = lit.blob(uvs=uvs.reshape(-1, 2), material=Material(texture=Texture(image, wrap), n=5.0))
@@ -193,7 +193,7 @@ def test_interpolations_and_shaders(device, options):
 
 
 def floor(repeats: float, image: np.ndarray, resolution: tuple[int, int] = (61, 61), far: float = 300.0) -> Scene:
-    """A floor from behind the eye to far away, `repeats` textures each way, seen a little askew."""
+    """Return a floor from behind the eye to far away, with `repeats` textures per side, seen slightly askew."""
     corners = np.array([[-far, -1.0, 4.0], [far, -1, 4], [far, -1, 4 - 2 * far], [-far, -1, 4 - 2 * far]])
     mesh = Mesh(corners, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image)))
     camera = Camera((0, 0, 3.0), (0.1, -0.1, 0), (0.02, 1, 0), 1.0, (1.0, resolution[0] / resolution[1]), resolution)
@@ -202,8 +202,8 @@ def floor(repeats: float, image: np.ndarray, resolution: tuple[int, int] = (61, 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf, 1e30, 1e300])
 def test_a_texture_coordinate_beyond_all_texels(device, value):
-    """At one corner. Undefined it counts as 0 there; huge, with 2^40 textures from corner to corner, every pixel has the
-    last level's one texel."""
+    """At one corner. Undefined, it counts as 0; if huge, with 2^40 textures between corners, every pixel has the last
+    level's only texel."""
     uvs = UNIT.copy()
     uvs[2, 0] = value
     material = Material(texture=Texture(noise(37, 53)))
@@ -218,7 +218,7 @@ def test_a_texture_coordinate_beyond_all_texels(device, value):
 
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_huge_texture_coordinates_that_are_equal(device, wrap):
-    """Nothing is interpolated between them: one color, that of a corner of the texture."""
+    """They are not interpolated: one color, that of a corner of the texture."""
     image = noise(7, 2)
     material = Material(texture=Texture(image, wrap=wrap))
     scene = lit.scene_of(Mesh(CORNERS, QUAD, uvs=np.full((4, 2), 1e30), material=material))
@@ -232,7 +232,7 @@ def test_huge_texture_coordinates_that_are_equal(device, wrap):
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_clipped_pieces(device, precision):
-    """The pieces' corners are others than the face's, but the slopes are the same."""
+    """The pieces have other corners than the face, but the same slopes."""
     repeats = 30.0 if precision == "fast" else 600.0  # fast keeps coordinates in float32
     frame = draw(device, floor(repeats, noise(37, 53)), precision=precision)
     assert frame.stats["clipped"] > 0
@@ -241,10 +241,12 @@ def test_clipped_pieces(device, precision):
 
 
 def test_long_thin_triangles(device):
-    """Strips up to 6000 times as long as wide that the texture does not stretch: in their slopes all but one part in 6000
-    cancels. Slopes in float32 alone leave 490 bounds, pairs 1.3. Allowed are the roundings after the pairs': a slope's
-    two parts, the division, the product and the texels, 5, twice in the square, and 2 there: 12/(2 ln 2) = 8.7 of lambda,
-    with the logarithm's 1.5 10.2 times the levels' difference, at most 1; and 2 of the mean.
+    """Strips with aspect ratios up to 6000 and an undistorted texture: in their slopes all but one part in 6000
+    cancels.
+
+    Slopes in plain float32 give 490 bounds, in double-single 1.3. Allowed are the roundings after double-single: a
+    slope's two parts, the division, the product and the texels, 5, twice in the square, and 2 there: 12/(2 ln 2) = 8.7
+    in lambda, with the logarithm's 1.5 10.2 times the levels' difference, at most 1; and 2 of the mean.
     """
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     for count in (40, 4000):
@@ -261,8 +263,9 @@ def test_long_thin_triangles(device):
 
 
 def test_bright_texels_between_dark_ones(device):
-    """Texels of 1e4 among black ones: near them a color of 0 may be as wrong as lambda, or the place between two texels, is
-    relative to the bright ones. The error counts in these; a color far from them is as exact as any."""
+    """Texels of 1e4 among black ones: near them the error of lambda, or of the position between two texels, scales with
+    the bright ones, even where the color is 0. Errors are relative to these; colors far from them are as exact as
+    any."""
     image = np.zeros((32, 32, 3), np.float32)
     image[5::9, 7::11] = 1e4
     for name in ("bilinear", "trilinear"):
@@ -297,7 +300,7 @@ ABOVE = Camera((0, 0, 5.0), (0, 0, 0), (0, 1, 0), 1.0, (2.0, 2.0), (16, 16), ort
 
 
 def aligned(image: np.ndarray, repeats: float = 1.0) -> Scene:
-    """A square of 16 x 16 pixels that fills the image."""
+    """Return a square that fills the image of 16 x 16 pixels."""
     return Scene((Mesh(CORNERS, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image))),), ABOVE)
 
 
@@ -312,20 +315,20 @@ def test_a_power_of_two_texels_a_pixel_gives_that_level(device, level):
 
 
 def test_the_larger_of_the_two_directions_decides(device):
-    """1 texel a pixel across and 4 down: level 2 of both."""
+    """1 texel per pixel horizontally and 4 vertically: level 2 in both directions."""
     image = noise(16, 64)
     frame = draw(device, aligned(image))
     level = smaller_levels(image)[1]  # 4 x 16 texels
     columns = reference.bilerp(np.stack(np.meshgrid((np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5) / 16), -1), level)
     assert (
         np.abs(frame.rgb - columns[::-1]).max() <= 8 * 2.0**-24
-    )  # of the kernels' mean of four, as in test_kernel_bilerp
+    )  # error of the kernels' mean of four, as in test_kernel_bilerp
 
 
 def test_between_two_levels_the_share_is_the_logarithm(device):
-    """3 texels a pixel of an image whose levels are constant but differ: 0, and 1 from the first level on."""
+    """3 texels per pixel of a checkerboard, whose levels all average to 1 from the first on."""
     image = np.zeros((48, 48, 3), np.float32)
-    image[::2, ::2] = image[1::2, 1::2] = 2.0  # a checker: 0 and 2, all levels above it are 1
+    image[::2, ::2] = image[1::2, 1::2] = 2.0  # a checkerboard of 0 and 2: all higher levels are 1
     frame = draw(device, aligned(image))
     fine, share = frame.rgb[..., 0], np.log2(3.0) - 1.0
     assert np.abs(fine - 1.0).max() <= 2.0**-24  # lambda 1.58 lies between levels of 1
@@ -337,7 +340,7 @@ def test_between_two_levels_the_share_is_the_logarithm(device):
 
 
 def test_magnified_is_bilinear_bit_for_bit(device):
-    """A texel on a pixel or more, up to the one whose sides they share exactly."""
+    """At least a pixel per texel, up to exactly one."""
     scenes = [aligned(noise(16, 16)), aligned(noise(5, 3)), aligned(noise(16, 8), 0.5)]
     mesh = lit.patch(uvs=None)
     mesh = replace(mesh, uvs=0.2 * mesh.verts[:, :2], material=Material(texture=Texture(noise(37, 53))))
@@ -349,11 +352,11 @@ def test_magnified_is_bilinear_bit_for_bit(device):
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_a_texel_a_pixel_is_bilinear_whatever_rounding_makes_of_the_one(device, precision):
-    """Slopes of one texel, each side a few roundings off: level 0 and nothing of the next."""
+    """Slopes of one texel, up to a few roundings either way: level 0, and nothing of the next."""
     off = 1.0 + (2.0**-53 if precision == "float64" else 2.0**-24) * np.arange(-6.0, 7.0)
     slopes = np.stack([off / SIZE[0], 0.0 * off, 0.0 * off, off[::-1] / SIZE[1]], axis=1)
     assert (details(device, slopes, precision) == 0.0).all()
-    slopes[:, 0] *= 1.0 + 2.0**-16  # that is no rounding any more
+    slopes[:, 0] *= 1.0 + 2.0**-16  # exceeds rounding
     assert (details(device, slopes, precision)[:, 1] > 0.0).all()
 
 
@@ -365,13 +368,14 @@ def test_a_constant_texture_gives_the_constant(device):
 
 
 def checker() -> np.ndarray:
-    """8 x 8 fields of 8 x 8 texels, 0 and 1."""
+    """Return a checkerboard of 8 x 8 fields of 8 x 8 texels, 0 and 1."""
     i, j = np.indices((64, 64)) // 8 % 2
     return np.repeat((i ^ j)[..., None], 3, axis=2).astype(np.float32)
 
 
 def supersampled(scene: Scene, side: int) -> np.ndarray:
-    """(M, N) the red of the floor's bilinear texture, side^2 samples a pixel, by rays in float64; NaN at the horizon."""
+    """Ray trace the floor's bilinear texture in float64 with side^2 samples per pixel: red (M, N), NaN at the
+    horizon."""
     camera, mesh = scene.camera, scene.meshes[0]
     columns, rows = camera.resolution
     axes = oracle.transform.camera_frame(camera.eye, camera.lookat, camera.up)
@@ -392,8 +396,8 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
 
 
 def test_a_grazing_checker_goes_to_its_mean(device):
-    """At the horizon, where a pixel spans the whole texture, the mean to the last bit. Everywhere, against 4096 samples a
-    pixel, the error is less than half of the bilinear one, which aliases."""
+    """At the horizon, where a pixel spans the whole texture, the color is exactly the mean. Everywhere, against 4096
+    samples per pixel, the error is less than half of the bilinear one, which aliases."""
     scene = floor(150.0, checker(), (64, 48))
     frame = draw(device, scene)
     expected = supersampled(scene, 64)
@@ -408,7 +412,7 @@ def test_a_grazing_checker_goes_to_its_mean(device):
     assert error < 0.5 * aliased
 
 
-# What it does not apply to
+# Where it does not apply
 
 
 def test_it_needs_lookups_at_pixels():

@@ -1,4 +1,4 @@
-"""Real scenes, and malformed and hostile files, in the folder that CLSHADE_DATA names."""
+"""Real scenes, and malformed and hostile files, in the folder named by CLSHADE_DATA."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")
 pytestmark = needs_data
 
-# The valid files of bad/ by number of triangles; the others of these types must be refused, with these words.
+# The valid files of bad/ with their number of triangles; the others of these types must be refused, with these words.
 VALID = {
     "self_ok.npy": 1,
     "self_offset_1e6.npy": 1,
@@ -93,7 +93,8 @@ for path in sys.argv[1:]:
 
 @pytest.fixture(scope="module")
 def verdicts(tmp_path_factory):
-    """By file of bad/: number of triangles or refusal, seconds, peak memory of the process in MiB."""
+    """Load each file of bad/; return its number of triangles or refusal, seconds, and peak memory of the process in
+    MiB."""
     folder = tmp_path_factory.mktemp("bad")
     paths = sorted(str(path.resolve()) for path in (FOLDER / "bad").iterdir() if path.suffix in EXTENSIONS)
     root = str(pathlib.Path(__file__).parents[2])
@@ -145,7 +146,7 @@ def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, nam
 
 
 def test_pictures_of_valid_files(device):
-    """Which triangles are seen, and that all of a picture is finite."""
+    """The visible triangles; and every pixel is finite."""
     seen, ids = {}, {}
     for name in VALID:
         with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Course .npy files: layouts, every field's refusal, hostile pickles, and the way back."""
+"""Course .npy files: layouts, refusals of every field, hostile pickles, and writing them back."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_an_array_of_one_is_no_number(tmp_path, key, wrapped):
 
 @pytest.mark.parametrize("key", sorted(set(course_dict()) - {"depth"}))
 def test_a_missing_key_is_named(tmp_path, key):
-    if key == "vertex_colors":  # not needed beside uvs
+    if key == "vertex_colors":  # not needed with uvs
         assert load(save_npy(tmp_path / "a.npy", course_dict(vertex_colors=None))).meshes[0].colors is None
         plain = course_dict(vertex_colors=None, uvs=None, face_uv_indices=None)
         refusal(save_npy(tmp_path / "bad.npy", plain), "bad.npy: vertex_colors: expected this key")
@@ -222,7 +222,7 @@ def test_texture(tmp_path):
 
 
 def test_texture_coordinates_may_be_nan(tmp_path):
-    """Exporters write them for corners that nothing textures: the renderer gives such a corner a finite color."""
+    """Exporters write NaN for untextured corners: the renderer gives such a corner a finite color."""
     content = course_dict()
     content["uvs"] = np.array(content["uvs"], np.float64)
     content["uvs"][0, 0] = np.nan
@@ -252,7 +252,7 @@ def test_pickle_protocols(tmp_path, protocol):
 
 
 class Call:
-    """Pickles as the call of a function."""
+    """Object that pickles as a function call."""
 
     def __init__(self, function, *arguments):
         self.reduced = function, arguments
@@ -318,7 +318,7 @@ def test_integers_up_to_63_bits_and_a_sign(tmp_path):
 
 
 def test_memo_indices_of_any_size_take_no_memory(tmp_path):
-    """A memo of as many places as its largest index says would take 32 GiB here."""
+    """A memo sized by its largest index would take 32 GiB here."""
     value = b"X\x01\x00\x00\x00aK\x01s"
     for index in (2, 1 << 16, (1 << 32) - 1):
         place = index.to_bytes(4, "little")

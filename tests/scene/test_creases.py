@@ -1,4 +1,4 @@
-"""Creases, welding and the sides of faces, against plain loops and shapes whose normals are known."""
+"""Creases, welding and face orientation, against plain loops and shapes with known normals."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def test_at_180_it_is_smooth_and_at_0_flat():
     )
     smooth = geometry.vertex_normals(verts[kept], which[faces])[which[faces]]
     same = np.isclose(normals[index], smooth, atol=1e-9).all(axis=2)
-    assert same.mean() > 0.95  # vertices where parts only touch stay apart
+    assert same.mean() > 0.95  # vertices where parts only touch are not merged
 
 
 def roof(degrees: float) -> tuple[np.ndarray, np.ndarray]:
-    """Two triangles on one edge, whose normals are `degrees` apart."""
+    """Return two triangles on one edge, whose normals are `degrees` apart."""
     angle = math.radians(degrees)
     verts = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [math.cos(angle), 0, -math.sin(angle)]])
     return verts, np.array([[0, 1, 2], [1, 0, 3]])
@@ -74,7 +74,7 @@ def test_degenerate_meshes():
         normals, index = crease_normals(CUBE, faces, 30)
         assert index.shape == faces.shape
         assert not normals.any()
-    many = np.array([[0, 1, 2]] * 1000)  # one edge of a thousand faces
+    many = np.array([[0, 1, 2]] * 1000)  # one edge shared by a thousand faces
     normals, index = crease_normals(CUBE, many, 30)
     assert len(np.unique(index)) == 3
     tiny, index = crease_normals(CUBE * 1e-140, FACES, 30)
@@ -87,7 +87,7 @@ def test_degenerate_meshes():
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_welding(kind):
     verts = RNG.integers(-2, 3, (500, 3)).astype(kind) * kind(0.1)
-    verts[::7] *= -1.0  # makes -0.0 too
+    verts[::7] *= -1.0  # gives -0.0 too
     kept, which = welded(verts)
     assert np.array_equal(verts[kept][which], verts)
     assert len(kept) == len(np.unique(verts + 0.0, axis=0))

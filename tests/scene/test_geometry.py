@@ -27,7 +27,7 @@ def test_normals_of_a_tetrahedron_point_from_its_center():
 
 
 def test_a_face_counts_by_its_area():
-    # At vertex 0: a face of twice the area in the xy plane, one in the yz plane: (1, 0, 2) / sqrt(5).
+    # At vertex 0: a face of twice the area in the xy plane and one in the yz plane: (1, 0, 2) / sqrt(5).
     verts = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     normals = geometry.vertex_normals(verts, [[0, 1, 2], [0, 2, 3]])
     assert np.abs(normals[0] - np.array([1, 0, 2]) / math.sqrt(5)).max() < 2e-16
@@ -85,7 +85,8 @@ def test_look_at_axes():
     assert geometry.look_at((0, 0, 5), (0, 0, 0), (0, 3, 0)).tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, -1]]
     x, y, z = geometry.look_at((1, 2, 3), (4, 6, 15), (0.1, 1, 0.2))
     assert np.abs(z - np.array([3, 4, 12]) / 13).max() < 2e-16
-    # Squaring, summing, root and division leave |y|^2 and |z|^2 right to 5 * 2^-53, their product |x|^2 to twice that.
+    # After squares, sum, root and division |y|^2 and |z|^2 are accurate to 5 * 2^-53, their product |x|^2 to twice
+    # that.
     assert np.abs(np.array([x, y, z]) @ np.array([x, y, z]).T - np.eye(3)).max() < 10 * 2.0**-53
     assert np.linalg.det([x, y, -z]) == pytest.approx(1)  # right-handed with z towards the viewer: not mirrored
     assert y @ (0.1, 1, 0.2) > 0

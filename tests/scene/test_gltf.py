@@ -1,4 +1,4 @@
-"""glTF and GLB: what a file means, against files written by hand."""
+"""glTF and GLB: the meaning of files, tested with handwritten ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RNG = np.random.default_rng(5)
 
 
 def told(path, **options):
-    """The scene and the warnings of loading it."""
+    """Load a file; return the scene and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = load(path, **options)
@@ -41,7 +41,7 @@ def test_containers(tmp_path, form):
     assert (scene.preset, scene.name, scene.ignored) == ("standard", "a", ())
     assert (mesh.verts.dtype, mesh.verts.tolist()) == (np.float32, CORNERS.tolist())
     assert mesh.faces.tolist() == [[0, 1, 2]]
-    assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]  # flat, as glTF says
+    assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]  # flat, as glTF requires
     assert (mesh.material.sides, mesh.material.two_sided) == ("front", False)
 
 
@@ -160,13 +160,13 @@ def test_phong_of_metallic_roughness():
     assert phong(0.0, 1.0, 1.0)[2] == 1.0
     assert phong(0.0, 0.0, 1.0)[2] == pytest.approx(5000.0, rel=1e-3)
     assert phong(0.0, 1.0, 0.5)[:2] == pytest.approx((1.0, 0.04 * 1.5 / 0.5))
-    assert phong(1.0, 0.1, 0.5)[:2] == pytest.approx((0.4, 1.0 / 0.5))  # the peak is held to 1 under the color
+    assert phong(1.0, 0.1, 0.5)[:2] == pytest.approx((0.4, 1.0 / 0.5))  # the peak, without the color, is clamped to 1
     exponents = [phong(0.0, roughness, 0.5)[2] for roughness in np.linspace(0, 1, 20)]
     assert exponents == sorted(exponents, reverse=True)
 
 
 def test_what_a_material_leaves_out(tmp_path):
-    """White, metallic, rough, seen from the front; factors beyond 1 are 1."""
+    """Defaults: white, metallic, rough, visible from the front; factors beyond 1 are clamped to 1."""
     document = Gltf()
     for reflection in ({}, {"metallicFactor": 7.0, "roughnessFactor": 1.5}):
         index = document.add("materials", {"pbrMetallicRoughness": reflection} if reflection else {})
@@ -279,7 +279,7 @@ def test_cameras(tmp_path):
     assert camera.lookat[2] < 9
     height = 2 * math.tan(0.5)
     assert (camera.plane, camera.resolution) == (pytest.approx((height, 2 * height)), (1200, 600))
-    narrow = load(tmp_path / "a.glb", resolution=(300, 300)).camera  # all of the view stays visible
+    narrow = load(tmp_path / "a.glb", resolution=(300, 300)).camera  # the whole view stays visible
     assert narrow.plane == pytest.approx((2 * height, 2 * height))
     document.json["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1}}]
     camera = load(document.glb(tmp_path / "a.glb")).camera
@@ -375,7 +375,8 @@ def test_indices_are_whole_numbers_whatever_normalized_says(tmp_path):
 
 
 def test_chunks_of_a_glb(tmp_path):
-    """A third one is of an extension, and not looked at; a file that ends before its first is refused by its length."""
+    """A third one belongs to an extension, and is ignored; a file that ends before its first is refused by its
+    length."""
     path = tmp_path / "a.glb"
     triangle().glb(path)
     whole = path.read_bytes()

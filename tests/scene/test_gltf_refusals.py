@@ -113,7 +113,7 @@ def test_broken_values(tmp_path):
 
 
 def sparse(rows: list[int], count: int) -> Gltf:
-    """A triangle of an accessor of four rows, which are 0 but for the rows that are named, `count` of which are taken."""
+    """Return a triangle with an accessor of four rows, all 0 except the first `count` of the given rows."""
     document = Gltf()
     parts = {
         "count": count,
@@ -140,7 +140,7 @@ def test_sparse_rows_up_to_the_last(tmp_path):
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 @pytest.mark.parametrize("mode", [4, 5, 6])
 def test_the_largest_index_of_a_type_is_refused(tmp_path, kind, mode):
-    """glTF forbids it, as it restarts a strip on some devices, even where there are so many vertices."""
+    """glTF forbids it even if there are so many vertices, because it restarts a strip on some devices."""
     most = int(np.iinfo(kind).max)
     verts = np.zeros((most + 1, 3), np.float32)
     verts[[1, most - 1, most], [0, 1, 1]] = 1

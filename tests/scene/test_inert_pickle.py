@@ -1,4 +1,4 @@
-"""Pickles made to take long: whatever a course file holds, it is loaded or refused in time linear in its size."""
+"""Pickles designed to take long: any course file is loaded or refused in time linear in its size."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from clshade.scene.formats.inert_pickle import Refused, unpickle
 from clshade.scene.formats.load import load
 
 SIZE = 1_000_000  # bytes of a worst case
-SECONDS = 1.0  # of the processor's time, for SIZE; more where the machine is slow, see `slowness`
-STEPS, NOMINAL = 1 << 19, 0.06  # of a loop, and the seconds that it takes where SECONDS are due
-EVERY_DAY = 10  # times smaller are those of every day
-DEPTH = 28  # of what holds the one before twice: 2^28 steps take seconds, and end
-FIRST = 300  # of the indices in the memo that are used here
+SECONDS = 1.0  # of CPU time, for SIZE; more on a slow machine, see `slowness`
+STEPS, NOMINAL = 1 << 19, 0.06  # of a loop, and its seconds on the machine for which SECONDS holds
+EVERY_DAY = 10  # times smaller without -m long
+DEPTH = 28  # levels that hold the one before twice: 2^28 steps take seconds, and end
+FIRST = 300  # of the memo indices used here
 PRIME = (1 << 61) - 1  # CPython's hash of its multiples is 0
-KNOWN = pickle.dumps(np.array(course_dict(), dtype=object), protocol=3)  # 4 has frames, which nothing may be put into
-END = KNOWN[KNOWN.rindex(b"uat") :]  # of the dict, the list that holds it, the array's state, the array
+KNOWN = pickle.dumps(np.array(course_dict(), dtype=object), protocol=3)  # 4 has frames: nothing can be inserted
+END = KNOWN[KNOWN.rindex(b"uat") :]  # ends the dict, the list that holds it, the array's state, the array
 FRESH = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"
 
 
@@ -62,7 +62,7 @@ def array(shape: bytes, kind: bytes, data: bytes) -> bytes:
 
 
 def whole(*shape: int) -> bytes:
-    """An array of one byte for each number."""
+    """Return an array of one byte per number."""
     items = 1
     for extent in shape:
         items *= extent
@@ -70,7 +70,7 @@ def whole(*shape: int) -> bytes:
 
 
 def fields(**values: bytes) -> bytes:
-    """The pickle of a course file with further fields, or with others in place of its own."""
+    """Return the pickle of a course file with fields added or replaced."""
     return KNOWN.removesuffix(END) + b"".join(text(key) + value for key, value in values.items()) + END
 
 
@@ -79,28 +79,28 @@ def filled(size: int, part: bytes, before: bytes = b"", after: bytes = b"") -> b
 
 
 def listed(size: int, part: bytes, before: bytes = b"") -> bytes:
-    """A list as the verts."""
+    """Return a file with a list as the verts."""
     return fields(verts=filled(size, part, before + b"](", b"e"))
 
 
 def pairs() -> bytes:
-    """A tuple of 2^DEPTH leaves: each holds the one before twice."""
+    """Return a nested tuple of 2^DEPTH leaves: each level holds the one before twice."""
     return b"K\x01" + put(0) + b"".join(get(k) + b"\x86" + put(k + 1) for k in range(DEPTH))
 
 
 def lists() -> bytes:
-    """The same of lists, all of them in a list; the largest is `get(DEPTH)`."""
+    """Return the same with lists, all of them in a list; the largest is `get(DEPTH)`."""
     return b"](K\x01" + put(0) + b"".join(b"](" + get(k) * 2 + b"e" + put(k + 1) for k in range(DEPTH)) + b"e"
 
 
 def keys(size: int, form: bytes) -> bytes:
-    """Integers whose hashes all collide, each in `form`."""
+    """Return integers whose hashes all collide, each in `form`."""
     numbers = ((k * PRIME).to_bytes(10, "little", signed=True) for k in count())
     return b"".join(form % (b"\x8a\x0a" + next(numbers)) for _ in range(size // (len(form) + 10)))
 
 
 def many_arrays(size: int) -> bytes:
-    """A list of different arrays of three numbers, of a type that they share."""
+    """Return a list of different arrays of three numbers, with a shared dtype."""
     kept = get(0) + get(1) + b"R(K\x01" + get(2) + get(3) + b"\x89C\x03abctb"
     names = b"cnumpy.core.multiarray\n_reconstruct\n" + put(0) + b"(cnumpy\nndarray\nK\x00\x85C\x01bt" + put(1)
     return fields(
@@ -114,7 +114,7 @@ def many_lights(number: int) -> bytes:
 
 
 WORST: dict[str, Callable[[int], bytes]] = {
-    # One opcode, again and again
+    # One opcode, repeated
     "none": lambda size: filled(size, b"N"),
     "true": lambda size: filled(size, b"\x88"),
     "marks": lambda size: filled(size, b"("),
@@ -166,7 +166,7 @@ WORST: dict[str, Callable[[int], bytes]] = {
         unused=FRESH[:-1] + put(0) + b"R",
         verts=(b"cnumpy.core.multiarray\n_reconstruct\n)R(NNNN" * (size // 46)) + b"N" + b"tb" * (size // 46),
     ),
-    # Named many times
+    # Referenced many times
     "a tuple of 2^28 leaves": lambda size: fields(verts=pairs()),
     "a list of 2^28 leaves": lambda size: fields(unused=lists(), verts=get(DEPTH)),
     "a number of 2^28 leaves": lambda size: fields(focal=pairs()),
@@ -204,7 +204,7 @@ WORST: dict[str, Callable[[int], bytes]] = {
 
 
 def slowness() -> float:
-    """How many times as long as NOMINAL a loop like the interpreter's takes now, at least 1: a processor whose other
+    """Return the time of a loop like the interpreter's relative to NOMINAL, at least 1: a core whose other hardware
     thread is busy does half as much in the same time."""
     start, stack, memo = time.process_time(), [], {}
     for step in range(STEPS):
@@ -214,7 +214,7 @@ def slowness() -> float:
 
 
 def seconds(path: str) -> float:
-    """What loading takes of the processor's time, divided by `slowness`; the best of three where that is too long."""
+    """Return the CPU time of loading, divided by `slowness`; the best of three if it is too long."""
     best = float("inf")
     for _ in range(3):
         slow = slowness()
@@ -232,7 +232,7 @@ def seconds(path: str) -> float:
 
 @pytest.mark.parametrize("name", WORST)
 def test_bad_cases_take_no_time(tmp_path, name):
-    """A hundred kilobytes; a tenth of the time would do, were there nothing that does not depend on the size."""
+    """A hundred kilobytes; a tenth of the time would suffice but for costs independent of the size."""
     assert seconds(npy_of_pickle(tmp_path / "a.npy", WORST[name](SIZE // EVERY_DAY))) < SECONDS / 2
 
 
@@ -260,7 +260,7 @@ def test_worst_cases_take_less_than_a_second(tmp_path, name):
 
 
 def hanging(depth: int = 60) -> bytes:
-    """A pickle of 350 bytes whose key would be hashed until the end of time."""
+    """Return a pickle of 350 bytes whose key would practically never finish hashing."""
     nested = b"".join(b"h" + bytes([k]) + b"\x86q" + bytes([k + 1]) for k in range(depth))
     return b"\x80\x03}K\x01q\x00" + nested + b"Ns."
 
@@ -281,7 +281,7 @@ def test_keys_are_short_text(tmp_path, key):
 
 
 def test_shared_values_are_loaded(tmp_path):
-    """As numpy.save writes what a dict names more than once."""
+    """As numpy.save writes values that a dict references more than once."""
     white, where = [1.0, 0.5, 0.25], [0.0, 1.0, 2.0]
     content = course_dict(light_positions=[where] * 500, light_intensities=[white] * 500, Ia=white, bg_color=white)
     scene = load(npy_of_pickle(tmp_path / "a.npy", pickled_array(content)))
@@ -291,7 +291,7 @@ def test_shared_values_are_loaded(tmp_path):
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="no Ctrl-C for a process alone")
 def test_ctrl_c_while_a_pickle_is_read(tmp_path):
-    """A megabyte of opcodes in a row, again and again, in a process that is interrupted after a second."""
+    """A megabyte of opcodes, read repeatedly in a process that is interrupted after a second."""
     path = npy_of_pickle(tmp_path / "a.npy", filled(SIZE, b"N"))
     code = f"""
 import contextlib, signal
@@ -318,7 +318,7 @@ while True:
 
 
 def test_limits_are_what_they_say():
-    """Each at its last good value and at the first bad one."""
+    """Each limit at its last valid and first invalid value."""
     most = 1 << 20  # opcodes
     assert unpickle(b"N" * (most - 1) + b".") is None
     with pytest.raises(Refused, match="more than 1048576 opcodes"):

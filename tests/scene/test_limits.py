@@ -1,4 +1,4 @@
-"""How much of anything a file may hold: what stands at a limit is taken, what is one beyond it is refused in a line."""
+"""Limits of files: values at a limit are accepted, values one beyond it refused in one line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from clshade.scene.formats.gltf_json import Item
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.mtl", "a.png"])
 def test_sizes_of_files(tmp_path, monkeypatch, name):
-    """Sparse files, which are not read: where the size is good, opening them fails."""
+    """Sparse files, which are not read: if the size is accepted, opening them fails."""
 
     own = tmp_path / "of.obj"
     own.write_bytes(b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
@@ -47,7 +47,7 @@ def test_sizes_of_files(tmp_path, monkeypatch, name):
 
 
 def png_header(columns: int, rows: int) -> bytes:
-    """A grey PNG without its pixels."""
+    """Return a gray PNG without its pixels."""
     head = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0)
     chunks = (head, b"IDAT" + zlib.compress(b""), b"IEND")
     parts = (struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks)
@@ -116,7 +116,7 @@ def test_headers_and_lists_of_ply_files(tmp_path):
 
 
 def test_facets_of_stl_files(tmp_path):
-    """As many as the head says: no byte less, none more."""
+    """Exactly as many as the header says: no byte less or more."""
     path = tmp_path / "a.stl"
     path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(49))
     refusal(path, "facet count: expected 134 bytes for its 1 facets, found 133 bytes")

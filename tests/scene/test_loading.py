@@ -1,4 +1,4 @@
-"""`load`: which files it takes, its options, and the camera and lights that meshes get."""
+"""`load`: the files it accepts, its options, and the default camera and lights of meshes."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_lights_are_kept_in_the_order_asked_for(cube):
 
 
 def corners_in_image(scene) -> np.ndarray:
-    """Image coordinates of the corners of the bounding box, pixels."""
+    """Return the image coordinates of the corners of the bounding box, in pixels."""
     low, high = geometry.bounding_box(scene)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
     camera = scene.camera
@@ -110,7 +110,7 @@ def test_the_camera_sees_all_and_fills_the_image(tmp_path, resolution):
     assert camera.lookat.tolist() == [12, 21, 29.5]
     assert camera.eye[1] > 21  # from above
     assert camera.up.tolist() == [0, 1, 0]
-    # The bounding sphere touches the narrower field of view but for the margin.
+    # The bounding sphere touches the narrower field of view, up to the margin.
     radius = geometry.half_diagonal(*geometry.bounding_box(scene))
     half = math.atan(min(camera.plane) / 2)
     distance = np.linalg.norm(camera.eye - camera.lookat)
@@ -163,7 +163,7 @@ def test_unused_vertices_do_not_move_the_camera(tmp_path):
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "stl", "glb"])
 def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
-    """What a scene keeps alive is its arrays: no bytes of the file, no second copy of the vertices."""
+    """A scene keeps only its arrays alive: no bytes of the file, no second copy of the vertices."""
     verts = np.random.default_rng(1).random((3000, 3)).astype(np.float32)
     if kind == "obj":
         data: str | bytes = "".join(f"v {x} {y} {z}\n" for x, y, z in verts.tolist())
@@ -191,4 +191,4 @@ def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
         tracemalloc.stop()
     mesh = scene.meshes[0]
     arrays = [mesh.verts, mesh.faces, *(a for a in (mesh.normals, mesh.normal_faces) if a is not None)]
-    assert kept < sum(array.nbytes for array in arrays) + 12_000  # the scene's objects; the vertices alone have 36,000
+    assert kept < sum(array.nbytes for array in arrays) + 12_000  # for objects; the vertices alone take 36,000

@@ -1,4 +1,4 @@
-"""Files that trimesh writes, read back: another program's idea of each format."""
+"""Files written by trimesh are read back: an independent implementation of each format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KNOBBLY.vertices += 0.1 * np.sin(5 * KNOBBLY.vertices[:, ::-1])
 
 
 def corners(scene) -> np.ndarray:
-    """(F, 3, 3) corners of all triangles in world space, in the order of the faces."""
+    """Return the corners (F, 3, 3) of all triangles in world space, in face order."""
     parts = []
     for mesh in scene.meshes:
         for matrix in np.asarray(mesh.instances):

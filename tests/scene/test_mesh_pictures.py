@@ -1,4 +1,4 @@
-"""From a mesh file to its picture: which texel, color or material a pixel shows, for each format and what it can say."""
+"""From mesh file to image: the texel, color or material that a pixel shows, for each format and its features."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 
-# A picture of 4 x 4 different pixels, and a square from -1 to 1 with it, seen from the front: 9 pixels a texel.
+# A texture of 4 x 4 different texels on a square from -1 to 1, seen from the front: 9 pixels per texel.
 PICTURE = (np.arange(48).reshape(4, 4, 3) * 5 + 10).astype(np.uint8)
 LINEAR = srgb_to_linear(PICTURE / 255)
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
 FRONT = Camera([0, 0, 3], [0, 0, 0], [0, 1, 0], 3.0, (2.0, 2.0), (36, 36))
-NEAR = 2e-6  # a few roundings of float32 in u, v and the shares of the four texels
+NEAR = 2e-6  # a few roundings of float32 in u, v and the weights of the four texels
 
 
 def drawn(path, device, **options) -> np.ndarray:
-    """(36, 36, 4) colors and coverage of a file's meshes, without light, seen from the front."""
+    """Render a file's meshes without light, seen from the front: colors and coverage (36, 36, 4)."""
     scene = load(path, **options)
     with Renderer(scene, shader="nolight", device=device) as renderer:
         frame = renderer.render(camera=FRONT)
@@ -32,7 +32,7 @@ def drawn(path, device, **options) -> np.ndarray:
 
 
 def texels(image: np.ndarray) -> np.ndarray:
-    """(4, 4, 3) colors of the pixels in the middle of a texel each."""
+    """Return the colors (4, 4, 3) of the pixels at the texels' centers."""
     return image[4::9, 4::9, :3]
 
 
@@ -99,7 +99,7 @@ WRAPS = [(10497, lambda k: k % 4), (33071, lambda k: np.clip(k, 0, 3)), (33648, 
 
 @pytest.mark.parametrize(("mode", "texel"), WRAPS, ids=["repeat", "clamp", "mirror"])
 def test_wrap_modes(tmp_path, device, mode, texel):
-    """The square shows one picture's size from one picture to the right and down on: texels 4 to 7, and -4 to -1."""
+    """The square shows the texture offset by its size to the right and down: texels 4 to 7, and -4 to -1."""
     for shift in (1, -1):
         path = gltf_square(tmp_path, uvs=GLTF_UVS + np.float32(shift), sampler={"wrapS": mode, "wrapT": mode})
         found = texel(np.arange(4) + 4 * shift)
@@ -108,7 +108,8 @@ def test_wrap_modes(tmp_path, device, mode, texel):
 
 
 def test_texture_transforms(tmp_path, device):
-    """A quarter turn about the picture's top left corner, then one picture down: what was at the left is at the top."""
+    """A quarter turn about the texture's top left corner, then a shift down by its size: the left side is at the
+    top."""
     moved = {"offset": [0, 1], "rotation": math.pi / 2}
     path = gltf_square(tmp_path, extensions={"KHR_texture_transform": moved})
     # (u, v) -> (v, 1 - u): the pixel at column x, row y shows column y, row 3 - x.
@@ -126,7 +127,7 @@ def test_alpha_masks_leave_holes(tmp_path, device):
     hole = np.zeros((36, 36), bool)
     hole[9:18, 18:27] = True  # row 1, column 2
     assert not image[11:16, 20:25, 3].any()
-    assert (image[:, :, 3] == 1)[~hole].all()  # from the middle to the next texel's, alpha goes from 0 to 1
+    assert (image[:, :, 3] == 1)[~hole].all()  # alpha goes from 0 to 1 between texel centers
 
 
 def test_face_colors_and_materials(tmp_path, device):

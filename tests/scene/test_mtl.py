@@ -1,4 +1,4 @@
-"""Material libraries: options of maps, masks, illumination models, what is told; creases and light of OBJ files."""
+"""Material libraries: options of maps, masks, illumination models, warnings; creases and light of OBJ files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RNG = np.random.default_rng(9)
 
 
 def material_of(tmp_path, text: str):
-    """The mesh of a triangle with that material, and the scene and messages of loading it."""
+    """Load a triangle with that material; return the mesh, the scene and the warnings."""
     write(tmp_path / "a.mtl", "newmtl m\n" + text)
     path = write(tmp_path / "a.obj", TEXTURED)
     with warnings.catch_warnings(record=True) as caught:
@@ -134,7 +134,7 @@ def test_creases_of_a_whole_file(tmp_path):
     flat = load(tmp_path / "a.obj", flat=True).meshes[0]
     assert np.ptp(flat.normals[flat.normal_faces], axis=(0, 1)).max() == 0
     given = load(write(tmp_path / "b.obj", TRIANGLE + "vn 1 0 0\nf 1//1 2//1 3//1\n"), crease=10).meshes[0]
-    assert given.normals.tolist() == [[1, 0, 0]]  # the file's own stay
+    assert given.normals.tolist() == [[1, 0, 0]]  # the file's own are kept
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])

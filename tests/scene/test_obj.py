@@ -1,4 +1,4 @@
-"""Wavefront OBJ: what is read, against a plain parser and by hand, and what is refused, with its line."""
+"""Wavefront OBJ: contents, against a simple parser and by hand, and refusals, with their line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clshade.scene.triangulate import triangulated
 
 
 def told(path, **options):
-    """The scene and the warnings of loading it."""
+    """Load a file; return the scene and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = load(path, **options)
@@ -31,7 +31,7 @@ def told(path, **options):
 
 
 def corners(text: str) -> list:
-    """The corners' v/vt/vn, by face, as the parser has them."""
+    """Return the parser's v/vt/vn of the corners by face."""
     return parse_obj(text.encode(), "x.obj").indices.tolist()
 
 
@@ -184,7 +184,7 @@ def test_limits(tmp_path, monkeypatch):
 
 
 def plain(text: str) -> tuple[list, list, list, list]:
-    """The obvious parser: positions, uvs, normals and the corners of polygons of a file without faults."""
+    """Parse a valid file in the obvious way: positions, uvs, normals and the corners of polygons."""
     found: dict[str, list] = {"v": [], "vt": [], "vn": []}
     faces = []
     for line in text.splitlines():
@@ -204,7 +204,7 @@ def plain(text: str) -> tuple[list, list, list, list]:
 
 
 def random_text(rng: np.random.Generator) -> str:
-    """A file of all forms mixed; every index is valid where it stands."""
+    """Return a file that mixes all forms; every index is valid at its position."""
     lines, counts = [], [0, 0, 0]
     for _ in range(rng.integers(5, 120)):
         kind = rng.integers(0, 8)
@@ -280,7 +280,7 @@ def test_materials_and_objects_make_meshes_in_the_order_of_the_file(tmp_path):
     positions = np.concatenate([mesh.verts[mesh.faces] for mesh in scene.meshes])
     expected = parse_obj((SQUARE + body).encode(), "x")
     assert np.array_equal(positions, expected.verts[expected.indices[:, :, 0]])
-    # Without normals in the file they are those of all faces, so that no seam shows.
+    # Without normals in the file, vertex normals average all faces, so that no seam is visible.
     normals = geometry.vertex_normals(expected.verts, expected.indices[:, :, 0])
     got = np.concatenate([mesh.normals[mesh.faces] for mesh in scene.meshes])
     assert np.array_equal(got, normals[expected.indices[:, :, 0]])

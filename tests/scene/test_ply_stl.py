@@ -1,4 +1,4 @@
-"""PLY and STL: what a file means, against files written by hand, and what is refused, with its element and row."""
+"""PLY and STL: the meaning of files, tested with handwritten ones, and refusals, with their element and row."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_polygons_become_fans(tmp_path, form):
 @pytest.mark.parametrize("corners", [3, 10, 13])
 @pytest.mark.parametrize("form", FORMS)
 def test_faces_may_stand_before_vertices(tmp_path, form, corners):
-    """The byte before the first length, the header's last, is 10 as well."""
+    """The header's last byte, before the first length, is 10 as well."""
     verts = RNG.random((corners, 3)).astype(np.float32).tolist()
     header = FACES.format(1) + f"element vertex {corners}\n{XYZ}"
     rows = [(f"B{corners}i", [corners, *range(corners)]), *(("3f", row) for row in verts)]
@@ -197,7 +197,7 @@ def test_faces_against_the_files_normals_are_turned(tmp_path, colored):
     lists = "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
     points = [("6f", [*VERTS[k], 0.0, 0.0, 1.0]) for k in range(4)]
     rows = []
-    for face in ([0, 1, 2], [1, 2, 3]):  # the second one runs clockwise
+    for face in ([0, 1, 2], [1, 2, 3]):  # the second one is clockwise
         uvs = [value for k in face for value in (k / 4, 1.0)]
         rows.append(("B3iB6f" + "3B" * colored, [3, *face, 6, *uvs] + [255, 0, 255] * colored))
     data = ply("binary_little_endian", head + f"element face 2\n{lists}{color}", points + rows)

@@ -1,4 +1,4 @@
-"""Values of the wrong kind in scenes, cameras and settings: InputError, one line that names class and field."""
+"""Invalid values in scenes, cameras and settings: an InputError of one line that names class and field."""
 
 from __future__ import annotations
 

@@ -55,11 +55,11 @@ def test_the_same_call_gives_the_same_bits(name):
 def test_normals_are_unit_and_agree_with_the_winding(name):
     for mesh in scenes.builtin(name).meshes:
         direction = face_normals(mesh)
-        assert (np.abs(direction).max(axis=1) > 0.0).all(), mesh.name  # no face without area
+        assert (np.abs(direction).max(axis=1) > 0.0).all(), mesh.name  # no degenerate face
         if mesh.normals is None:
             continue
         length = np.sqrt((mesh.normals.astype(np.float64) ** 2).sum(axis=1))
-        tolerance = 4.0 * np.finfo(mesh.normals.dtype).eps  # rounding of three squares, a sum and a root, or of storing
+        tolerance = 4.0 * np.finfo(mesh.normals.dtype).eps  # rounding of three squares, a sum and a root, or of storage
         assert np.abs(length - 1.0).max() <= tolerance, mesh.name
         corners = mesh.normals[mesh.faces if mesh.normal_faces is None else mesh.normal_faces]
         assert (np.einsum("fc,fkc->fk", direction, corners) > 0.0).all(), mesh.name
@@ -140,7 +140,7 @@ def test_knot_is_a_tube_of_constant_radius_with_its_own_normals():
 
 
 def test_knot_volume_is_that_of_its_tube():
-    """Pappus: cross section times the length of the center's way (its centers lie on the way itself)."""
+    """Pappus: cross section times the length of the center curve."""
     scene = scenes.torus_knot(400_000)
     mesh = scene.meshes[0]
     angle = np.linspace(0.0, 2.0 * np.pi, 20_001)
@@ -152,7 +152,7 @@ def test_knot_volume_is_that_of_its_tube():
 
 
 def test_a_million_triangles_take_less_than_a_second():
-    start = time.process_time()  # of this process: others may be busy
+    start = time.process_time()  # of this process, as others may be busy
     scenes.torus_knot(1_000_000)
     assert time.process_time() - start < 1.0
 
@@ -189,7 +189,7 @@ def test_icosphere_center_is_lit_head_on():
     material, light = scene.meshes[0].material, scene.lights[0]
     expected = material.ka * scene.ambient + light.intensity * (material.kd + material.ks)
     found = oracle.render(scene, Settings()).rgb[16, 16]
-    # The point nearest to the eye is a vertex or an edge's middle, whose normal points to eye and light.
+    # The point nearest to the eye is a vertex or an edge midpoint, whose normal points to eye and light.
     assert np.allclose(found, expected, rtol=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Newell's teapot: its patches, its surface against their definition, its volume and cracks, its images."""
+"""Newell's teapot: its patches, its surface against their definition, its volume, cracks and images."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def casteljau(points: np.ndarray, t: float) -> np.ndarray:
 
 
 def surface(patch, round_patch: bool, s: float, t: float) -> np.ndarray:
-    """A point of a patch as the table means it, by repeated linear interpolation; y up."""
+    """Evaluate a point of a patch of the table by repeated linear interpolation; y up."""
     points = np.array(patch)
     if round_patch:
         points = np.array([[(r, 0, z), (r, k, z), (k, r, z), (0, r, z)] for r, k, z in patch], float)
@@ -58,7 +58,7 @@ def test_teapot_points_are_those_of_the_table():
         for k, patch in enumerate(patches):
             for i, j in itertools.product(range(level + 1), repeat=2):
                 is_round = name in ("body", "lid")
-                # A tube's given half, y <= 0, comes first and runs against the order of the table.
+                # A tube's given half, y <= 0, comes first, in the reverse order of the table.
                 expected = surface(patch, is_round, i / level, j / level if is_round else 1.0 - j / level)
                 assert np.allclose(positions[k * level + i, j], expected, rtol=0.0, atol=1e-14), (name, k, i, j)
 
@@ -77,7 +77,8 @@ def test_teapot_normals_are_those_of_the_surface():
                 )
                 normal = np.cross(by_s, by_t)
                 normal /= np.sqrt(normal @ normal)
-                # Central differences: h^2 times third over first derivatives (up to 20), and rounding 1e-16 / h.
+                # Central differences: h^2 times the ratio of third to first derivatives (up to 20), and rounding 1e-16
+                # / h.
                 assert np.allclose(parts[name][1][k * level + i, j], normal, rtol=0.0, atol=1e-8), (name, k, i, j)
 
 
@@ -98,7 +99,7 @@ def test_teapot_is_free_of_cracks(level):
     assert euler(faces) == 2
     for name in ("handle", "spout"):
         verts, faces = welded(mesh_of(scene, name))
-        assert border(faces) == 4 * level  # the two open ends, inside the body or at the spout's mouth
+        assert border(faces) == 4 * level  # two open ends, inside the body or at the spout's mouth
         assert euler(faces) == 0
         mirrored = verts * [1.0, 1.0, -1.0] + 0.0  # + 0.0: no -0.0
         assert set(map(tuple, verts)) == set(map(tuple, mirrored))
@@ -140,12 +141,13 @@ def test_teapot_body_volume_converges_to_that_of_its_profile():
 
     errors = [abs(meshed(level) - expected) for level in (8, 16, 32)]
     assert errors[0] < 0.01 * expected
-    assert errors[1] < errors[0] / 3.8  # second order: a quarter each time
+    assert errors[1] < errors[0] / 3.8  # second order: a quarter per level
     assert errors[2] < errors[1] / 3.8
 
 
 def test_teapot_has_newells_dimensions():
-    """Of the surface, not of the control points: the spout's tip at 3.434, its widest circle beyond 2 by the arc."""
+    """The surface's, not those of the control points: the spout's tip at 3.434, the widest circle beyond 2 by the
+    arc."""
     scene = scenes.teapot(40)
     verts = np.concatenate([mesh.verts for mesh in scene.meshes if mesh.name != "floor"])
     assert np.allclose(verts.min(axis=0), [-3.0, 0.0, -2.0], rtol=0.0, atol=1e-4)
@@ -153,7 +155,7 @@ def test_teapot_has_newells_dimensions():
 
 
 def test_teapot_patches_join_smoothly():
-    """Along a profile or a tube the direction goes on where patches meet: a mistyped number would show."""
+    """Along a profile or a tube the direction is continuous where patches meet, so mistyped numbers are detected."""
     for patches in PATCHES.values():
         for first, second in itertools.pairwise(patches):
             first, second = np.array(first), np.array(second)
@@ -164,14 +166,14 @@ def test_teapot_patches_join_smoothly():
 
 
 def test_teapot_agrees_with_a_teapot_of_other_make():
-    """All of its vertices are among ours: it was cut into 10 x 10 cells a patch too."""
+    """All its vertices are among ours: it has 10 x 10 cells per patch, too."""
     path = Path(os.environ.get("CLSHADE_DATA", Path(__file__).parents[3] / "shared" / "data")) / "teapot.obj"
     if not path.exists():
         pytest.skip(f"needs {path}; CLSHADE_DATA names its folder")
     theirs = np.array([line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")], float)
     ours = np.concatenate([positions.reshape(-1, 3) for positions, _ in newell.parts(10).values()])
     furthest = max(np.abs(ours - point).max(axis=1).min() for point in theirs)
-    assert furthest < 2e-6  # written with six digits after the point
+    assert furthest < 2e-6  # written with six decimals
 
 
 def test_teapot_stands_on_its_floor_in_the_light():
@@ -204,7 +206,7 @@ def test_teapot_has_highlights_beyond_one():
     scene = scenes.teapot(4, resolution=(80, 60))
     rgb = oracle.render(scene, Settings()).rgb
     assert rgb.max() > 1.5
-    assert 0.003 < (rgb.max(axis=2) > 1.0).mean() < 0.1  # highlights, not a burnt-out picture
+    assert 0.003 < (rgb.max(axis=2) > 1.0).mean() < 0.1  # highlights, not an overexposed image
     assert np.median(rgb) < 0.5
 
 

@@ -1,4 +1,4 @@
-"""Polygons in triangles: what a cut must keep (area, winding, edges), on concave, damaged and very large polygons."""
+"""Triangulation of polygons: preserved area, winding and edges, on concave, degenerate and very large polygons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DART = [[0, 4, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0]]
 
 
 def cut_one(verts) -> np.ndarray:
-    """(n - 2, 3) corner numbers of the triangles of one polygon."""
+    """Triangulate one polygon; return corner numbers (n - 2, 3)."""
     verts = np.asarray(verts, np.float64)
     faces, cuts = cut(verts, np.arange(len(verts), dtype=np.int32), np.array([len(verts)]))
     assert faces.shape == (len(verts) - 2, 3)
@@ -30,7 +30,7 @@ def cut_one(verts) -> np.ndarray:
 
 
 def cut(verts, corners, counts):
-    """(F, 3) indices into verts, and the cuts."""
+    """Triangulate polygons; return indices (F, 3) into verts, and the cuts."""
     cuts = triangulated(verts, corners, counts)
     return cuts.triangles(corners), cuts
 
@@ -45,20 +45,20 @@ def vector_areas(verts: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def newell(verts: np.ndarray) -> np.ndarray:
-    """The vector area by Newell's sum over the edges."""
+    """Return the vector area by Newell's sum over the edges."""
     after = np.roll(verts, -1, axis=0)
     return np.cross(verts - verts[0], after - verts[0]).sum(axis=0) / 2
 
 
 def assert_edges_are_met(count: int, triangles) -> None:
-    """Every edge of a triangle is an edge of the polygon, or is met by another triangle: no cracks."""
+    """Assert that every edge of a triangle is an edge of the polygon or shared with another triangle: no cracks."""
     edges = Counter((int(a), int(b)) for t in triangles for a, b in zip(t, np.roll(t, -1), strict=True) if a != b)
     edges.subtract(Counter((k, (k + 1) % count) for k in range(count)))
     assert all(edges[b, a] == number for (a, b), number in list(edges.items()))
 
 
 def assert_cut(verts, *, exact: float = 1e-12) -> np.ndarray:
-    """The triangles of a plane polygon that does not cross itself: they fill it, none turned over, none overlapping."""
+    """Triangulate a simple planar polygon, and assert that the triangles fill it without flips or overlaps."""
     verts = np.asarray(verts, np.float64)
     triangles = cut_one(verts)
     area = newell(verts)
@@ -71,7 +71,7 @@ def assert_cut(verts, *, exact: float = 1e-12) -> np.ndarray:
 
 
 def in_space(points: np.ndarray, seed: int) -> np.ndarray:
-    """(n, 3): points (n, 2) in a plane that lies anywhere, seen from either side."""
+    """Embed points (n, 2) in a random plane, seen from either side, (n, 3)."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     return points @ axes[:2] + rng.standard_normal(3)
@@ -83,7 +83,7 @@ def star(radii: list[float]) -> np.ndarray:
 
 
 def uncrossed(points: np.ndarray) -> np.ndarray:
-    """A polygon through all points that does not cross itself: crossing edges are exchanged until none are left."""
+    """Return a simple polygon through all points: crossing edges are swapped until none are left."""
     order = list(range(len(points)))
 
     def side(a, b, c):
@@ -103,14 +103,14 @@ def uncrossed(points: np.ndarray) -> np.ndarray:
 
 
 def test_the_dart_of_an_obj_file(tmp_path):
-    """A full square with a notch: two triangles of a fan covered the notch, one of them turned over."""
+    """A square with a notch: two triangles of a fan would cover the notch, one of them flipped."""
     text = "".join("v {} {} {}\n".format(*corner) for corner in DART) + "f 1 2 3 4 5\n"
     (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
     parts = vector_areas(mesh.verts, mesh.faces)
     assert parts[:, 2].sum() == 10
     assert (parts[:, 2] > 0).all()
     assert (parts[:, :2] == 0).all()
-    for quad in ("f 1 2 3 4\n", "f 2 3 4 1\n"):  # the reflex corner at any place
+    for quad in ("f 1 2 3 4\n", "f 2 3 4 1\n"):  # the reflex corner at any position
         text = "v 0 0 0\nv 4 4 0\nv 0 3 0\nv -4 4 0\n".replace("0 3 0", "0 9 0")
         arrow = "v 0 0 0\nv 4 -4 0\nv 0 9 0\nv -4 -4 0\n" + quad
         (mesh,) = load(write(tmp_path / "b.obj", arrow)).meshes
@@ -158,7 +158,7 @@ def test_convex_polygons_stay_fans(scale):
 
 
 def test_order_of_polygons_and_their_numbers():
-    """Triangles, quadrilaterals and others in turn: each polygon's triangles lie together, in its place."""
+    """Triangles, quadrilaterals and others alternate: each polygon's triangles are contiguous and in order."""
     rng = np.random.default_rng(1)
     polygons = [star(list(rng.uniform(0.1, 1, n))) for n in rng.integers(3, 9, 200)]
     verts = np.concatenate([in_space(points, k) for k, points in enumerate(polygons)])
@@ -201,7 +201,7 @@ def test_simple_polygons(count, seed, space):
 
 @given(st.integers(4, 20), st.integers(0, 1 << 32), st.integers(0, 3))
 def test_corners_on_edges_and_repeated_ones_stay_in_use(count, seed, axis):
-    """Corners on a small lattice, in the middle of edges and twice at one place: all edges are met, nothing is lost."""
+    """Corners on a small lattice, on edges and coincident: no cracks, and no corner is lost."""
     rng = np.random.default_rng(seed)
     points = uncrossed(rng.random((count, 2)).round(1))
     points = np.concatenate(
@@ -216,20 +216,20 @@ def test_corners_on_edges_and_repeated_ones_stay_in_use(count, seed, axis):
 
 
 def test_a_corner_on_an_edge_parts_the_triangle_that_has_it():
-    """Corners 4, 5 and 7 lie on straight edges of an L: no triangle is without area, and no corner is left out."""
+    """Corners 4, 5 and 7 lie on straight edges of an L: no triangle is degenerate, and no corner is left out."""
     verts = np.array(
         [[0, 0, 0], [4, 0, 0], [4, 1, 0], [1, 1, 0], [1, 2, 0], [1, 3, 0], [1, 4, 0], [0.5, 4, 0], [0, 4, 0]]
     )
     for shift in range(9):
         triangles = assert_cut(np.roll(verts, shift, axis=0))
         assert set(triangles.reshape(-1).tolist()) == set(range(9))
-        if triangles.tolist() != fan(9):  # which is right for two of them, and as it was
+        if triangles.tolist() != fan(9):  # which is correct for two of them
             assert vector_areas(np.roll(verts, shift, axis=0), triangles)[:, 2].min() > 0
 
 
 @pytest.mark.parametrize("repeated", range(5))
 def test_a_dart_with_a_corner_that_comes_twice(repeated):
-    """No triangle is turned round, as those of a fan would be, whose areas have the same sum."""
+    """No triangle is flipped, as in a fan, whose signed areas have the same sum."""
     verts = np.insert(np.array(DART, float), repeated, DART[repeated], axis=0)
     for shift in range(6):
         turned = np.roll(verts, shift, axis=0)
@@ -252,7 +252,7 @@ def test_cycles_that_meet_in_a_corner():
 
 
 def test_a_hole_joined_by_a_bridge():
-    """A square with a square hole: the corners of the bridge come twice."""
+    """A square with a square hole: the corners of the bridge occur twice."""
     ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]]
     verts = np.array([[*corner, 1.0] for corner in ring])
     triangles = assert_cut(verts)
@@ -260,7 +260,7 @@ def test_a_hole_joined_by_a_bridge():
 
 
 def test_non_planar_polygons():
-    """Corners off the plane: the triangles are right as seen along Newell's normal."""
+    """Corners off the plane: the triangulation is valid in projection along Newell's normal."""
     rng = np.random.default_rng(2)
     for _ in range(50):
         points = uncrossed(rng.random((9, 2)))
@@ -287,7 +287,7 @@ def test_what_has_no_inside_stays_a_fan(verts, expected):
 
 @given(st.integers(4, 30), st.integers(0, 1 << 32), st.sampled_from([0, 1, 9]))
 def test_polygons_that_cross_themselves(count, seed, digits):
-    """Whatever comes out, it has the polygon's edges and so its area, and turns over no more than a fan."""
+    """The result has the polygon's edges, hence its area, and no more flipped area than a fan."""
     verts = np.random.default_rng(seed).random((count, 3)).round(digits)
     triangles = cut_one(verts)
     assert np.array_equal(triangles, cut_one(verts))

@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers as processes of their own, on loopback."""
+"""A Dask scheduler and workers in child processes, on loopback."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def wait_until(condition: Callable[[], object], seconds: float = 180.0) -> None:
 
 
 class Cluster:
-    """Started by what the README tells to start; `close` ends all of it."""
+    """A cluster started with the commands of the README; `close` stops it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -47,7 +47,7 @@ class Cluster:
         return process
 
     def worker(self) -> subprocess.Popen[bytes]:
-        """One process, without the nanny that would start it again when it is killed."""
+        """Start a worker process without a nanny, which would restart it when it is killed."""
         options: Sequence[object] = ("--nworkers", 1, "--nthreads", 1, "--no-nanny", "--memory-limit", 0)
         return self._start("worker", self.address, *options, "--local-directory", self._folder / "scratch")
 

@@ -1,4 +1,4 @@
-"""The command line as tests use it, in this process and in one of its own."""
+"""The command line for tests, in this process and in a child process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from clshade.cli.commands import scene_options
 from clshade.cli.commands.arguments import with_values
 from clshade.cli.main import _parser, main
 
-# With these options the program is the one that tests of frames build for the scene.
+# With these options the scene needs the program that tests of frames build anyway.
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course", "--layers", "Z,id")
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
@@ -27,7 +27,7 @@ def listing(folder: Path) -> list[str]:
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
-    """The exit code of a command line, its standard output, and the lines of its standard error."""
+    """Run a command line; return its exit code, its standard output, and the lines of its standard error."""
     capsys.readouterr()
     code = main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
@@ -35,7 +35,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 
 def scene_of(*arguments: object) -> clshade.Scene:
-    """The scene that a command line of `render` leads to."""
+    """Return the scene selected by a command line of `render`."""
     given = with_values(["render", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
     return scene_options.load_scene(parsed, parsed.scenes[0])
@@ -48,7 +48,7 @@ def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def without_compiling(err: str) -> list[str]:
-    """The lines of standard error, but the one that is there where no run before has compiled the kernels."""
+    """Return the lines of standard error, without the one that a first compilation of the kernels prints."""
     return [line for line in err.splitlines() if not line.startswith("clshade: compiling kernels for ")]
 
 

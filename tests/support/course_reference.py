@@ -1,4 +1,4 @@
-"""The course's functions once more in plain float64, from the formulas, and how far float32 may be off them."""
+"""The course's functions in plain float64, written from the formulas, and error bounds for float32."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from clshade.oracle import coverage, shade
 from clshade.scene.model import Scene
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
-FACTOR = 32.0  # roundings that may add up; DESIGN section 5
-# A device may flush what is below float32's normal range.
+# Roundings that may add up, see clshade/measure/README.md, "Bounds, and where they come from".
+FACTOR = 32.0
+# A device may flush values below float32's normal range to zero.
 TINY = float(np.finfo(np.float32).tiny)
 Array = np.ndarray
 
@@ -23,7 +24,7 @@ def unit(v: Any) -> Array:
 
 
 def light(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -> Array:
-    """Phong's formula at points (..., 3) of which each has a normal and a color."""
+    """Evaluate the Phong model at points (..., 3), each with a normal and a color."""
     normal, to_eye = unit(normal), unit(np.asarray(eye, np.float64) - point)
     total = np.zeros_like(normal) + k_a
     for position, intensity in zip(positions, intensities, strict=True):
@@ -38,7 +39,7 @@ def light(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
 
 
 def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -> Array:
-    """What float32 may be off by, (..., 3), highlights that may be decided either way included."""
+    """Return the largest error allowed in float32, (..., 3), including highlights that rounding may open or close."""
     point, normal, eye = (np.asarray(v, np.float64) for v in (point, normal, eye))
     positions = np.asarray(positions, np.float64).reshape(-1, 3)
     length = np.sqrt((normal * normal).sum(axis=-1))
@@ -52,7 +53,7 @@ def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
 
 
 def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[Array, Array, Array]:
-    """One triangle over X: the image, what it may be off by, and which pixels are drawn, row 0 at the bottom.
+    """Draw one triangle over X; return the image, its error bounds, and which pixels are drawn, row 0 at the bottom.
 
     around: point, eye, k_a (times the ambient light), k_d, k_s, n, positions, intensities.
     """
@@ -80,7 +81,7 @@ def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[
 
 
 def scene_arguments(scene: Scene, **changes: Any) -> dict[str, Any]:
-    """The arguments of `render_object` that draw a course scene of one mesh; 3xN, `changes` put in."""
+    """Return the arguments of `render_object` for a course scene of one mesh, 3xN, with `changes` applied."""
     mesh, camera, material = scene.meshes[0], scene.camera, scene.meshes[0].material
     (N, M), (H, W) = camera.resolution, camera.plane
     colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
@@ -110,7 +111,7 @@ def scene_arguments(scene: Scene, **changes: Any) -> dict[str, Any]:
 
 
 def map_arguments(scene: Scene, texture_map: Any, **changes: Any) -> dict[str, Any]:
-    """The same for `render_object_map`."""
+    """Return the same for `render_object_map`."""
     mesh = scene.meshes[0]
     arguments = scene_arguments(scene)
     del arguments["verts_colors"]
@@ -120,7 +121,8 @@ def map_arguments(scene: Scene, texture_map: Any, **changes: Any) -> dict[str, A
 
 
 def quad_arguments(**changes: Any) -> dict[str, Any]:
-    """A white square of side 2 about the origin, facing the eye at (0, 0, 4); it fills the middle half of 16 x 16."""
+    """Return a white square of side 2 around the origin, facing the eye at (0, 0, 4); it fills the middle half of 16 x
+    16 pixels."""
     arguments = {"shader": "phong", "focal": 1, "eye": [0, 0, 4], "lookat": [0, 0, 0], "up": [0, 1, 0]}
     arguments |= {"bg_color": [0.5, 0.25, 2.0], "M": 16, "N": 16, "H": 1, "W": 1}
     arguments["verts"] = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0]])

@@ -1,4 +1,5 @@
-"""Which OpenCL devices the tests run on: every one that works, or those of CLSHADE_TEST_PLATFORM, part of a name."""
+"""The OpenCL devices that tests run on: all that work, or those whose platform's name contains
+CLSHADE_TEST_PLATFORM."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from clshade.pipeline.opencl.device import Device, list_devices
 
 
 def needs_float64(device: Device) -> None:
-    """Skips the test on a device that has none."""
+    """Skip the test on a device without float64."""
     if not device.has_fp64:
         pytest.skip(f"{device.platform} has no float64")
 
 
 @cache
 def working_devices() -> tuple[str, ...]:
-    """Indices "P:D" of the devices that work; empty where there is none."""
+    """Return the indices "P:D" of the devices that work; empty if there is none."""
     platform = os.environ.get("CLSHADE_TEST_PLATFORM", "").lower()
     try:
         return tuple(info.index for info in list_devices() if info.works and platform in info.platform.lower())

@@ -20,14 +20,14 @@ def job(**changes: object) -> Job:
 
 
 def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:
-    """Frames 1 to `count` of a turn."""
+    """Return frames 1 to `count` of a turn."""
     frames = parse_frames(f"1..{count}")
     cameras = orbit(builtin("icosphere").camera.with_resolution(resolution), frames.numbers, frames)
     return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
 
 
 class HangingCamera(Camera):
-    """A camera with which no frame is ever done."""
+    """A camera with which a frame never finishes."""
 
     def __getattribute__(self, name: str) -> Any:
         while name == "resolution":
@@ -36,7 +36,7 @@ class HangingCamera(Camera):
 
 
 def hanging(task: Task) -> Task:
-    """The same with a camera that hangs."""
+    """Return the task with a camera that hangs."""
     camera = object.__new__(HangingCamera)
     camera.__dict__.update(task.camera.__dict__)
     return Task(task.number, camera, task.path)

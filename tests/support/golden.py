@@ -1,4 +1,4 @@
-"""Golden hashes of images, and how they are drawn."""
+"""Golden hashes of images, and how the images are drawn."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from clshade.pipeline.renderer import Renderer
 
 RESOLUTION = (161, 97)
 
-# (scene, preset, shader) -> the first 16 digits. They change only when an image is meant to change.
+# (scene, preset, shader) -> the first 16 digits. Update them only for intended changes of an image.
 GOLDEN = {
     ("teapot", "standard", "phong"): "287f35a3b8fbaa53",
     ("teapot", "course", "gouraud"): "b0a149a0b1d58ba3",
@@ -25,7 +25,7 @@ GOLDEN = {
 
 
 def digest(frame: Frame) -> str:
-    """Of image and layers, the first 16 digits of the SHA-256."""
+    """Return the first 16 digits of the SHA-256 of image and layers."""
     found = hashlib.sha256(frame.rgba.tobytes())
     for name in frame.layers:
         found.update(frame[name].tobytes())

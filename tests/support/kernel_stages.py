@@ -1,4 +1,4 @@
-"""Kernels on arrays of a test's own: feature masks by keyword, probes of single device functions, and single stages."""
+"""Kernels on given arrays: feature masks by keyword, probes of single device functions, and single stages."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from clshade.pipeline.surface_inputs import SurfaceInputs
 from clshade.scene.camera import Camera
 
 LANES = (1, 4, 8, 16)
-# Besides 16: scalars every day; vectors of other widths, each of which is a program to build, with -m long.
+# Besides 16: scalars always; other vector widths, each of which needs another program, with -m long.
 OTHER_LANES = (1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long))
 Array = np.ndarray
 
 
 def mask(**overrides: int) -> Features:
-    """Every feature 0 but the ones named."""
+    """Return features that are all 0 except those named."""
     unknown = set(overrides) - {*CHOICES, *OPTIONAL}
     assert not unknown, f"no such feature: {unknown}"
     return Features(tuple((name, int(overrides.get(name, 0))) for name in CHOICES + OPTIONAL))
 
 
 def bits(array: Array) -> Array:
-    """The bits of a float32 array, so that comparisons see signs of zeros and NaNs."""
+    """Return the bits of a float32 array, so that comparisons distinguish signed zeros and NaNs."""
     return np.ascontiguousarray(array, np.float32).view(np.uint32)
 
 
@@ -42,14 +42,14 @@ def float32(values: Any) -> Array:
 
 
 def split(values: Array) -> tuple[Array, Array]:
-    """float64 as two float32: rounded, and what that leaves."""
+    """Split float64 into double-single: the rounded value and the remainder."""
     with np.errstate(over="ignore", invalid="ignore"):
         high = float32(values)
         return high, float32(np.asarray(values, np.float64) - high)
 
 
 class Probe:
-    """Kernels of a few lines of OpenCL C that call device functions of the kernel files they include.
+    """Short kernels in OpenCL C that call device functions of the kernel files they include.
 
     Each kernel takes pointers only: inputs, then one output of the first input's length, each (K,) or (K, width).
     A work-item handles LANES elements; arrays are padded with copies of their last row.
@@ -59,7 +59,7 @@ class Probe:
         self._device, self._program = device, build_text(device, mask(**features), text, lanes=lanes)
 
     def __call__(self, name: str, *inputs: Array, width: int | None = None, dtype: Any = np.float32) -> Array:
-        """The output, (K,) or, of a width, (K, width)."""
+        """Run a kernel; return its output, (K,) or, with a width, (K, width)."""
         count = len(inputs[0])
         padded = [np.concatenate([a, np.repeat(a[-1:], -len(a) % 16, axis=0)]) for a in inputs]
         shape = (len(padded[0]),) if width is None else (len(padded[0]), width)
@@ -73,12 +73,12 @@ class Probe:
 
 
 def boxes_of(bounds: Array) -> Array:
-    """(T, 4) first column, first row, last column, last row of layout.SINGLE.Bounds rows."""
+    """Return first column, first row, last column, last row (T, 4) of layout.SINGLE.Bounds rows."""
     return (bounds["box"][:, None] >> np.array([0, 16, 32, 48], np.uint64) & np.uint64(0xFFFF)).astype(np.int64)
 
 
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
-    """layout.SINGLE.View of a camera; the axes are the oracle's."""
+    """Return the layout.SINGLE.View of a camera, with the oracle's axes."""
     view = np.zeros(1, struct_layout.SINGLE.View)
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
@@ -91,7 +91,7 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> 
 def image_of(
     device: Device, resolution: tuple[int, int], structs: struct_layout.Structs = struct_layout.SINGLE, **fields: Any
 ) -> Buffer:
-    """structs.Image of a resolution (N, M); `fields` set its other members."""
+    """Return the structs.Image of a resolution (N, M); `fields` set its other members."""
     image = np.zeros(1, structs.Image)
     image["light_unit"] = 1.0
     columns, rows = resolution
@@ -105,7 +105,7 @@ def image_of(
 
 
 def project(device: Device, positions: Array, camera: Camera, near: float, scale: float = 1.0) -> VertexBuffers:
-    """What the stage `project` makes of world positions (V, 3), float32 or float64."""
+    """Run the stage `project` on world positions (V, 3), float32 or float64."""
     features = mask(DOUBLE_POSITIONS=positions.dtype == np.float64, ORTHOGRAPHIC=camera.orthographic)
     stages = Stages(device, build(device, features, ("project.cl",)))
     vertices, points = VertexBuffers(device, len(positions)), Buffer(device, positions)
@@ -117,7 +117,7 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
 
 
 def samples_at(places: Array) -> dict[str, Any]:
-    """The members of structs.Image that say where pixels are sampled: places (S, 2), 1/256 px."""
+    """Return the members of structs.Image that define the sample positions (S, 2), in 1/256 px."""
     kept = np.zeros((2, struct_layout.MOST_SAMPLES), np.int32)
     kept[:, : len(places)] = places.T
     rest = {"least": places.min(axis=0), "most": places.max(axis=0)}
@@ -133,7 +133,10 @@ def vertices_at(
     structs: struct_layout.Structs = struct_layout.SINGLE,
     orthographic: bool = False,
 ) -> VertexBuffers:
-    """Vertices as `project` leaves them: snapped positions xy (V, 2), depths z (V,), eye-relative positions (V, 3)."""
+    """Return vertices in the form that `project` writes.
+
+    xy: snapped positions (V, 2). z: depths (V,). relative: positions (V, 3) relative to the eye.
+    """
     projected = np.zeros(len(z), structs.Vertex)
     projected["x"], projected["y"] = np.asarray(xy).T
     projected["depth"] = z
@@ -147,7 +150,7 @@ def vertices_at(
 
 
 class Pipeline:
-    """The stages from set-up on. Each method runs one and keeps its buffers for the next.
+    """The stages from `setup` on. Each method runs one and keeps its buffers for the next.
 
     files: the kernel files to build. resolution: (N, M). image: further members of the struct Image.
     """
@@ -169,7 +172,7 @@ class Pipeline:
         self.tiles = int(self.image.array["tiles"][0])
 
     def set_up(self, vertices: VertexBuffers, faces: Array, near: float = 0.0) -> Any:
-        """Runs `setup`; returns the counters."""
+        """Run `setup`; return the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
         self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
         table = np.zeros(1, self.structs.View)
@@ -181,20 +184,20 @@ class Pipeline:
         return self.counters
 
     def sort(self, exact: Any = None) -> Array:
-        """Visible triangles nearest first, by the keys of `setup`."""
+        """Return the visible triangles, nearest first, sorted by the keys of `setup`."""
         order = front_to_back(self.made.keys.to_host(self.visible).copy(), exact)
         return self.ordered(order)
 
     def ordered(self, order: Array) -> Array:
-        """Lets the following stages take the triangles in this order."""
+        """Make the following stages take the triangles in this order."""
         self.visible = len(order)
         self.order = Buffer(self.device, np.asarray(order, np.uint32))
         return order
 
     def bin(self, chunk: int | None = None, parts: int = 1, room: int | None = None) -> list[Array]:
-        """Fills the tile lists, `chunk` triangles at a time; returns the triangles of each tile.
+        """Fill the tile lists, `chunk` triangles at a time; return the triangles of each tile.
 
-        parts: work-items of the scan. room: entries that the lists hold, by default as many as there are.
+        parts: work-items of the scan. room: capacity of the lists in entries, by default as many as there are.
         """
         chunk = chunk or max(self.visible, 1)
         chunks = -(-self.visible // chunk)
@@ -202,7 +205,7 @@ class Pipeline:
             self.starts = Buffer(self.device, np.zeros(self.tiles + 1, np.uint32))
             self.lists = Buffer.empty(self.device, 0, self.structs.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
-        # What is in memory before must not matter, and empty tiles are added to those counted before.
+        # Prior contents of memory must not matter, and empty tiles add to the count so far.
         counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles), 7, np.uint32))
         empty = int(self.made.counters.to_host()["empty_tiles"][0])
         self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
@@ -212,7 +215,7 @@ class Pipeline:
         if parts > 1:
             self.stages.bin_sums(self.image, counts, sums, chunks)
         self.stages.bin_scan(self.image, sums, counts, self.starts, self.made, chunks)
-        # Tile by tile, and within a tile chunk by chunk, each begins where the one before it ends.
+        # Ordered by tile, then by chunk, each begins where the previous one ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
         assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
@@ -225,9 +228,9 @@ class Pipeline:
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> SurfaceInputs:
-        """The arrays by name, and the stages' own buffers.
+        """Return the arrays by name and the stages' own buffers.
 
-        The tuple must live until the kernel is done: its buffers are the arrays themselves.
+        The tuple must live until the kernel is done: its buffers share the arrays' memory.
         """
         given = {name: Buffer(self.device, array) for name, array in arrays.items()}
         return SurfaceInputs(
@@ -242,9 +245,9 @@ class Pipeline:
         )
 
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
-        """Runs the pixel stage: (M, N, 4) rgba and, with OWNERS, (M, N) triangles, both with row 0 at the TOP."""
+        """Run the pixel stage; return rgba (M, N, 4) and, with OWNERS, triangles (M, N), both with row 0 at the TOP."""
         columns, rows = self.resolution
-        # A row of guards before and behind: what is written out of bounds shows.
+        # A guard row before and after the image reveals writes out of bounds.
         around = np.full((rows + 2, columns, 4), np.nan, self.structs.real), np.full((rows + 2, columns), -2, np.int32)
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.made.counters.writing() as table:
@@ -262,7 +265,7 @@ class Pipeline:
         return found
 
     def whole(self, vertices: VertexBuffers, faces: Array, **arrays: Array) -> tuple[Array, Array]:
-        """Set-up, sort, bin and the pixel stage."""
+        """Run set-up, sort, bin and the pixel stage."""
         self.set_up(vertices, faces)
         self.sort()
         self.bin()
@@ -270,7 +273,7 @@ class Pipeline:
 
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
-    """layout.SINGLE.Material rows with the given members; kd and ks are 1 and n is 1 unless told."""
+    """Return layout.SINGLE.Material rows with the given members; kd, ks and n are 1 by default."""
     rows = np.zeros(count, struct_layout.SINGLE.Material)
     rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
     for name, value in fields.items():
@@ -279,14 +282,14 @@ def material_rows(count: int = 1, **fields: Any) -> Array:
 
 
 def light_rows(positions: Array, intensities: Array) -> Array:
-    """layout.SINGLE.Light rows."""
+    """Return layout.SINGLE.Light rows."""
     rows = np.zeros(len(positions), struct_layout.SINGLE.Light)
     rows["position"], rows["intensity"] = positions, intensities
     return rows
 
 
 def four(vectors: Array) -> Array:
-    """(K, 3) or (K, 2) as (K, 4) float32, the rest 0."""
+    """Pad (K, 3) or (K, 2) with zeros to (K, 4) float32."""
     wide = np.zeros((len(vectors), 4), np.float32)
     wide[:, : np.shape(vectors)[1]] = vectors
     return wide

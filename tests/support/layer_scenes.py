@@ -1,4 +1,4 @@
-"""A scene that has of everything that layers show: what tests of layers draw."""
+"""A scene with every feature that layers show, for tests of layers."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ TURNED = np.array([[0.5, 0.0, 0.3, -0.7], [0.0, 0.6, 0.0, 0.5], [-0.3, 0.0, 0.5,
 
 
 def floor() -> Mesh:
-    """A textured quad from far away to behind the eye: both its triangles are clipped."""
+    """Return a textured quad from far away to behind the eye: both its triangles are clipped."""
     verts = np.float32([[-9, -1, -30], [9, -1, -30], [9, -1, 9], [-9, -1, 9]])
     uvs = np.float32([[0, 12], [6, 12], [6, 0], [0, 0]])
     return Mesh(verts, [[0, 2, 1], [0, 3, 2]], uvs=uvs, material=Material(texture=CHECKERS), name="floor")
 
 
 def dome(count: int = 14) -> Mesh:
-    """A fan, open below, of a two-sided material; its normals and texture coordinates are indexed apart from its vertices,
-    and there is no texture."""
+    """Return a fan, open below, with a two-sided material without texture, and separately indexed normals and texture
+    coordinates."""
     angle = 2.0 * np.pi * np.arange(count) / count
-    # Rounded, so that the scene does not depend on the last bit of a machine's sines.
+    # Rounded, so that the scene does not depend on the last bit of the platform's sine.
     ring = np.round(np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), 0.1 * np.sin(3 * angle)], axis=1), 6)
     verts = np.concatenate([[[0.0, 0.0, 0.5]], ring])
     faces = [[0, 1 + k, 1 + (k + 1) % count] for k in range(count)]
@@ -50,13 +50,13 @@ def dome(count: int = 14) -> Mesh:
 
 
 def wedge() -> Mesh:
-    """Without normals and texture coordinates; its material equals that of another mesh."""
+    """Return a mesh without normals and texture coordinates; its material equals that of another mesh."""
     verts = np.float32([[-1, -0.9, -1], [1, -0.9, -1], [0, -0.9, 0.6], [0, 0.9, -0.8]])
     return Mesh(verts, [[0, 3, 2], [2, 3, 1], [1, 3, 0]], material=Material(name="clay"), name="wedge")
 
 
 def mixed(**fields: Any) -> Scene:
-    """All of them, and a mesh without faces."""
+    """Return a scene of all these meshes, and a mesh without faces."""
     tile = Mesh(
         np.float32([[0.2, -0.8, 1.2], [0.9, -0.8, 1.2], [0.5, -0.2, 1.0]]), [[0, 1, 2]], material=Material(name="clay")
     )

@@ -1,4 +1,4 @@
-"""Small glTF, PLY and STL files for the tests, written by the formats' own rules."""
+"""Small glTF, PLY and STL files for the tests, written according to the formats' specifications."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INDICES = np.array([0, 1, 2], np.uint16)
 
 
 class Gltf:
-    """A document that grows: arrays become accessors of one buffer."""
+    """A document built step by step: arrays become accessors of one buffer."""
 
     def __init__(self) -> None:
         self.data = b""
@@ -44,7 +44,7 @@ class Gltf:
         return len(self.json["accessors"]) - 1
 
     def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
-        """A mesh of one primitive; arrays become accessors, whole numbers are accessors already."""
+        """Add a mesh of one primitive; arrays become accessors, integers are indices of accessors."""
         given = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
         primitive = {"attributes": given, **fields}
         if indices is not None:
@@ -62,7 +62,7 @@ class Gltf:
         return str(path)
 
     def gltf(self, path, uri: str | None = None) -> str:
-        """A .gltf file with a data URI, or with a buffer of its own beside it."""
+        """Write a .gltf file with a data URI, or with a separate buffer file."""
         encoded = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
         if uri is not None:
             (path.parent / uri).write_bytes(self.data)
@@ -81,7 +81,7 @@ def pack_glb(text: bytes, binary: bytes | None) -> bytes:
 
 
 def triangle(**fields: Any) -> Gltf:
-    """A document of one triangle, without nodes."""
+    """Return a document of one triangle, without nodes."""
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, INDICES, **fields)
     return document
@@ -94,7 +94,7 @@ def png(pixels: np.ndarray) -> bytes:
 
 
 def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **info) -> None:
-    """Gives the document a textured material and a triangle with it."""
+    """Add a textured material and a triangle with it."""
     document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
     document.add("textures", {"source": 0})
     reflection = material.setdefault("pbrMetallicRoughness", {})
@@ -105,7 +105,7 @@ def textured(document: Gltf, pixels: np.ndarray, material: dict, uvs=None, **inf
 
 
 def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:
-    """A PLY file. rows: (struct format without byte order, values) in the order of the file."""
+    """Return a PLY file. rows: (struct format without byte order, values) in file order."""
     text = f"ply\nformat {form} 1.0\n{header}end_header\n".encode()
     if form == "ascii":
         return text + "".join(" ".join(map(str, values)) + "\n" for _, values in rows).encode()
@@ -114,7 +114,7 @@ def ply(form: str, header: str, rows: list[tuple[str, list]]) -> bytes:
 
 
 def stl(triangles: Any, attribute: int = 0) -> bytes:
-    """A binary STL file of (F, 3, 3) corners, its normals all wrong."""
+    """Return a binary STL file of corners (F, 3, 3), with wrong normals."""
     facets = np.asarray(triangles, np.float32)
     body = b"".join(struct.pack("<3f", 9, 9, 9) + facet.tobytes() + struct.pack("<H", attribute) for facet in facets)
     return b"solid but binary".ljust(80) + struct.pack("<I", len(facets)) + body

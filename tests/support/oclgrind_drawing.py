@@ -1,7 +1,7 @@
-"""Run by test_oclgrind.py in a process of its own: draws small images on Oclgrind, in the form named by its argument.
+"""Draw small images on Oclgrind, in the form named by the argument; test_oclgrind.py runs this in a child process.
 
-`groups`: as on a GPU, an item a pixel. `vectors`: as on a CPU, four lanes and several tiles per item. `planted`: kernels
-with one error each. Prints a line of JSON: the kernels that ran, and the largest color error.
+`groups`: as on a GPU, a work-item per pixel. `vectors`: as on a CPU, four lanes and several tiles per work-item.
+`planted`: kernels with one error each. Prints a line of JSON: the kernels that ran, and the largest color error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Scene, Texture
 
-# What Oclgrind 21.10 gets wrong in correct OpenCL C is said to it otherwise; each piece of text must be there.
+# Rewrites of correct OpenCL C that Oclgrind 21.10 reports wrongly; each text must occur in the sources.
 
 
 def told(text: str) -> str:
@@ -35,14 +35,14 @@ def told(text: str) -> str:
     return text
 
 
-# A vector's `mask ? a : b` with a mask of ones reads b too, for `(a & mask) | (b & ~mask)`: with an unset b set, and
-# nothing else changed, there is no report left and the image is the same.
+# Oclgrind evaluates a vector's `mask ? a : b` as `(a & mask) | (b & ~mask)`, which reads b even if the mask is all
+# ones. If only an uninitialized b is initialized, the reports vanish and the image is the same.
 _UNCHOSEN = (
     ("    Surface s;\n", "    Surface s = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f};\n"),
 )
 _ALL = _UNCHOSEN
-# Of memory that an earlier, smaller buffer had it takes the end for uninitialized though a kernel wrote it (`planted`
-# shows that too): buffers are kept, so that none has another's place.
+# If a buffer reuses the memory of an earlier, smaller one, Oclgrind takes its end for uninitialized though a kernel
+# wrote it (`planted` shows that too). Buffers are kept alive, so that none reuses another's memory.
 _kept: list[Any] = []
 _said: set[str] = set()
 _flatten, _launch = programs.flatten, launches.Stages._launch
@@ -55,7 +55,7 @@ def launched(self: Any, name: str, *arguments: Any) -> Any:
 
 
 def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
-    """Device memory that nothing has been written to, so that reading it before a kernel writes it shows."""
+    """Allocate uninitialized device memory, so that reads before the first write are reported."""
     made = cls.__new__(cls)
     made._queue, made._shared, made.array = device.queue, False, np.zeros(shape, dtype)
     made.memory = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, max(made.array.nbytes, 64))
@@ -72,15 +72,15 @@ def prepare() -> None:
         return _kept[-1]
 
     cl.Buffer = kept  # type: ignore[assignment, misc]
-    # Oclgrind takes the host's memory for uninitialized where a buffer works in it: its arrays are copied.
+    # Oclgrind takes host memory that a buffer uses in place for uninitialized, so arrays are copied.
     buffers._coherent = lambda *_: False  # type: ignore[assignment]
     buffers.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
-    # Lists of so few triangles would be made in one piece.
+    # With the default sizes, so few triangles would fit in one chunk.
     tile_lists._LEAST_CHUNK, tile_lists._SCAN_RUN = 8, 2
 
 
 def scenes() -> list[tuple[Scene, dict[str, Any]]]:
-    """Small scenes that bring all kernels, and all branches that a feature opens."""
+    """Return small scenes that run all kernels, and all branches that a feature enables."""
     camera = Camera((0.3, 0.2, 3.0), (0.05, 0, 0), (0, 1, 0), 1.3, (1.0, 1.3), (27, 20))
     rng = np.random.default_rng(4)
     image = rng.uniform(0, 1, (3, 5, 4)).astype(np.float32)
@@ -89,7 +89,7 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
     replaced = Material(texture=Texture(image[..., :3], lookup="course"), n=1.0)
     front = lit.blob(12, 3, uvs=corners, material=cut)
     behind = lit.blob(10, 5)
-    around = replace(lit.blob(6, 7), verts=lit.blob(6, 7).verts + [0, 0, 2.8])  # through the near plane
+    around = replace(lit.blob(6, 7), verts=lit.blob(6, 7).verts + [0, 0, 2.8])  # crosses the near plane
     both = lit.scene_of(front, behind, around, camera=camera)
     plain = lit.scene_of(behind, around, camera=camera, background=None)
     textured = lit.scene_of(lit.blob(12, 3, uvs=corners, material=replaced), around, camera=camera)
@@ -115,12 +115,12 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
 def draw(form: str) -> float:
     device = open_device("oclgrind")
     assert device.platform == "Oclgrind", device
-    # Oclgrind 21.10 ends at a vector of 16 that is put together from four of 4.
+    # Oclgrind 21.10 aborts at a vector of 16 composed of four of 4.
     device = replace(device, lanes=4) if form == "vectors" else replace(device, is_cpu=False, setup_run=1, lanes=1)
     worst = 0.0
     for scene, options in scenes():
         with Renderer(scene, device=device, layers="all", **options) as renderer:
-            for _ in range(2 if scene.background is None else 1):  # the second frame finds all memory used
+            for _ in range(2 if scene.background is None else 1):  # the second frame reuses all memory
                 frame = renderer.render()
             expected = oracle.render(frame.scene, frame.settings)
             worst = max(worst, oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
@@ -154,7 +154,7 @@ kernel void reused(global const int *in, global int *out)
 
 
 def plant() -> None:
-    """Runs kernels with an error each, and one that Oclgrind gets wrong."""
+    """Run kernels with an error each, and one that Oclgrind reports wrongly."""
     device = open_device("oclgrind")
     program = cl.Program(device.context, PLANTED).build()
     values, found = np.arange(8, dtype=np.int32), np.zeros(8, np.int32)
@@ -164,7 +164,7 @@ def plant() -> None:
     kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     for name, size in (("beyond", 8), ("raced", 8), ("unset", 1)):
         kernels[name](device.queue, (size,), (1,), given, out)
-    for size in (4, 8):  # nothing is wrong with this
+    for size in (4, 8):  # this one is correct
         memory = cl.Buffer(device.context, flags.READ_WRITE, 4 * size)
         kernels["fill"](device.queue, (size,), (1,), memory)
         kernels["reused"](device.queue, (size,), (1,), memory, out)

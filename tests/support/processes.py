@@ -1,4 +1,4 @@
-"""Python code in processes of their own, with hardly any environment."""
+"""Python code in child processes with a minimal environment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def python(
     code: str, cache: Path | str, *, timeout: float = 60.0, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Runs Python code in a process with hardly any environment; `cache` becomes XDG_CACHE_HOME."""
+    """Run Python code in a process with a minimal environment; `cache` becomes XDG_CACHE_HOME."""
     path = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
     base = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
     environment = {name: value for name, value in {**base, **variables}.items() if value}
@@ -33,7 +33,7 @@ except DeviceError as error:
 """
 
 
-# Begins a program of `python -c`. getrusage's peak would begin with that of the process it was forked from.
+# Prefix of `python -c` programs. getrusage's peak would start at that of the parent process.
 PEAK = """
 import re
 def peak():

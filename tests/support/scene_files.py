@@ -1,4 +1,4 @@
-"""Small scene files for the tests of loading, and what a refusal must look like."""
+"""Small scene files for the tests of loading, and the form of a refusal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
 def course_dict(**changes: Any) -> dict[str, Any]:
-    """A course file's dict: four vertices, two faces, three uvs, 3xN; a change to None leaves the key out."""
+    """Return a course file's dict: four vertices, two faces, three uvs, 3xN; a change to None removes the key."""
     content = {
         "verts": np.array([[0, 1, 0, 1], [0, 0, 1, 1], [0, 0.5, 0, 0.25]], np.float32),
         "vertex_colors": np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4),
@@ -58,7 +58,7 @@ def save_npy(path, content: Any) -> str:
 
 
 def npy_of_pickle(path, pickled: bytes) -> str:
-    """A .npy file with the header of a course file and any pickle."""
+    """Write a .npy file with the header of a course file and the given pickle."""
     buffer = io.BytesIO()
     np.lib.format.write_array_header_1_0(buffer, {"descr": "|O", "fortran_order": False, "shape": ()})
     path.write_bytes(buffer.getvalue() + pickled)
@@ -76,7 +76,7 @@ def write(path, text: str | bytes) -> str:
 
 
 def refusal(path, *parts: str, **options: Any) -> str:
-    """The text of the refusal to load a file: one line that names the file and the given parts."""
+    """Return the message that refuses a file: one line that contains the file's name and the given parts."""
     with pytest.raises(InputError) as caught:
         load(path, **options)
     text = str(caught.value)
@@ -87,7 +87,7 @@ def refusal(path, *parts: str, **options: Any) -> str:
 
 
 def png16(pixels: np.ndarray) -> bytes:
-    """A PNG with 16 bits a channel from (h, w, 1..4) uint16, by the format's own rules: all five filters occur."""
+    """Encode (h, w, 1..4) uint16 as a PNG with 16 bits per channel, using all five filters."""
     height, width, channels = pixels.shape
     rows = pixels.astype(">u2").reshape(height, -1).view(np.uint8).astype(np.int32)
     step = 2 * channels

@@ -1,4 +1,4 @@
-"""What tests of `bench` share: small workloads, and results made up."""
+"""Helpers of the tests of `bench`: small workloads, and invented results."""
 
 from __future__ import annotations
 

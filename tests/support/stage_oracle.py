@@ -1,5 +1,5 @@
-"""What the lighting stages should give for their own inputs, in float64: points, normals, colors and materials as the
-kernels read them, owners as the fill found them."""
+"""Expected results of the lighting stages in float64, for their own inputs: points, normals, colors and materials as
+the kernels read them, owners as the fill stage found them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ EXPONENTS = (1.0, 20.0, 200.0, 1e4)
 
 @dataclass(frozen=True)
 class Inputs:
-    """Triangles that share no vertex, F of them, as the pixel stages get them; lights and materials.
+    """Inputs of the pixel stages: F triangles without shared vertices, lights and materials.
 
-    xy: (F, 3, 2) snapped. z: (F, 3). points, normals, colors: (F, 3, 3) float32; points are relative to the eye, the
-    image's axes are theirs. materials: layout.SINGLE.Material rows. face_materials: (F,). lights: layout.SINGLE.Light rows.
+    xy: (F, 3, 2) snapped. z: (F, 3). points, normals, colors: (F, 3, 3) float32; points are relative to the eye, in the
+    image's axes. materials: layout.SINGLE.Material rows. face_materials: (F,). lights: layout.SINGLE.Light rows.
     """
 
     xy: Array
@@ -34,7 +34,7 @@ class Inputs:
     lights: Array
 
     def arrays(self) -> dict[str, Array]:
-        """The arguments of `Pipeline.draw`."""
+        """Return the arguments of `Pipeline.draw`."""
         return {
             "normals": four(self.normals.reshape(-1, 3)),
             "colors": four(self.colors.reshape(-1, 3)),
@@ -44,7 +44,7 @@ class Inputs:
         }
 
     def set_up(self, pipeline: Pipeline) -> None:
-        """The stages up to the tile lists."""
+        """Run the stages up to the tile lists."""
         vertices = vertices_at(pipeline.device, self.xy.reshape(-1, 2), self.z.reshape(-1), self.points.reshape(-1, 3))
         pipeline.set_up(vertices, np.arange(3 * len(self.z)).reshape(-1, 3))
         pipeline.sort()
@@ -52,9 +52,10 @@ class Inputs:
 
 
 def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inputs:
-    """Triangles of all sizes before the eye, lit from the sides; each with one of four materials, n of EXPONENTS.
+    """Return triangles of all sizes in front of the eye, lit from the sides, each with one of four materials, n of
+    EXPONENTS.
 
-    Normals point more or less towards the eye, so that highlights fall on many pixels, and are not quite unit ones.
+    Normals point roughly towards the eye, so that many pixels have highlights, and are not quite of unit length.
     """
     rng = np.random.default_rng(seed)
     columns, rows = resolution
@@ -84,16 +85,17 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
 
 
 def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str, orthographic: bool = False) -> Array:
-    """The oracle's owner of each pixel, -1 for none: (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3, 2)."""
+    """Return the oracle's owner of each pixel, -1 for none, (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3,
+    2)."""
     pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
     prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
     return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
 
 
 def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
-    """Boxes (F, 4) as set-up has them: of small triangles that cover a single pixel, of few, that pixel.
+    """Return boxes (F, 4) as `setup` writes them: the box of a small triangle that covers a single pixel is that pixel.
 
-    xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Returns which triangles those are too (F,), and their edge
+    xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Also returns which triangles these are (F,), and their edge
     functions there (F, 3), 0 for the others.
     """
     across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
@@ -111,25 +113,25 @@ def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
 
 
 def seen_from(xy: Array, places: Array) -> list[Array]:
-    """Snapped corners (F, 3, 2) as each of a pixel's places (S, 2) sees them: moved the other way, so that the place is
-    where the center is."""
+    """Return snapped corners (F, 3, 2) relative to each sample position (S, 2) of a pixel: moved so that the sample is
+    at the pixel's center."""
     return [xy + (coverage.HALF - place) for place in places]
 
 
 def hull(xy: Array, places: Array, resolution: tuple[int, int]) -> Array:
-    """(F, 4) the boxes of `coverage.setup` over all places of the pixels."""
+    """Return the union (F, 4) of the boxes of `coverage.setup` over all sample positions."""
     boxes = np.array([coverage.setup(moved, *resolution).box for moved in seen_from(xy, places)])
     return np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
 
 
 def as_kernels_see(z: Array) -> Array:
-    """Depths whose reciprocals are float32, as the kernels get them."""
+    """Return depths whose reciprocals are float32, as the kernels see them."""
     return 1.0 / float32(1.0 / z).astype(np.float64)
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The material of some faces, float64: ka_Ia, kd, ks (..., 3), n (...)."""
+    """Material of some faces in float64: ka_Ia, kd, ks (..., 3), n (...)."""
 
     ka_Ia: Array
     kd: Array
@@ -147,13 +149,13 @@ def light_of(inputs: Inputs) -> tuple[Array, Array]:
 
 
 def corner_points(inputs: Inputs, centroid: bool) -> Array:
-    """(F, 3, 3) float64: where the corners are lit from."""
+    """Return the points (F, 3, 3) float64 at which the corners are lit."""
     points = inputs.points.astype(np.float64)
     return np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape) if centroid else points
 
 
 def owned(inputs: Inputs, owners: Array, interpolation: str) -> tuple[tuple[Array, Array], Array, Array]:
-    """The covered pixels of owners (M, N), row 0 at the top: where they are, their faces (K,), corner weights (K, 3)."""
+    """Return the covered pixels of owners (M, N), row 0 at the top: indices, faces (K,), corner weights (K, 3)."""
     at = np.nonzero(owners >= 0)
     face = owners[at]
     edges = coverage.edge_functions(inputs.xy[face], at[1], len(owners) - 1 - at[0])
@@ -165,7 +167,7 @@ def blend(weights: Array, values: Array) -> Array:
 
 
 def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inputs, extent: Array) -> dict[str, Array]:
-    """Light without ambient on points (K, 3), and what its error is measured by."""
+    """Return the light without ambient at points (K, 3), and the quantities of its error bound."""
     positions, intensities = light_of(inputs)
     eye = np.zeros(3)
     light = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, positions, intensities)
@@ -181,7 +183,7 @@ def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inp
 
 
 def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, tinted: bool) -> OracleFrame:
-    """The phong stage's image (M, N), row 0 at the top, over black."""
+    """Return the image (M, N) of the phong stage, row 0 at the top, over black."""
     at, face, weights = owned(inputs, owners, interpolation)
     surface = Surface.of(inputs, face)
     point = blend(weights, corner_points(inputs, centroid)[face])
@@ -193,7 +195,8 @@ def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, 
 
 
 def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str, Array]:
-    """The light of each corner, without the ambient light that no color multiplies: rgb (F, 3, 3) and its measures."""
+    """Return the light of each corner, without the ambient light not multiplied by a color: rgb (F, 3, 3) and the
+    quantities of its error bound."""
     surface = Surface.of(inputs, np.repeat(np.arange(len(inputs.z)), 3))
     point, normal, color = (
         a.astype(np.float64).reshape(-1, 3) for a in (corner_points(inputs, centroid), inputs.normals, inputs.colors)
@@ -206,7 +209,7 @@ def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str
 
 
 def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[str, Array]) -> OracleFrame:
-    """An OracleFrame (M, N) with the values at the covered pixels; Z is not filled in."""
+    """Return an OracleFrame (M, N) with the values at the covered pixels, without Z."""
     shape = owners.shape
     whole = {
         "rgb": np.zeros((*shape, 3)),
@@ -223,18 +226,18 @@ def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[st
 
 
 def only(frame: OracleFrame, inputs: Inputs, n: float) -> Array:
-    """(M, N) bool: pixels to look at for the materials with exponent n."""
+    """Return the pixels (M, N) bool whose material has exponent n."""
     return (frame.id > 0) & (frame.exponent == n)
 
 
 def with_exponent(inputs: Inputs, n: float) -> Inputs:
-    """The same, all materials with exponent n."""
+    """Return the inputs with exponent n in all materials."""
     materials = inputs.materials.copy()
     materials["n"] = n
     return replace(inputs, materials=materials)
 
 
 def options(**chosen: Any) -> dict[str, Any]:
-    """Every part of the light switched on, and what is chosen."""
+    """Return features with every term of the light on, and those chosen."""
     parts = ("LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS", "MATERIALS", "OWNERS")
     return {**dict.fromkeys(parts, 1), **chosen}

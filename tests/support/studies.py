@@ -1,4 +1,4 @@
-"""A small scene, and a small study of it, which several tests read."""
+"""A small scene, and a small study of it, shared by several tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sphere(level: int = 2) -> Scene:
 
 @cache
 def small_study(device: Device) -> study.Study:
-    """A study of two variants; of the sphere's levels only three."""
+    """Return a study of two variants, with only three levels of the sphere."""
     scene = sphere()
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
     with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,4 @@
-"""What tests of the built-in scenes measure on meshes: normals, volumes, seams, borders."""
+"""Measurements of meshes for tests of the built-in scenes: normals, volumes, seams, borders."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def mesh_of(scene: Scene, name: str) -> Mesh:
 
 
 def face_normals(mesh: Mesh) -> np.ndarray:
-    """Cross products, (F, 3), as long as twice the area."""
+    """Return the face normals (F, 3), with lengths of twice the area."""
     a, b, c = (mesh.verts[mesh.faces[:, k]].astype(np.float64) for k in range(3))
     return np.cross(b - a, c - a)
 
@@ -23,7 +23,7 @@ def volume(verts: np.ndarray, faces: np.ndarray) -> float:
 
 
 def welded(*meshes: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """One surface of several meshes; only positions equal bit for bit become one vertex."""
+    """Merge meshes into one surface; only bit-identical positions are merged into one vertex."""
     starts = np.cumsum([0] + [len(mesh.verts) for mesh in meshes])
     verts = np.concatenate([mesh.verts for mesh in meshes])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)])
@@ -32,7 +32,7 @@ def welded(*meshes: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def edge_keys(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A number for each directed edge, and for the same edge in the opposite direction."""
+    """Return a key for each directed edge, and the key of the opposite edge."""
     a = faces.astype(np.int64)
     b = np.roll(a, -1, axis=1)
     size = int(a.max()) + 1
@@ -40,7 +40,8 @@ def edge_keys(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def border(faces: np.ndarray) -> int:
-    """Number of edges without a partner in the opposite direction; asserts that none is there twice in one."""
+    """Return the number of boundary edges, those without an opposite edge; assert that no directed edge occurs
+    twice."""
     there, back = edge_keys(faces)
     assert len(np.unique(there)) == len(there)
     return len(there) - int(np.isin(back, there).sum())

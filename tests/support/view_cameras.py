@@ -1,4 +1,4 @@
-"""Cameras of all kinds, and points around what they look at."""
+"""Cameras of all kinds, and points around their focal points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from clshade.scene.camera import Camera
 
 
 def cameras() -> list[Camera]:
-    """Odd view directions, oblong pixels, a far-off and a huge scene; an image off the center; parallel lines."""
+    """Return cameras with odd view directions, non-square pixels, a distant and a huge scene, an off-center image, and
+    an orthographic projection."""
     return [
         Camera((0.3, -0.7, 4.1), (0.1, 0.2, -0.3), (0.1, 1.0, 0.2), 1.3, (1.1, 1.7), (333, 217)),
         Camera((1e6, 1e6, 1e6 + 4), (1e6, 1e6, 1e6), (0.0, 1.0, 0.0), 70.0, (15.0, 15.0), (512, 512)),
@@ -22,7 +23,7 @@ CAMERAS = ["near", "offset", "huge", "principal", "orthographic"]
 
 
 def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:
-    """Points before, beside and behind the eye."""
+    """Return points in front of, beside and behind the eye."""
     rng = np.random.default_rng(1)
     distance = np.linalg.norm(camera.lookat - camera.eye)
     spread = np.exp2(rng.uniform(-6.0, 3.0, (count, 1)))
