@@ -1,4 +1,4 @@
-"""Files appear whole or not at all."""
+"""Files are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clshade.errors import OutputError
 
 @pytest.fixture
 def kept(tmp_path):
-    """A folder with one earlier file; afterwards both must be as they were."""
+    """Return a folder with one earlier file; check afterwards that both are unchanged."""
     earlier = tmp_path / "earlier.bin"
     earlier.write_bytes(b"earlier")
     yield earlier
@@ -153,7 +153,7 @@ def test_a_full_disk(kept):
     assert text == small == f"{kept}: cannot be written: {os.strerror(errno.EFBIG)}"
 
 
-# What killed processes leave
+# Leftovers of killed processes
 
 
 def test_leftovers_of_killed_processes_are_swept_up(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Free memory, as a system tells it: of the machine, of control groups of both versions, of the process."""
+"""Free memory as reported by the system: of the machine, of control groups of both versions, of the process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MACHINE = "MemTotal:       24576000 kB\nMemFree:         1000000 kB\nMemAvailabl
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """A machine of which 2000 MiB are free, without control groups."""
+    """Simulate a machine with 2000 MiB of free memory, without control groups."""
     write(tmp_path / "proc/meminfo", MACHINE)
     write(tmp_path / "proc/self/statm", "1000 500 100 1 0 300 0\n")
     return tmp_path
@@ -35,7 +35,7 @@ def test_this_machine():
 
 @pytest.mark.parametrize(("pages", "expected"), [(1000, 4096000.0), (-1, math.inf)])
 def test_where_there_is_no_such_file(tmp_path, monkeypatch, pages, expected):
-    """All of the machine's memory, or what nobody knows."""
+    """All of the machine's memory, or unknown."""
     values = {"SC_PHYS_PAGES": pages, "SC_PAGE_SIZE": 4096}
     monkeypatch.setattr(host_memory.os, "sysconf", values.__getitem__)
     assert host_memory.available(tmp_path) == expected
@@ -43,7 +43,7 @@ def test_where_there_is_no_such_file(tmp_path, monkeypatch, pages, expected):
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_a_control_group(root, inside):
-    """Of the second version; inside a container its own group is the top."""
+    """Version 2; inside a container its own group is the root."""
     write(root / "proc/self/cgroup", "0::/a.slice/b.scope\n")
     group = root / "sys/fs/cgroup" if inside else root / "sys/fs/cgroup/a.slice/b.scope"
     write(group / "memory.max", f"{300 * MIB}\n")

@@ -1,4 +1,4 @@
-"""Ctrl-C and signals that kill, at any moment of a run: what is left behind, and that the next run works."""
+"""Ctrl-C and killing signals at any moment of a run: leftovers, and that the next run works."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EARLIER = b"earlier"
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
-# Says when it starts and where it is stuck: in C, where Python can't handle a signal, for half a minute if nobody ends it.
+# Reports its start, then blocks in C, where Python cannot handle a signal, for half a minute unless it is killed.
 START = """
 import sys
 print("started", flush=True)
@@ -38,17 +38,17 @@ __main__.entry()
 """
 BUILDING = "from clshade.pipeline import programs; programs.build = stuck"
 WRITING = "import os; os.fsync = stuck"
-# What a process may wait for at its end: its own exit functions, which an interrupt does not, and what clears up.
+# Exit functions, for which an interrupted process does not wait; and cleanup, which is cut short if it hangs.
 WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
 CLEARING = "from clshade.base import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
-# As where OpenEXR reads: what it prints by itself is kept from standard error meanwhile.
+# As while OpenEXR reads: its own messages are then kept from standard error.
 UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
 FAILING = "from clshade.base import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
 THROWN_AWAY = "from clshade.pipeline.opencl import cache_slots as slots; slots.SLOTS = 0; " + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
-    """A run in `folder` with this cache; it has printed that it started."""
+    """Start a run in `folder` with this cache, and wait until it reports its start."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(cache)}
     process = subprocess.Popen(
         [sys.executable, "-c", START.format(hook=hook), *COMMAND],
@@ -64,14 +64,14 @@ def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code and standard error."""
+    """Wait for the process; return exit code and standard error."""
     _, err = process.communicate(timeout=240)
     return process.returncode, err
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with earlier output."""
+    """Return a folder with earlier output."""
     folder = tmp_path / "folder"
     folder.mkdir()
     for name in OUTPUTS:
@@ -88,7 +88,7 @@ def assert_kept(folder: Path) -> None:
 
 
 def assert_ends_soon(process: subprocess.Popen[str]) -> None:
-    """An interrupt of a stuck run ends it, in one line, long before what it is stuck in would (30 s)."""
+    """Assert that an interrupt ends a blocked run, with one line, long before it would unblock (30 s)."""
     assert process.stdout.readline() == "stuck\n"
     sent = time.perf_counter()
     process.send_signal(signal.SIGINT)
@@ -111,7 +111,7 @@ def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
 
 
 def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
-    """As a process has one where all slots are taken."""
+    """As a process has one if all slots are taken."""
     process = start(folder, tmp_path / "cache", THROWN_AWAY)
     assert process.stdout.readline() == "stuck\n"
     assert list((tmp_path / "cache" / "clshade").glob("once-*"))
@@ -122,7 +122,7 @@ def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_killed_while_writing(opened, folder, tmp_path, number):
-    """A temporary file may stay: the next one to write there an hour later removes it."""
+    """A temporary file may stay: the next process to write there an hour later removes it."""
     process = start(folder, tmp_path / "cache", WRITING)
     assert process.stdout.readline() == "stuck\n"
     process.send_signal(number)
@@ -133,7 +133,7 @@ def test_killed_while_writing(opened, folder, tmp_path, number):
 
 @pytest.fixture(scope="module")
 def undisturbed(opened, tmp_path_factory):
-    """How long a run takes with an empty cache, seconds, and the bytes of its files."""
+    """Return the seconds of a run with an empty cache, and the bytes of its files."""
     folder = tmp_path_factory.mktemp("undisturbed")
     began = time.perf_counter()
     assert finish(start(folder, folder / "cache")) == (0, "")
@@ -144,8 +144,8 @@ def undisturbed(opened, tmp_path_factory):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.6, 0.8, 0.95])
 def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
-    """With an empty cache; share: of the time that a run takes. Each file is the earlier or the new one, whole; after an
-    interrupt all are earlier ones or all new."""
+    """With an empty cache. share: fraction of a run's time. Each file is either the earlier or the new one, complete;
+    after an interrupt all are earlier ones or all new."""
     seconds, expected = undisturbed
     process = start(folder, tmp_path / "cache")
     time.sleep(share * seconds)

@@ -1,4 +1,4 @@
-"""Wrong names, on the command line and in Python: one line with the nearest right one, or with what to do instead."""
+"""Unknown names, on the command line and in Python: one line with the nearest valid one, or with what to do instead."""
 
 from __future__ import annotations
 

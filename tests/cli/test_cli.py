@@ -1,4 +1,4 @@
-"""The command line: files, exit codes, one line on stderr for whatever is refused, and nothing left behind."""
+"""The command line: files, exit codes, one line on stderr for any refusal, and nothing left behind."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
 
 @needs_device
 def test_render_as_a_process_in_a_folder(tmp_path):
-    """The default of -o: `out.exr` and `out.png` here."""
+    """The default of -o: `out.exr` and `out.png` in the current folder."""
     done = process(*SMALL, cwd=tmp_path)
     assert (done.returncode, without_compiling(done.stderr)) == (0, [])
     assert listing(tmp_path) == ["out.exr", "out.png"]
@@ -154,7 +154,7 @@ def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, 
 
 @pytest.fixture
 def no_loading(monkeypatch):
-    """Fails where a scene is loaded: what cannot be saved is refused before."""
+    """Fail if a scene is loaded: outputs that cannot be saved are refused before."""
     monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
 
 
@@ -183,7 +183,7 @@ def test_refused_output_options_leave_nothing(tmp_path, capsys, monkeypatch, opt
 @pytest.mark.usefixtures("no_loading")
 @pytest.mark.parametrize("taken", ["out.exr", "out.png"])
 def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
-    """A folder in the place of either file: the other is not left alone."""
+    """If a folder has the name of either file, the other is not left behind alone."""
     (tmp_path / taken).mkdir()
     assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), taken)
     assert listing(tmp_path) == [taken]
@@ -210,7 +210,7 @@ def test_earlier_files_survive_a_refusal(tmp_path, capsys):
 
 
 def test_refusals_as_a_process(tmp_path):
-    """Exit code, one line, no traceback: as a shell sees them."""
+    """Exit code, one line, no traceback, as seen by a shell."""
     for arguments in (("render", "none.obj"), ("render", "--shader", "flat")):
         done = process(*arguments, cwd=tmp_path)
         assert done.returncode == 2
@@ -249,7 +249,7 @@ def test_out_of_memory(capsys, monkeypatch, error, line):
 
 
 def interrupted(code: str, cwd: Path) -> tuple[int, str]:
-    """Exit code and standard error of `python -m clshade render` where `code` runs first and sends SIGINT."""
+    """Run `python -m clshade render` after `code`, which sends SIGINT; return exit code and standard error."""
     (cwd / "sitecustomize.py").write_text(code)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(cwd), str(ROOT)])}
     command = [sys.executable, "-m", "clshade", "render", "quads"]

@@ -1,4 +1,4 @@
-"""What every command takes: quiet, verbose, before and after its name; and `render` of several scenes."""
+"""Options of every command: quiet, verbose, before and after its name; and `render` of several scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEEDED = {"inspect": 1, "compare": 2, "animate": 2}  # arguments without an opti
 
 @pytest.fixture
 def scenes(tmp_path):
-    """Three files in a folder: a triangle, one that is no scene, the triangle again."""
+    """Write three files to a folder: a triangle, one that is not a scene, the triangle again."""
     folder = tmp_path / "in"
     folder.mkdir()
     for name, text in (("a.obj", TRIANGLE + "f 1 2 3\n"), ("bad.obj", "v 1 2\n"), ("c.obj", TRIANGLE + "f 1 2 3\n")):
@@ -91,14 +91,14 @@ def test_one_scene_into_a_folder(tmp_path, capsys):
     assert listing(tmp_path) == ["new", "new/quads.exr", "new/quads.png"]
 
 
-# How much is said
+# Verbosity
 
 
 @needs_device
 def test_quiet_prints_errors_alone(tmp_path, capsys):
     mesh = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "f 1 2 3\n")
     given = ("render", mesh, *SIZE, "-o", tmp_path / "out")
-    assert run(capsys, *given)[2] != []  # a warning that there is no library
+    assert run(capsys, *given)[2] != []  # a warning that the library is missing
     assert run(capsys, *given, "--quiet") == (0, "", [])
     assert run(capsys, "--quiet", *given) == (0, "", [])
     code, out, err = run(capsys, *given, "-q", "--json")
@@ -139,7 +139,7 @@ def test_every_command_takes_the_general_options(name):
 
 
 def test_every_option_of_every_command_is_explained():
-    """Units and defaults: a number's help says at least what it counts."""
+    """Units and defaults: the help of a number states at least its unit."""
     for name in COMMANDS:
         parser = _parser([name])
         (commands,) = (action for action in parser._actions if action.dest == "command")

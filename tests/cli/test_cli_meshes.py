@@ -1,4 +1,4 @@
-"""The command line's options for mesh files, and what it says of a file that is slow or holds what is not rendered."""
+"""The command line's options for mesh files, and its messages for slow files and for contents that are not rendered."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_a_slow_file_is_told(tmp_path, capsys, monkeypatch):
 @needs_device
 @pytest.mark.parametrize("mirror", [1, -1])
 def test_a_mirrored_placement_shows_its_front(tmp_path, capsys, mirror):
-    """A single-sided triangle under a node that mirrors it: its front stays its front, and lit as before."""
+    """A single-sided triangle under a mirroring node: its front stays its front, and is lit as before."""
     document = triangle()
     document.add("nodes", {"mesh": 0, "scale": [mirror, 1, 1]})
     path = document.glb(tmp_path / "a.glb")

@@ -1,6 +1,5 @@
-"""Names that no terminal should get as they are: bytes that are no UTF-8, line feeds, escape sequences; terminals that
-know ASCII alone; outputs that are no names; messages of decoders. What works has exit code 0, what is refused 2 and one
-line."""
+"""Names that must be escaped on terminals: bytes that are not UTF-8, line feeds, escape sequences; ASCII terminals;
+invalid output names; messages of decoders. The exit code is 0, or 2 with a one-line error."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ SIZE = ("--resolution", "16,12")
 
 @pytest.fixture(params=NAMES, ids=ascii)
 def name(request, tmp_path, monkeypatch):
-    """A name without its extension, in the current folder."""
+    """Return a name without its extension, in the current folder."""
     monkeypatch.chdir(tmp_path)
     found = os.fsdecode(request.param)
     try:
@@ -38,7 +37,7 @@ def name(request, tmp_path, monkeypatch):
 
 
 class Terminal(io.TextIOWrapper):
-    """Standard output of an encoding, strict as Python has it."""
+    """Standard output with a given encoding, and Python's strict error handler."""
 
     def __init__(self, encoding: str) -> None:
         super().__init__(io.BytesIO(), encoding=encoding, errors="strict")
@@ -57,7 +56,7 @@ def on_terminal(monkeypatch, encoding: str, *arguments: str) -> tuple[int, str]:
 
 def assert_harmless(text: str) -> None:
     assert text.replace("\n", "").isprintable(), ascii(text)
-    assert not any(line.startswith("line") for line in text.splitlines())  # of the name with a line feed
+    assert not any(line.startswith("line") for line in text.splitlines())  # from the name with a line feed
 
 
 @needs_device
@@ -68,7 +67,7 @@ def test_rendering_to_such_names(monkeypatch, capsys, name, encoding):
     assert code == 0
     assert_harmless(out)
     assert_harmless(capsys.readouterr().err)
-    assert sum(not line.startswith(" ") for line in out.splitlines()) == 6  # long lines go on below, indented
+    assert sum(not line.startswith(" ") for line in out.splitlines()) == 6  # long lines are continued with indentation
     assert sorted(os.listdir()) == sorted(f"{name}{kind}" for kind in (".exr", ".npy", ".png"))
     code, out = on_terminal(monkeypatch, encoding, "render", f"{name}.npy", "no.npy", *SIZE, "-o", f"{name}/", "--json")
     assert code == 2
@@ -92,11 +91,11 @@ def test_frames_of_such_names(monkeypatch, capsys, name, form):
     code, out = on_terminal(monkeypatch, "ascii", "animate", "a.npy", f"{name}.json", "-o", f"{name}.##.exr", form)
     assert code == 0
     assert_harmless(out)
-    assert_harmless(re.sub(r"\r.*", "", capsys.readouterr().err))  # but for the bar, which tells of another size
+    assert_harmless(re.sub(r"\r.*", "", capsys.readouterr().err))  # except the bar, which reports another size
 
 
 def test_looking_into_such_names(monkeypatch, capsys, name):
-    """Files and layers that are called so."""
+    """Files and layers with such names."""
     layer = name if "\udce9" not in name else "R"
     pixels = np.arange(12.0).reshape(3, 4)
     exr.write(f"{name}.exr", {layer: pixels}, metadata={"comment": name})
@@ -170,7 +169,7 @@ def test_what_is_printed(text, encoding, expected):
     assert (stream.encoding, stream.isatty()) == (encoding, False)
 
 
-# What is no output
+# Invalid outputs
 
 
 @pytest.mark.parametrize(
@@ -199,7 +198,7 @@ def test_outputs_that_are_no_files(tmp_path, capsys, monkeypatch, command, outpu
     assert not os.path.exists(f"{os.devnull}.exr")
 
 
-# What others say
+# Messages of libraries
 
 
 def nested(depth: int, opening: str = "[", closing: str = "]") -> str:
@@ -252,7 +251,7 @@ def test_strange_numbers_and_nesting_in_gltf(tmp_path, text, part):
 
 
 def test_decoders_name_no_objects(tmp_path, capsys):
-    """Pillow and OpenEXR are given streams, of which they speak by their addresses."""
+    """Pillow and OpenEXR read from streams, whose addresses they would print."""
     write(tmp_path / "bad.png", b"no image")
     write(tmp_path / "a.mtl", "newmtl a\nmap_Kd bad.png\n")
     mesh = write(tmp_path / "a.obj", "mtllib a.mtl\nusemtl a\n" + TRIANGLE + "vt 0 0\nf 1/1 2/1 3/1\n")

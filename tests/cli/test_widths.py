@@ -1,4 +1,4 @@
-"""Tables fit a terminal of 100 columns, whatever is named and found, and nothing of them is lost."""
+"""Tables fit a terminal of 100 columns for any names and values, and nothing is lost."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_what_does_not_fit_goes_on_below():
     assert_fits(lines)
     assert len(lines) == 9
     assert [line.split()[0] for line in lines] == ["name", "one", "two"] * 3
-    assert lines[3].split()[:3] == ["name", "column", "9"]  # the first that had no room above
+    assert lines[3].split()[:3] == ["name", "column", "9"]  # the first that did not fit above
     assert lines[4].split()[:2] == ["one", "9"]
     assert text_tables.as_lines(("a", "b"), [("x", "1")]) == ["a  b", "x  1"]
 

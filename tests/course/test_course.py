@@ -33,7 +33,7 @@ ULP = 2.0**-23
 
 
 def surfaced(scene: Scene, **fields) -> Scene:
-    """The scene with another material and no texture."""
+    """Return the scene with another material and no texture."""
     mesh = scene.meshes[0]
     return replace(scene, meshes=(replace(mesh, material=replace(mesh.material, **{"texture": None, **fields})),))
 
@@ -46,7 +46,7 @@ def drawn(scene: Scene = SCENE, **changes) -> np.ndarray:
 
 
 def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray, least: float = 0.1) -> None:
-    """The image is the renderer's frame, whose ids are the oracle's and whose colors are within the bound."""
+    """Assert that the image is the renderer's frame, with the oracle's ids and colors within the bound."""
     chosen = Settings.from_preset("course", shader=shader, layers=("Z", "id"))
     with Renderer(scene, device=device, settings=chosen) as renderer:
         frame = renderer.render()
@@ -84,7 +84,7 @@ def test_render_object_map_is_the_oracles(device, shader):
 
 @pytest.mark.parametrize("n", [1, 20, 200, 1e4])
 def test_cat(device, data_folder, n):
-    """The course's own scene, every vertex color at its place, and every texel at a corner."""
+    """The course's own scene, with its vertex colors, and with its texels at the corners."""
     scene = clshade.load(data_folder / "cat.npy", texture=data_folder / "cat_diff.png", resolution=(160, 160))
     for one, render in ((surfaced(scene, n=n), course.render_object), (scene, course.render_object_map)):
         textured = render is course.render_object_map
@@ -98,7 +98,7 @@ def test_cat(device, data_folder, n):
 
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_a_facing_quad_under_a_far_light(shader):
-    """N.L = 1 everywhere: ka*Ia + Ip*kd, over the background, drawn on exactly its pixels."""
+    """N.L = 1 everywhere: ka*Ia + Ip*kd over the background, on exactly its pixels."""
     image = course.render_object(**reference.quad_arguments(shader=shader))
     square = np.zeros((16, 16), bool)
     square[4:12, 4:12] = True
@@ -107,7 +107,7 @@ def test_a_facing_quad_under_a_far_light(shader):
 
 
 def test_rows_go_up_and_columns_to_the_right():
-    """Bottom left red, bottom right green, top blue, seen unlit."""
+    """Bottom left red, bottom right green, top blue, unlit."""
     verts = np.array([[-1, 1, 0], [-1, -1, 1], [0, 0, 0.0]])
     image = course.render_object(
         **reference.quad_arguments(
@@ -156,7 +156,7 @@ def test_nothing_to_draw():
 
 
 def figures(scene: Scene, shader: str) -> list[np.ndarray]:
-    """Figures 1 to 8 (or 9 to 16): ambient, diffuse, specular, all; first, second, third light, all."""
+    """Return figures 1 to 8 (or 9 to 16): ambient, diffuse, specular, all; first, second, third light, all."""
     arguments = reference.scene_arguments(scene, shader=shader)
     images = [
         course.render_object(**{**arguments, **{k: 0.0 for k in ("k_a", "k_d", "k_s") if k != only}})
@@ -227,7 +227,7 @@ def test_the_order_of_faces_of_different_depth_is_only_rounding(seed, shader):
     faces = mesh.faces[np.unique(depth, return_index=True)[1]]
     shuffled = np.random.default_rng(seed).permutation(faces)
     one, other = (drawn(shader=shader, n=20, faces=f.T) for f in (faces, shuffled))
-    # The order in which normals are summed up moves them by 1e-16: the drawn faces agree, colors to rounding.
+    # The order of summation changes normals by 1e-16: the drawn faces agree, and colors up to rounding.
     assert np.allclose(one, other, rtol=1e-5, atol=1e-6)
 
 
@@ -247,7 +247,7 @@ def test_a_power_of_two_changes_no_bit(scale, shader):
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 @pytest.mark.parametrize(("name", "term"), [("k_a", "AMBIENT"), ("k_d", "DIFFUSE"), ("k_s", "SPECULAR")])
 def test_a_coefficient_of_0_is_left_out_of_the_kernel(monkeypatch, shader, name, term):
-    """Of scenes, of triangles and of points: what would be built is looked at, and nothing is."""
+    """For scenes, triangles and points: the test inspects what would be built, and builds nothing."""
     built = []
 
     class Enough(Exception):
@@ -340,7 +340,7 @@ def test_arrays_may_come_transposed():
 
 
 def test_square_arrays_are_columns():
-    """Three vertices, three faces, three lights: nothing is transposed unless an array that is not square says so."""
+    """Three vertices, three faces, three lights: nothing is transposed unless a non-square array requires it."""
     verts = np.array([[-1.0, 1, 0], [-1, -0.9, 1], [0, 0.1, 0.2]])
     colors = np.array([[1.0, 0, 0.2], [0.1, 1, 0], [0, 0.3, 1]])
     faces = np.array([[0, 2, 0], [1, 1, 1], [2, 0, 2]])
@@ -374,7 +374,7 @@ def test_vectors_and_coefficients_in_every_shape():
     assert not (apart[..., 1:] == plain[..., 1:]).all()
 
 
-# What is kept between calls
+# Kept between calls
 
 
 def test_arrays_may_be_changed_between_calls():

@@ -45,7 +45,7 @@ def test_light_anywhere(point, normal, color, eye, position):
 
 
 def test_light_facing_everything():
-    """Eye, light and normal in one direction: N.L = R.V = 1, so ka + Ip*color*(kd + ks), whatever n is."""
+    """Eye, light and normal in one direction: N.L = R.V = 1, so ka + Ip*color*(kd + ks) for any n."""
     for n in (0, 1, 50, 1e9):
         found = course.light([1, 1, 1], [0, 0, 3], COLOR, [1, 1, 9], 0.25, 0.5, 0.125, n, [[1, 1, 4]], [[2, 1, 0.5]])
         assert np.allclose(found, 0.25 + np.array([2, 1, 0.5]) * COLOR * 0.625, rtol=1e-6, atol=0.0)
@@ -136,7 +136,7 @@ def test_bilerp_is_the_formula(u, v, size, kind):
     expected = texture.bilerp(np.array([u, v]), linear, "course")
     assert found.shape == (3,)
     assert found.dtype == np.float64
-    # Texels of at most 1: one rounding each, the fraction's and three means' of two roundings.
+    # Texels of at most 1: one rounding each, one of the fraction, and three means of two roundings.
     assert np.abs(found - expected).max() <= 8 * reference.HALF_ULP
 
 
@@ -174,14 +174,14 @@ def test_bilerp_sees_a_change_of_the_texture():
 
 
 def test_normals_of_a_cube_corner():
-    """Three faces at right angles: at their common corner the normal is along the diagonal."""
+    """Three perpendicular faces: at their common corner the normal is along the diagonal."""
     verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]).T
     faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3]]).T
     normals = course.calculate_normals(verts, faces)
     assert normals.shape == (3, 4)
     assert normals.dtype == np.float64
     assert np.allclose(normals[:, 0], -np.ones(3) / np.sqrt(3), rtol=1e-14)
-    assert np.allclose(course.calculate_normals(verts.T, faces.T), normals)  # 4x3 verts show how faces lie
+    assert np.allclose(course.calculate_normals(verts.T, faces.T), normals)  # 4x3 verts decide the layout of faces
 
 
 def test_normals_follow_the_faces():

@@ -1,4 +1,5 @@
-"""What the course's functions refuse: a ValueError that names function, argument, expected and found, before any work."""
+"""Refusals of the course's functions: a ValueError that names function, argument, expected and found, before any
+work."""
 
 from __future__ import annotations
 
@@ -129,7 +130,7 @@ CASES = [(name, argument) for name, arguments in REFUSED.items() for argument in
 
 @pytest.fixture
 def no_device(monkeypatch):
-    """Fails the test if a refused call gets as far as the device."""
+    """Fail the test if a refused call reaches the device."""
 
     def never():
         raise AssertionError("a device was asked for")
@@ -137,7 +138,7 @@ def no_device(monkeypatch):
     monkeypatch.setattr(course, "shared_device", never)
 
 
-# What may be named where several arguments disagree.
+# Names that may be blamed if several arguments disagree.
 RELATED = {"verts": "verts|verts_colors|faces|uvs_faces|uvs", "faces": "faces|verts|uvs_faces", "uvs": "uvs|uvs_faces"}
 RELATED |= {"verts_colors": "verts_colors|verts", "uvs_faces": "uvs_faces|verts|uvs", "l_pos": "l_pos|l_int"}
 RELATED |= {"eye": "eye|lookat|up", "lookat": "lookat|up"}
@@ -179,7 +180,7 @@ def test_distances_beyond_float64_are_refused():
 
 
 class Mat:
-    """A material as other years' versions of the course have it."""
+    """A material as in other years' versions of the course."""
 
     def __init__(self):
         self.ka, self.kd, self.ks, self.n = 0.1, 0.8, 0.5, 20
@@ -191,7 +192,8 @@ class Sun:
 
 
 def given(*names):
-    """What `render_object` of another year is called with: a material and lights in the place of their numbers."""
+    """Return the arguments of another year's `render_object`: objects for the material and lights in place of
+    numbers."""
     others = {"mat": Mat(), "lights": [Sun(), Sun()]}
     return [{**VALID["render_object"], **SHADE, **others, "shader": "phong", "point": np.zeros(3)}[n] for n in names]
 

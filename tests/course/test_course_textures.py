@@ -1,4 +1,4 @@
-"""Texture images of every type, drawn by `render_object_map`: colors and places."""
+"""Texture images of every type, drawn by `render_object_map`: colors and positions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("on_each_device")
 
 
 def textured_quad(texture_map, **changes) -> np.ndarray:
-    """The quad unlit with (u, v) = (0, 0) at its top left corner, as course files have it."""
+    """Draw the unlit quad with (u, v) = (0, 0) at its top left corner, as in course files."""
     arguments = reference.quad_arguments(shader="nolight", M=18, N=18, **changes)
     del arguments["verts_colors"]
     uvs = np.array([[0, 1, 1, 0], [1, 1, 0, 0.0]])
@@ -29,7 +29,7 @@ TEXELS = np.array([[[200, 10, 20], [30, 210, 40]], [[50, 60, 220], [250, 90, 150
 
 @pytest.mark.parametrize("kind", ["RGB", "RGBA", "L", "P", "16", "16 grey"])
 def test_texture_images(tmp_path, kind):
-    """Texel (0, 0) is seen top left, (0, 1) top right, and red stays red, whatever the file's type."""
+    """Texel (0, 0) is top left, (0, 1) top right, and red stays red, for every file type."""
     path = tmp_path / "texture.png"
     expected = TEXELS / 255.0
     if kind == "16":
@@ -46,7 +46,7 @@ def test_texture_images(tmp_path, kind):
             image.putalpha(77)
         image.save(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that alpha is left out
+        warnings.simplefilter("ignore")  # about the ignored alpha
         texture_map = read_image(path, srgb=False)
     assert np.allclose(course.bilerp([0, 0], texture_map), expected[0, 0], atol=1e-6)
     found = textured_quad(texture_map)

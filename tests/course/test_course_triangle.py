@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("on_each_device")
 few = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 ROWS, COLUMNS = 37, 50
-X = np.random.default_rng(1).random((ROWS, COLUMNS, 3)) / 3.0  # values that float32 does not hold
+X = np.random.default_rng(1).random((ROWS, COLUMNS, 3)) / 3.0  # not float32 values
 COLORS = np.array([[0.9, 0.1, 0.2], [0.1, 0.8, 0.3], [0.2, 0.1, 0.7]])
 NORMALS = np.array([[0.1, -0.3, 0.5], [0.2, 0.4, -0.1], [1.0, 0.9, 0.8]])
 POINT, EYE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 8.0])
@@ -60,7 +60,7 @@ def test_one_triangle(shader, count):
 
 
 def test_a_glaring_corner_costs_the_others_no_digits():
-    """Opposite a corner of 1e6, the pixel's own color is what the bound is of."""
+    """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
     glaring = np.array([[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]])
     assert_drawn(draw("phong", verts_c=glaring), expect("phong", verts_c=glaring))
 
@@ -75,7 +75,7 @@ def test_exponents(shader, n):
 @pytest.mark.parametrize(
     "verts_p",
     [
-        [[-20.0, -9], [70, 12], [15, 60]],  # over every border
+        [[-20.0, -9], [70, 12], [15, 60]],  # across every border
         [[30.0, 20], [90, 20], [30, 90]],
         [[-500.0, 10], [500, 9], [3, 30]],
         [[60.0, 3], [70, 3], [60, 20]],  # beside the image
@@ -101,7 +101,7 @@ def test_any_triangle(verts_p, shader):
 
 
 def weights_of(verts_p: np.ndarray) -> np.ndarray:
-    """Weights of the corners at all pixel centers, (M, N, 3), by rational numbers: corners are not rounded."""
+    """Return the corners' weights at all pixel centers, (M, N, 3), in rational arithmetic: corners are not rounded."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(u), Fraction(v)) for u, v in verts_p.tolist())
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     weights = np.zeros((ROWS, COLUMNS, 3))
@@ -117,10 +117,10 @@ def weights_of(verts_p: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("far", [1e5, 1e9, 1e38, 1e300])
 @pytest.mark.parametrize("shader", SHADERS)
 def test_corners_far_away(shader, far):
-    """A triangle through the image with one corner at (20, 10) and two far away, cut at the guard band."""
+    """A triangle through the image with one corner at (20, 10) and two far away, clipped at the guard band."""
     verts_p = np.array([[20.25, 10.25], [far, 0.3 * far], [-0.7 * far, far]])
     weights = weights_of(verts_p)
-    # Corners of what is left are rounded to 1/256 pixel: the edges may move by as much, and weights with them.
+    # Corners of the clipped piece are rounded to 1/256 pixel: edges, and weights with them, may move as much.
     with np.errstate(over="ignore"):
         step = np.abs(np.diff(weights, axis=1)).max(axis=(0, 1)) + np.abs(np.diff(weights, axis=0)).max(axis=(0, 1))
     margin = step / 64.0 + 1e-12 / far
@@ -151,7 +151,7 @@ def test_a_huge_triangle_covers_the_image(shader, far):
 
 @pytest.mark.parametrize("shader", SHADERS)
 def test_two_triangles_share_their_edge(shader):
-    """Every pixel of a quad is drawn by exactly one of its two triangles, whatever the turn."""
+    """Every pixel of a quad is drawn by exactly one of its two triangles, at any rotation."""
     for turn in np.linspace(0.0, 2.0 * np.pi, 9)[:-1]:
         corners = np.array([[np.cos(turn + k * np.pi / 2), np.sin(turn + k * np.pi / 2)] for k in range(4)])
         corners = corners * 14.0 + [25.5, 18.5]
@@ -166,7 +166,7 @@ def test_two_triangles_share_their_edge(shader):
 
 
 def test_corners_and_columns_are_not_mixed_up():
-    """Near each corner its own color: verts_p has corners in rows, verts_c in columns; v goes up."""
+    """Each corner's color is near it: verts_p has corners in rows, verts_c in columns; v points up."""
     corners = np.array([[1.0, 1.0], [49.0, 1.0], [1.0, 36.0]])
     found = course.gouraud_shading(corners, np.eye(3), np.zeros((ROWS, COLUMNS, 3)))
     assert (found[1, 1].argmax(), found[1, 46].argmax(), found[34, 1].argmax()) == (0, 1, 2)
@@ -174,7 +174,8 @@ def test_corners_and_columns_are_not_mixed_up():
 
 
 def test_lengths_of_normals():
-    """Gouraud lights each corner by the normal's direction; phong mixes the normals as they are."""
+    """Gouraud lights each corner by the normal's direction; phong interpolates normals without normalizing them
+    first."""
     longer = NORMALS * [1.0, 2.0, 0.5]
     assert np.allclose(draw("gouraud", verts_n=longer), draw("gouraud"), rtol=1e-6)
     assert_drawn(draw("phong", verts_n=longer), expect("phong", verts_n=longer))

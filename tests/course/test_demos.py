@@ -25,14 +25,14 @@ DEMOS = Path(__file__).resolve().parents[2] / "demos"
 
 
 def run(script: str, folder: Path, *words: str) -> subprocess.CompletedProcess:
-    """Runs a demo in a folder, from the checkout it lies in, whatever is installed."""
+    """Run a demo in a folder; it uses its own checkout, whatever is installed."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, str(DEMOS / script), *words]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
 def read(folder: Path) -> dict[int, np.ndarray]:
-    """The figures' EXRs by number, (M, N, 3) float64; each PNG is checked to be its EXR, clamped."""
+    """Return the figures' EXRs by number, (M, N, 3) float64; check that each PNG is its EXR, clamped."""
     figures = {}
     for path in sorted(folder.glob("figure*.exr")):
         channels, header = exr.read(path)
@@ -46,7 +46,7 @@ def read(folder: Path) -> dict[int, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def saved_course(tmp_path_factory) -> Path:
-    """A folder with the built-in scene as h3.npy, smaller, and a texture as cat_diff.png."""
+    """Return a folder with a smaller built-in scene as h3.npy, and a texture as cat_diff.png."""
     folder = tmp_path_factory.mktemp("course")
     scene = builtin("course", level=3, resolution=(80, 64))
     texture = scene.meshes[0].material.texture
@@ -60,7 +60,7 @@ def saved_course(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def drawn(saved_course, tmp_path_factory) -> Path:
-    """What both demos write for the files in the current folder."""
+    """Run both demos on the files in the current folder; return the folder."""
     folder = tmp_path_factory.mktemp("out")
     for script in ("demo.py", "demotmap.py"):
         done = run(script, saved_course, "--out", str(folder))
@@ -110,7 +110,7 @@ def test_the_figures_are_render_object(drawn, saved_course):
 
 @pytest.mark.parametrize(("name", "panels"), [("demo.png", 20), ("demotmap.png", 4)])
 def test_the_sheets_show_every_figure(drawn, name, panels):
-    """Each panel's place holds its figure, reduced, and dark text stands under it."""
+    """Each panel holds its figure, reduced, with dark text below."""
     picture = png.read(drawn / name).astype(float)
     height = sheet.PANEL * 64 // 80
     step = height + sheet.TITLE + sheet.CAPTION
@@ -144,7 +144,7 @@ def test_without_files_the_built_in_scene_is_drawn(tmp_path):
 
 
 def test_outside_of_a_checkout(tmp_path, saved_course):
-    """Copied elsewhere, a demo uses the clshade that is installed (here: on the path)."""
+    """Copied elsewhere, a demo uses the installed clshade (here: the one on the path)."""
     (tmp_path / "demo.py").write_text((DEMOS / "demo.py").read_text())
     environment = {**os.environ, "PYTHONPATH": str(DEMOS.parent)}
     command = [sys.executable, str(tmp_path / "demo.py"), "--scene", str(saved_course / "h3.npy"), "--out", "made"]
@@ -197,7 +197,7 @@ def test_a_map_needs_a_texture(saved_course, tmp_path):
 
 
 def test_the_gallery(opened, tmp_path):
-    """Eight pictures, each with colors of its own; the one in README is of the same size."""
+    """Eight panels with different colors; the image in the README has the same size."""
     done = run("gallery.py", tmp_path, "--out", "new/folder")
     assert done.returncode == 0, done.stderr
     sheet = png.read(tmp_path / "new" / "folder" / "gallery.png")

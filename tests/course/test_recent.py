@@ -1,4 +1,4 @@
-"""Results kept between calls: found again by content, dropped from the oldest on."""
+"""Results cached between calls: found by content, the oldest dropped first."""
 
 from __future__ import annotations
 

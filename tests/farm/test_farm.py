@@ -1,4 +1,4 @@
-"""Frames of a turn or of a file's cameras: numbers, file names, cameras, and what is refused."""
+"""Frames of a turn or of a file's cameras: numbers, file names, cameras, and refusals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL devic
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of a command line."""
+    """Run a command line; return exit code, standard output and standard error."""
     capsys.readouterr()
     code = main([str(argument) for argument in arguments])
     return code, *capsys.readouterr()
@@ -96,7 +96,7 @@ def test_a_turn_is_closed_and_even():
     turn = parse_frames("1..8")
     eyes = np.array([camera.eye for camera in orbit(BASE, turn.numbers, turn).values()])
     assert (eyes[0] == BASE.eye).all()
-    np.testing.assert_allclose(eyes[2], [5, 0, 0], atol=1e-14)  # to the right; 5 * 2^-53 of rounding, some times
+    np.testing.assert_allclose(eyes[2], [5, 0, 0], atol=1e-14)  # to the right; some roundings of 5 * 2^-53
     np.testing.assert_allclose(eyes[4], [0, 0, -5], atol=1e-14)
     steps = np.linalg.norm(np.roll(eyes, -1, axis=0) - eyes, axis=1)
     np.testing.assert_allclose(steps, 10 * np.sin(np.pi / 8), rtol=1e-14)
@@ -229,7 +229,7 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     whole = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(set(whole.values())) == 6
 
-    (tmp_path / "out.0009.exr").unlink()  # one file of a frame is none
+    (tmp_path / "out.0009.exr").unlink()  # one file is not a complete frame
     (tmp_path / "out.0010.png").write_bytes(b"")
     (tmp_path / ".clshade-0123456789abcdef.tmp").write_bytes(b"of a process that was killed")
     code, out, err = run(capsys, *command, "--json")
@@ -251,7 +251,7 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize("options", [{}, {"workers": 2}], ids=["one process", "workers"])
 @pytest.mark.parametrize("drawn_before", [False, True])
 def test_what_is_no_camera_is_refused_by_its_frame(tmp_path, options, drawn_before):
-    """Before it reaches a worker; and where the frame is there already, whose size is compared."""
+    """Before it reaches a worker, also if the frame exists already and its size is compared."""
     if drawn_before:
         for kind in ("exr", "png"):
             (tmp_path / f"f.7.{kind}").write_bytes(b"some")
@@ -274,7 +274,7 @@ def test_the_folder_of_the_frames_is_made(tmp_path, capsys, monkeypatch):
 
 
 def drawn_with(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[int], dict[str, object]]]:
-    """What `draw_frames` is called with from now on, without drawing."""
+    """Record the arguments of `draw_frames` from now on, without drawing."""
     calls: list[tuple[list[int], dict[str, object]]] = []
 
     def note(scene: object, cameras: dict[int, Camera], output: str, **options: object) -> Run:
@@ -315,7 +315,7 @@ def test_the_limit_of_a_frame_s_time_is_handed_on(capsys, monkeypatch):
 
 @needs_device
 def test_a_frame_is_what_render_draws(tmp_path, capsys):
-    """An eighth of a turn, and the first camera of a file; all of it, bit for bit."""
+    """An eighth of a turn, and the first camera of a file, bit for bit."""
     (tmp_path / "c.json").write_text('[{"eye": [3, 2, 9]}, {"eye": [3, 2, 9], "orthographic": true, "plane": [6, 8]}]')
     turn = ("--frames", "2", "--turn", "1..8", "-o", tmp_path / "turn.exr")
     assert run(capsys, "turntable", "icosphere", *SMALL, *turn, "--quiet")[0] == 0

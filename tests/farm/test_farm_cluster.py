@@ -1,4 +1,4 @@
-"""Frames by a Dask cluster: a real scheduler and workers on loopback, one of which is killed midway."""
+"""Frames drawn by a Dask cluster: a real scheduler and workers on loopback, one of which is killed midway."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 
 def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
-    """All frames are there, and the same files as one process writes."""
+    """All frames are written, with the same files as by one process."""
     workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
@@ -75,8 +75,8 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
 
 
 def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
-    """Its frames are drawn by the other one, in the next run, which it never hears of, all of them; without a limit it is
-    told of, and waited for."""
+    """The other worker draws its frames, and in the next run, of which the stopped one never hears, all of them;
+    without a limit the silent worker is reported and waited for."""
     monkeypatch.setattr(waiting, "SILENT", 2.0)
     monkeypatch.setattr(cluster_module, "SILENT", 2.0)
     workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
@@ -142,7 +142,7 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     for path in tmp_path.iterdir():
         path.unlink()
 
-    monkeypatch.chdir(tmp_path)  # the workers have another current folder
+    monkeypatch.chdir(tmp_path)  # the workers' current folder is another
     command = ("turntable", "icosphere", "--frames", "1..4", "--resolution", "64,48", "--preset", "course")
     further = ("--scheduler", cluster.address, "-o", "#.exr", "--timeout", "60")
     assert main([*command, *further]) == 0
@@ -174,7 +174,7 @@ def test_the_last_worker_and_then_the_scheduler_are_lost(tmp_path, cluster):
 
 
 def refused(capsys: pytest.CaptureFixture[str], address: str) -> tuple[str, float]:
-    """The line on standard error, and how long it took."""
+    """Return the line on standard error, and the time taken."""
     start = time.perf_counter()
     arguments = ("turntable", "quads", "--scheduler", address, "--timeout", "2", "--frames", "1..2")
     assert main([*arguments]) == 2

@@ -1,4 +1,4 @@
-"""How far a run is: lines where there is no terminal, a bar on one, and one rate wherever it is shown."""
+"""Progress of a run: lines without a terminal, a bar on a terminal, and the same rate everywhere."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Screen(io.StringIO):
 
 @pytest.fixture
 def now(monkeypatch) -> list[float]:
-    """Seconds, of both clocks."""
+    """Control both clocks, in seconds."""
     now = [0.0]
     monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: now[0], time=lambda: 1e9 + now[0]))
     return now
@@ -54,7 +54,7 @@ def test_a_bar_on_a_terminal(now, monkeypatch):
         for number in (2, 3, 4):
             now[0] += 2.0
             draw(bar, number)
-        now[0] += 60.0  # for workers to end
+        now[0] += 60.0  # while workers end
     states = sys.stderr.getvalue().split("\r")
     assert "4/4 [" in states[-1]
     assert states[-1].rstrip().endswith(", 0.5 frames/s]")

@@ -1,4 +1,4 @@
-"""How long workers may be silent, by a clock that the tests turn; and frames on their way through a cluster that is none."""
+"""How long workers may be silent, by a simulated clock; and the dispatch of frames in a fake cluster."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_time_in_which_this_process_was_stopped_does_not_count(turned):
     assert clock.seconds == pytest.approx(3.1)
 
 
-# A cluster that is none
+# A fake cluster
 
 
 class FakeFuture:
@@ -84,7 +84,7 @@ class FakeScheduler:
 
 
 class FakeCluster:
-    """Does as a client does, and gives each frame to the worker that has the fewest."""
+    """Fake client that gives each frame to the worker with the fewest."""
 
     scheduler = FakeScheduler()
 
@@ -139,7 +139,7 @@ class FakeCluster:
 
 
 class Run:
-    """A run on such a cluster, a second for each step."""
+    """A run on such a cluster, one second per step."""
 
     def __init__(self, turned: Time, cluster: FakeCluster, given: Iterator[Task], limit: float | None) -> None:
         self.turned, self.cluster = turned, cluster
@@ -147,7 +147,7 @@ class Run:
         self.dispatcher = dispatch.Dispatcher(cluster, None, "run", given, found, 10.0, limit)
         self.found: list[DrawnFrame | Lost | Silent] = []
         self.events = self.dispatcher._events
-        self.dispatcher._events = self  # in place of the queue: it is asked once a step
+        self.dispatcher._events = self  # replaces the queue; polled once per step
         self.steps_left, self.away = 0, 0.0
 
     def get(self, timeout: float) -> Any:
@@ -167,7 +167,7 @@ class Run:
         return self.events.empty()
 
     def step(self, seconds: int = 1) -> list[DrawnFrame | Lost | Silent]:
-        """What comes in so many seconds."""
+        """Return the events of that many seconds."""
         self.steps_left = seconds
         found: list[DrawnFrame | Lost | Silent] = []
         try:
@@ -211,7 +211,7 @@ def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
         run.step()
         assert 3 * (dispatch.AHEAD - 1) < len(taken) - done <= 3 * dispatch.AHEAD
         assert len(run.dispatcher._by_key) == len(run.dispatcher._flights) == len(taken) - done
-    cluster.threads["c"] = 4  # joins later, and gets work
+    cluster.threads["c"] = 4  # joins later and gets work
     run.step(2)
     assert len(taken) == 7 * dispatch.AHEAD + 19
     assert cluster.waiting("c")
@@ -228,10 +228,10 @@ def test_a_frame_that_takes_too_long_goes_to_another_worker_and_the_first_to_dra
     assert "gave no sign for" in lost.reason
     (again,) = cluster.waiting("b")
     assert (again.allowed, cluster.tasks[again.key].number) == (["b"], 1)
-    cluster.draw(slow)  # it comes back before the other has drawn it
+    cluster.draw(slow)  # it returns before the other has drawn it
     (drawn,) = run.step()
     assert (drawn.number, drawn.worker, again.status) == (1, "a", "cancelled")
-    cluster.say(again, "drawn", drawn={})  # late: nobody cares
+    cluster.say(again, "drawn", drawn={})  # late: ignored
     assert run.step() == []
     assert not run.dispatcher._flights
 
@@ -283,7 +283,7 @@ def test_a_worker_that_is_stopped_keeps_nothing_and_gets_nothing_new(turned, tmp
 
 def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 100, a=1, b=1)
-    hanging = cluster.begin("a")  # it is heard of all the time
+    hanging = cluster.begin("a")  # it reports all the time
     run.step(8)
     assert cluster.waiting("a") == []
     for _ in range(4):
@@ -309,7 +309,7 @@ def test_a_worker_that_is_stopped_before_it_begins_loses_what_it_was_given(turne
     moved = run.dispatcher._flights[cluster.tasks[first.key].number]
     run.step()
     assert moved.worker == "b"
-    cluster.say(first, "begun")  # it is back, and has not heard yet
+    cluster.say(first, "begun")  # it is back, and does not know yet
     run.step()
     assert (moved.worker, moved.begun) == ("b", False)
 
@@ -341,7 +341,7 @@ def test_frames_follow_when_the_workers_that_they_were_given_to_are_gone(turned,
 def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 2, limit=None, a=1, b=1)
     first = cluster.begin("a")
-    cluster.stopped |= {"a", "b"}  # b has not begun with what it has
+    cluster.stopped |= {"a", "b"}  # b has not begun its frames
     found = run.step(85)
     assert all(isinstance(each, Silent) for each in found)
     for worker, number in (("a", 1), ("b", 2)):

@@ -1,4 +1,5 @@
-"""Frames by several processes: the same bits as by one, whoever is killed, and nothing left of an interrupted run."""
+"""Frames drawn by several processes: the same bits as by one, whichever is killed, and nothing left of an interrupted
+run."""
 
 from __future__ import annotations
 
@@ -47,7 +48,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict[str, bytes]:
-    """The files as one process writes them."""
+    """Return the files that one process writes."""
     folder = tmp_path_factory.mktemp("one")
     with FrameWriter(job()) as writer:
         assert [writer.draw(task).number for task in tasks(folder)] == list(range(1, COUNT + 1))
@@ -92,7 +93,7 @@ def test_two_workers_one_of_which_is_killed(tmp_path, expected):
 
 
 class Deadly:
-    """A camera that ends the process that it comes to."""
+    """A camera that kills the process that unpickles it."""
 
     def __reduce__(self) -> tuple:
         return os._exit, (7,)
@@ -109,14 +110,14 @@ def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
 
 
 def written(folder: Path) -> dict[str, bytes]:
-    """Without what a process that was killed was writing."""
+    """Return the files, except those that a killed process was writing."""
     return {name: data for name, data in contents(folder).items() if not name.startswith(".clshade-")}
 
 
 def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(waiting, "SILENT", 0.5)
     found: list[DrawnFrame | Lost | Silent] = []
-    silent: list[Silent] = []  # of the worker that is stopped
+    silent: list[Silent] = []  # from the stopped worker
     stopped = 0
     for each in draw_locally(job(), tasks(tmp_path), 2):
         found.append(each)
@@ -247,7 +248,7 @@ def test_leaving_early_ends_the_workers(tmp_path):
 
 
 def start(folder: Path, *further: str, silent: float = 10.0) -> subprocess.Popen[str]:
-    """silent: seconds until a worker without a sign is told of."""
+    """Start a run. silent: seconds until a worker without a sign of life is reported."""
     code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry; entry()"
     frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
     command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
@@ -267,7 +268,7 @@ def descendants(pid: int) -> list[int]:
 
 
 def under_way(folder: Path) -> subprocess.Popen[str]:
-    """A run that has drawn some of its frames."""
+    """Start a run, and wait until it has drawn some of its frames."""
     process = start(folder)
     wait_until(lambda: len(list(folder.glob("*.png"))) > 5 or process.poll() is not None)
     assert process.poll() is None
@@ -315,14 +316,14 @@ def command_line(pid: int) -> bytes:
 
 
 def blocked(pid: int) -> int:
-    """The signals that a process holds back, as a mask."""
+    """Return the mask of signals that a process blocks."""
     status = Path(f"/proc/{pid}/status").read_text()
     return int(status.split("SigBlk:")[1].split()[0], 16)
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_interrupts_wait_until_workers_have_started(tmp_path):
-    """Else an interrupt of the whole group, as by a terminal, shows a traceback of each worker's imports."""
+    """Otherwise an interrupt of the whole group, as by a terminal, prints a traceback of each worker's imports."""
     process = start(tmp_path)
     wait_until(lambda: workers_of(process) or process.poll() is not None)
     assert [blocked(pid) >> (signal.SIGINT - 1) & 1 for pid in workers_of(process)[:1]] == [1]
@@ -351,7 +352,7 @@ def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path)
     process = start(tmp_path, silent=0.5)
     first = [tmp_path / f"{number:03d}.png" for number in (1, 2)]
     wait_until(lambda: all(path.exists() for path in first) or process.poll() is not None)
-    time.sleep(0.2)  # until that has been answered, too
+    time.sleep(0.2)  # until that is answered, too
     assert process.poll() is None
     workers = workers_of(process)
     for worker in workers:
@@ -360,7 +361,7 @@ def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path)
     silent: set[int] = set()
     while silent != set(workers):
         line = process.stderr.readline()  # type: ignore[union-attr]
-        if re.match(r"clshade: \d+/\d+ frames, ", line):  # a slow start's
+        if re.match(r"clshade: \d+/\d+ frames, ", line):  # printed at a slow start
             continue
         found = re.fullmatch(form, line)
         assert found, line

@@ -1,4 +1,4 @@
-"""`bench`: its workloads and what it counts. Of times only one is judged: that a start with an empty cache takes longer."""
+"""`bench`: workloads and counts. Only one time is judged: a start with an empty cache takes longer."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ def test_scaling_has_a_workload_for_each_size():
     assert SCALING["pixels-512"].make().camera.resolution == (512, 512)
 
 
-# What is counted
+# Counts
 
 
 def test_bytes_and_flops(opened):
-    """Of two sizes the bytes differ by the images', 16 a pixel; of two scenes by what their triangles take."""
+    """For two sizes the bytes differ by the images', 16 per pixel; for two scenes by their triangles'."""
     small, large = (draw(thing(size, level=2), opened, 1) for size in (32, 64))
     assert large.bytes - small.bytes == 16 * (64**2 - 32**2)
     assert large.flops == large.covered * (PIXEL_FLOPS + 3 * LIGHT_FLOPS)
     frame = render(thing(64, level=2), device=opened)
     assert large.covered == np.count_nonzero(frame.alpha)
     few, many = (draw(knot(n, (32, 32)), opened, 1) for n in (200, 2000))
-    corners = 2000 // 2 - 200 // 2  # a closed surface of that kind has half as many vertices as triangles
-    # indices of 4 bytes; positions and normals of at least 3 float32 a vertex
+    corners = 2000 // 2 - 200 // 2  # a closed surface of this kind has half as many vertices as triangles
+    # indices of 4 bytes; positions and normals of at least 3 float32 per vertex
     assert many.bytes - few.bytes >= (2000 - 200) * 12 + corners * 24
 
 
@@ -82,7 +82,7 @@ def test_a_scene_too_large_for_the_device_is_reported(opened):
 @pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
 def test_peaks(opened, changes):
     found = device_peaks.peaks(replace(opened, **changes))
-    assert found.copy > 1e7  # a device that copies 10 MB a second is none
+    assert found.copy > 1e7  # no device copies as little as 10 MB per second
     assert found.flops > 1e7
     assert device_peaks.best(device_peaks.Peaks(1.0, 5.0), device_peaks.Peaks(2.0, 3.0)) == (2.0, 5.0)
 

@@ -1,4 +1,4 @@
-"""`bench`: its peers, and whether their pictures are ours."""
+"""`bench`: its peers, and the agreement of their images with ours."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_writing_writes_the_background():
 
 
 def test_corners_with_indices_of_their_own():
-    """A vertex has as many copies as it has different normals."""
+    """A vertex is duplicated for each different normal."""
     mesh = thing(8, level=2, textured=True).meshes[0]
     own = replace(
         mesh, normals=np.eye(3) * [[1.0], [2.0], [4.0]], normal_faces=np.arange(3 * len(mesh.faces)).reshape(-1, 3) % 3
@@ -132,11 +132,11 @@ def test_a_peer_that_cannot_draw_this_size_is_missing(monkeypatch):
     assert released == [True]
 
 
-# Whether pictures agree
+# Agreement of images
 
 
 def picture():
-    """Two triangles of several pixels on a background, in smooth colors."""
+    """Return two triangles of several pixels on a background, in smooth colors."""
     ids = np.zeros((20, 24), np.uint32)
     ids[2:18, 3:12], ids[2:18, 12:21] = 1, 2
     rows, columns = np.indices(ids.shape)
@@ -170,7 +170,7 @@ def test_other_pictures_are_found(spoil):
 
 
 def test_where_no_pixel_is_inside_the_ranges_tell():
-    """Each pixel a triangle of its own."""
+    """Each pixel shows another triangle."""
     ids, image = picture()
     tiny = np.where(ids > 0, np.arange(1, ids.size + 1).reshape(ids.shape), 0)
     same = agreement.agreement(image, tiny, image)

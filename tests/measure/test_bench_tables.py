@@ -1,4 +1,4 @@
-"""`bench`: exponents, tables, files, the command line. No time is judged."""
+"""`bench`: exponents, tables, files, the command line. No times are judged."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def test_powers():
     linear = [fixed + 0.5 * n for n in sizes]
     assert scaling.power(sizes, linear) < 0.9
     assert scaling.power_beyond(sizes, linear, fixed, 0.1) == pytest.approx(1.0)
-    # Of points that are hardly above the fixed cost nothing is concluded, nor of smaller ones.
+    # Points barely above the fixed cost are not used, nor are smaller ones.
     noisy = [3.0 * fixed, fixed - 1.0, *linear[1:]]
     assert scaling.power_beyond([1.0, *sizes], noisy, fixed, 0.1) == pytest.approx(1.0)
-    assert scaling.power_beyond(sizes, linear, fixed, 2.0) is None  # but two of them are less than two times it above
+    assert scaling.power_beyond(sizes, linear, fixed, 2.0) is None  # only two points are that much above it
     assert scaling.power_beyond(sizes, [*linear[:3], None], fixed, 0.1) is None
 
 
@@ -80,7 +80,8 @@ def test_verdicts():
 
 def test_the_tables_hold_what_was_found():
     lines = tables.lines(small_speed())
-    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 a second; 1e7 operations half of 1e10.
+    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second; 1e7 operations half of
+    # 1e10.
     expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % -"
     first, second = (
         " ".join(line.split())
@@ -168,7 +169,7 @@ def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
     assert "its ms" not in out
     code, out, _ = run(capsys, "bench", "empty", "--device", opened.index, "--frames", "1", "--peers", "numpy")
     assert code == 0
-    assert "times as fast as write" in out  # what writing takes is measured whatever peers are named
+    assert "times as fast as write" in out  # writing is measured with any peers
     monkeypatch.setattr(bench, "draw_apart", lambda name, device, frames: drawn_with(len(name), frames))
     code, out, _ = run(capsys, "bench", "--scaling", "--frames", "3", "--device", opened.index)
     assert code == 0

@@ -1,4 +1,4 @@
-"""`bench --workers`: its table, its files, and that frames of other bits make it fail."""
+"""`bench --workers`: its table, its files, and failure if frames differ in their bits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_other_bits_fail(tmp_path, monkeypatch):
     assert not workers.run((4,), rounds=2, stream=out)
     rows = [line.split() for line in out.getvalue().splitlines() if re.match(r"\d+ process(es)? ", line)]
     assert rows[1][:2] == ["4", "processes"]
-    assert rows[1][-3:] == ["4", "5", "NO"]  # times as fast, ms a frame, same files
+    assert rows[1][-3:] == ["4", "5", "NO"]  # speedup, ms per frame, same files
 
 
 def test_bits_that_change_from_turn_to_turn_fail(monkeypatch):

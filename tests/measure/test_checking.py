@@ -1,4 +1,4 @@
-"""`clshade.check` and `render --check`: the error of an image, found where it was planted."""
+"""`clshade.check` and `render --check`: planted errors of an image are found."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL devic
 
 
 def frame_of(scene: Scene, settings: Settings) -> Frame:
-    """What a renderer without any error but rounding would give; no device is needed."""
+    """Return the frame of a renderer with no error but rounding; needs no device."""
     expected = oracle.render(scene, settings)
     rgba = np.concatenate([expected.rgb, expected.alpha[..., None]], axis=-1).astype(np.float32)
     layers = {"Z": expected.Z.astype(np.float32), "id": expected.id}
@@ -41,7 +41,7 @@ def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> 
 
 
 def random_triangles(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Snapped triangles of all sizes in 50 x 40 pixels, partly outside."""
+    """Return snapped triangles of all sizes in 50 x 40 pixels, partly outside."""
     generator = np.random.default_rng(seed)
     xy = generator.integers(-2000, 14000, (60, 3, 2))
     setup = coverage.setup(xy, 50, 40)
@@ -88,7 +88,7 @@ def test_some_pixels_equal_those_of_the_whole_image(name, preset):
 
 
 def two_cards(apart: float) -> Scene:
-    """Two cards across the image, the second `apart` behind the first."""
+    """Return two cards across the image, the second `apart` behind the first."""
     verts = np.array([[-9, -9, 0], [9, -9, 0], [0, 18, 0]])
     meshes = tuple(
         Mesh(verts + [0, 0, z], [[0, 1, 2]], material=Material(color=color))
@@ -106,7 +106,7 @@ def test_the_second_depth_is_that_of_the_card_behind():
     assert np.isposinf(oracle.nearest_depths(alone, Settings(), rows, columns)[0, 1]).all()
 
 
-# What is found
+# Results
 
 
 @pytest.mark.parametrize("preset", ["course", "standard"])
@@ -116,7 +116,7 @@ def test_a_right_image_passes(preset):
         found = clshade.check(frame, pixels)
         assert found.passed
         assert (found.wrong, found.ties, found.gates) == (0, 0, 0)
-        assert 0.0 < found.bounds <= 1.0  # the rounding of the result alone
+        assert 0.0 < found.bounds <= 1.0  # only the rounding of the result
         assert 0.0 < found.error < 2.0**-22
         assert found.depth is not None
         assert 0.0 < found.depth <= 1.0
@@ -127,7 +127,7 @@ def test_a_right_image_passes(preset):
 
 
 def plant(frame: Frame, row: int, column: int, relative: float) -> None:
-    """An error of so much of the light budget, in green."""
+    """Plant an error in green, relative to the light budget."""
     expected = oracle.sample(frame.scene, frame.settings, np.array([row]), np.array([column]))
     frame.rgba[row, column, 1] += relative * expected.budget[0, 1]
 
@@ -148,7 +148,7 @@ def test_one_changed_pixel_of_all_is_found():
 
 
 def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
-    """And not one elsewhere: what it says is a lower bound."""
+    """And not an error elsewhere: the result is a lower bound."""
     frame = teapot_frame()
     looked_at = check._sample(check._strata(frame).ravel(), 400, 0)
     assert len(looked_at) == len(set(looked_at.tolist())) == 400
@@ -282,7 +282,7 @@ def test_only_frames_are_checked():
 
 
 def cut_out(orthographic: bool) -> Scene:
-    """Textured cards with an alpha test, seen in either projection."""
+    """Return textured cards with an alpha test, in either projection."""
     generator = np.random.default_rng(5)
     image = generator.uniform(0, 1, (6, 5, 4)).astype(np.float32)
     verts, uvs = generator.uniform(-1, 1, (90, 3)), generator.uniform(-1, 2, (90, 2))

@@ -1,4 +1,4 @@
-"""The Pareto front by its properties, and which variant a budget or a tolerance leads to."""
+"""Properties of the Pareto front, and the variant chosen for a budget or a tolerance."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_limits_that_nothing_keeps_name_the_best():
 
 
 def test_a_tolerance_below_what_is_known_is_refused():
-    """Though some error that was measured is less."""
+    """Even if a measured error is smaller."""
     some = [Alternative("slow", 9.0, 0.001), Alternative("quick", 2.0, 0.1)]
     assert within_tolerance(some, 0.01, 0.01).name == "slow"
     expected = r"--tolerance: expected at least 0\.02, which is .*the best, slow, has 0\.001\), found 0\.01"

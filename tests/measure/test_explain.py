@@ -1,4 +1,4 @@
-"""`render --explain`: what was left out, and that leaving out saves work and changes no bit."""
+"""`render --explain`: the features left out, and that leaving them out saves work and changes no bit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 
 
 def rich_scene(without: str = "") -> Scene:
-    """Sixty triangles whose image needs every optional feature but this one, and what makes no sense without it."""
+    """Return sixty triangles whose image needs every optional feature except this one and those that depend on it."""
     generator = np.random.default_rng(4)
     given = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": without != "TWO_SIDED"}
     given |= {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}.get(
@@ -65,9 +65,9 @@ def rich_scene(without: str = "") -> Scene:
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
 
-# Fields of Settings that make all but one feature needed.
+# Settings with which all features but one are needed.
 NEEDS = {"LIT": {"shader": "nolight"}, "OWNERS": {"layers": ()}, "MIPMAPS": {"texture_filter": "bilinear"}}
-ALONG = {  # what is left out with a feature, for it means nothing without it
+ALONG = {  # features left out with another, without which they are meaningless
     "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "TWO_SIDED", "NORMAL_INDICES"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "ALPHA_TEST"},
@@ -76,7 +76,7 @@ ALONG = {  # what is left out with a feature, for it means nothing without it
 
 
 def plain_scene() -> Scene:
-    """Sixty white triangles of one material, lit by one term alone, on black."""
+    """Return sixty white triangles of one material, lit by one term, on black."""
     scene = rich_scene("VERTEX_COLORS")
     material = Material(ka=0.0, kd=0.6, ks=0.0)
     meshes = [Mesh(np.float32(mesh.verts), mesh.faces, uvs=mesh.uvs, material=material) for mesh in scene.meshes]
@@ -97,7 +97,7 @@ def needed_by(frame: Frame) -> set[str]:
     return set(frame.stats["features"]) & set(OPTIONAL)
 
 
-EVERY_DAY = ("TEXTURED",)  # each mask is a program to build
+EVERY_DAY = ("TEXTURED",)  # each mask needs another program
 SHADERS = ["phong", pytest.param("gouraud", marks=pytest.mark.long)]
 NAMES = [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in OPTIONAL]
 
@@ -105,7 +105,7 @@ NAMES = [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long)
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("name", NAMES)
 def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shader):
-    """It is off by itself; forced, the image is the same."""
+    """It is off by default; with it forced, the image is the same."""
     lean = draw_rich(device, name, shader=shader)
     assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set())
     full = draw_rich(device, name, shader=shader, forced=OPTIONAL)
@@ -140,7 +140,7 @@ def test_every_feature_can_be_needed(device):
 
 
 def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
-    """What is not white, forced upon white triangles, shows: which is how the tests above can fail."""
+    """Forced on white triangles, anything not white is visible: this is how the tests above can fail."""
     lean = draw(device, plain_scene(), shader="nolight")
     monkeypatch.setattr(gather, "WHITE", Texture(np.full((1, 1, 3), 0.5)))
     grey = draw(device, plain_scene(), shader="nolight", forced={"TEXTURED"})
@@ -150,8 +150,8 @@ def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
 
 
 def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
-    """Ten normals and one texture coordinate, each with indices, of a mesh of 90 vertices that is lit and textured by
-    force alone."""
+    """Ten normals and one texture coordinate, each with indices, in a mesh of 90 vertices that is lit and textured only
+    because these features are forced."""
     (first, second) = plain_scene().meshes
     indices = {"normal_faces": np.full((30, 3), 9), "uv_faces": np.zeros((30, 3), int)}
     mesh = replace(first, normals=np.eye(3)[np.arange(10) % 3], uvs=[[0.3, 0.4]], **indices)
@@ -159,7 +159,7 @@ def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
     assert same_bits(draw(device, scene, shader="phong"), draw(device, scene, shader="phong", forced=OPTIONAL))
 
 
-# What is said
+# Messages
 
 
 def test_what_is_left_out_and_what_it_saves(device):
@@ -234,7 +234,7 @@ def test_what_the_course_preset_does_without(device):
 
 
 def test_empty_tiles_are_counted(device):
-    """One small triangle, in one of 5 x 4 tiles, in front of a camera that sees it or not."""
+    """One small triangle, in one of 5 x 4 tiles, inside or outside the camera's view."""
     mesh = Mesh(np.array([[0.02, 0.02, 0], [0.1, 0.02, 0], [0.02, 0.1, 0]]), [[0, 1, 2]])
     camera = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 3.0, (1.0, 1.0), (80, 64))
     with Renderer(Scene((mesh,), camera), device=device) as renderer:
@@ -258,7 +258,7 @@ def test_programs_are_counted(device):
 
 
 def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch):
-    """Not for another size, camera, light position or number of lights, nor for other values of what is in use."""
+    """Not for another size, camera, light position or number of lights, nor for other values of features in use."""
     monkeypatch.setattr(programs, "_built", {})
     scene = plain_scene()
     draw(device, scene, shader="phong")

@@ -1,4 +1,5 @@
-"""The fuzzers: random scenes against the oracle, damaged files against the loaders; and that they find what is planted."""
+"""The fuzzers: random scenes against the oracle, damaged files against the loaders; and that they find planted
+faults."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from clshade.scene.camera import Camera
 from clshade.scene.formats import inert_pickle
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
-SCENES = 40  # of one block: one program to build
+SCENES = 40  # of one block, with one program
 MANY = 1000
 
 
@@ -37,13 +38,13 @@ def test_scenes(device):
 
 @pytest.mark.long
 def test_many_scenes(opened):
-    """Scenes 0 to 999; as many as one likes by `python -m clshade fuzz --scenes 20000`."""
+    """Scenes 0 to 999; for more run `python -m clshade fuzz --scenes 20000`."""
     assert listed(fuzz.scene_failures(opened, range(MANY))) == ""
 
 
 @pytest.mark.long
 def test_scenes_on_other_devices(device, opened):
-    """Four scenes of every other of a thousand's blocks: what takes long is the blocks' programs."""
+    """Four scenes of every other block of a thousand: building the blocks' programs takes most of the time."""
     if device.index == opened.index:
         pytest.skip("the default device draws all of them")
     numbers = [BLOCK * block + k for block in range(0, MANY // BLOCK, 2) for k in (2, 7, 19, 31)]
@@ -51,20 +52,20 @@ def test_scenes_on_other_devices(device, opened):
 
 
 def test_items_that_leave_a_loop_early(device):
-    """Found by the fuzzer: with one pixel to a work-item Intel's runtime read through the pointers of those that had
-    left, and the process crashed, at the first of these scenes."""
+    """Found by the fuzzer: with one pixel per work-item Intel's runtime dereferenced pointers of work-items that had
+    left the loop, and the process crashed at the first of these scenes."""
     if "intel" not in device.platform.lower():
         pytest.skip("only Intel's compiler was wrong")
     assert listed(fuzz.scene_failures(device, range(4400, 4410))) == ""
 
 
 def test_depths_closer_than_float32_tells(opened):
-    """Found by the fuzzer: a piece of a face was drawn that was 4.2 * 2^-24 of its depth behind another's."""
+    """Found by the fuzzer: the visible piece of a face was 4.2 * 2^-24 of its depth behind another's."""
     assert listed(fuzz.scene_failures(opened, [1977])) == ""
 
 
 def test_a_number_is_a_scene():
-    """The same number and seed give the same scene, others another; kinds begin again after KINDS blocks."""
+    """The same number and seed give the same scene, others another; kinds repeat after KINDS blocks."""
     one, again, other = scene_of(123), scene_of(123), scene_of(123, seed=1)
     assert [mesh.verts.tobytes() for mesh in one.scene.meshes] == [mesh.verts.tobytes() for mesh in again.scene.meshes]
     assert (one.kind, one.settings) == (again.kind, again.settings)
@@ -103,7 +104,7 @@ def test_scenes_are_of_all_sorts():
 
 
 def test_even_numbers_are_stiffer():
-    """Each of the extremes is there, and none in scenes of odd numbers, which stay as they were."""
+    """Each extreme occurs, and none in scenes with odd numbers, which stay unchanged."""
     drawn = [scene_of(number) for number in range(0, 600, 2)]
     cameras = [each.scene.camera for each in drawn]
     meshes = [mesh for each in drawn for mesh in each.scene.meshes]
@@ -126,7 +127,7 @@ def test_even_numbers_are_stiffer():
 
 
 def test_a_block_shares_its_program():
-    """Or two: what a rare scene leaves out, all of a mesh's colors white, say, is not worth an exception."""
+    """Or two: a rare scene may need fewer features, for example if all colors of a mesh are white."""
     masks, bright = 0, set()
     for block in range(24):
         drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
@@ -138,7 +139,7 @@ def test_a_block_shares_its_program():
 
 
 def altered(frame: Frame, name: str) -> Frame:
-    """The frame with one wrong pixel, the first covered one."""
+    """Return the frame with one wrong pixel, the first covered one."""
     row, column = np.argwhere(frame["id"] > 0)[0]
     rgba, layers = frame.rgba.copy(), {layer: frame[layer].copy() for layer in ("Z", "id")}
     if name == "not a number":
@@ -188,7 +189,7 @@ def test_an_exception_is_found(opened, monkeypatch):
 
 
 def test_lanes_that_disagree_are_found(opened, monkeypatch):
-    """An ulp in one pixel, which all bounds allow."""
+    """One ulp in one pixel, which all bounds allow."""
     if not opened.is_cpu:
         pytest.skip("a GPU's work-items have one pixel each")
     good, tally = fuzz.draw, fuzz.Tally()
@@ -225,7 +226,7 @@ def test_bits_of_layers_are_compared(opened):
 
 
 def test_what_is_excepted_is_counted(opened):
-    """Two squares in one plane, seen from the front: either may own a pixel."""
+    """Two coplanar squares, seen from the front: either may own a pixel."""
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     meshes = (Mesh(corners, [[0, 1, 2], [0, 2, 3]]), Mesh(corners, [[1, 2, 3], [1, 3, 0]]))
     camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (0.7, 0.7), (24, 24))
@@ -246,7 +247,7 @@ def test_what_is_excepted_is_counted(opened):
 
 @pytest.mark.long
 def test_a_wrong_kernel_is_found(opened, monkeypatch):
-    """Pixels on an edge that two triangles share go to both, or to the wrong one."""
+    """Pixels on a shared edge are drawn by both triangles, or by the wrong one."""
     flatten, rule = programs.flatten, "(((a) > 0) | (((a) == 0) & ((b) < 0)))"
     assert rule in flatten(("setup.cl",))
     monkeypatch.setattr(programs, "flatten", lambda names: flatten(names).replace(rule, "((a) == (a))"))
@@ -256,7 +257,7 @@ def test_a_wrong_kernel_is_found(opened, monkeypatch):
 
 
 def test_normals_beyond_the_vertices():
-    """Found by the fuzzer: those of the meshes behind were shifted."""
+    """Found by the fuzzer: the normals of the following meshes were shifted."""
     corners, up = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0.0, 0, 1]])
     first = Mesh(corners, [[0, 1, 2]], normals=np.repeat(up, 9, axis=0))
     second = Mesh(corners - [1.0, 1, 0], [[0, 1, 2]], normals=np.array([[0.0, 1, 1], [0, 0, 1], [1, 0, 1]]))
@@ -280,7 +281,7 @@ def test_alpha_at_its_cutoff_decides_either_way():
 
 
 def test_alpha_of_far_coordinates_decides_either_way():
-    """Found by the fuzzer: at 2e11 a coordinate is right to a texel or less."""
+    """Found by the fuzzer: at 2e11 a coordinate is only accurate to about a texel."""
     image = np.ones((1, 16, 4), np.float32)
     image[0, :, 3] = np.linspace(0.0, 1.0, 16)
     corners = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]])
@@ -316,7 +317,7 @@ def test_files():
 
 @pytest.mark.long
 def test_many_files():
-    """Files 0 to 999; as many as one likes by `python -m clshade fuzz --scenes 0 --files 20000`."""
+    """Files 0 to 999; for more run `python -m clshade fuzz --scenes 0 --files 20000`."""
     assert listed(fuzz.file_failures(range(MANY))) == ""
 
 
@@ -380,7 +381,7 @@ def test_what_is_slow_large_or_hangs_is_found(monkeypatch):
 
 
 def test_pickles_that_take_long_are_found(monkeypatch):
-    """By an interpreter that hashes whatever a file has for a key, as Python's own does: 2^22 steps and more."""
+    """With an interpreter that hashes any key in the file, as Python's own does: 2^22 steps and more."""
 
     def careless(machine, items, at):
         machine.stack[-1].update(zip(items[::2], items[1::2], strict=True))

@@ -1,4 +1,4 @@
-"""`python -m clshade fuzz`: ranges of seeds, their sums, and the log by which a run goes on."""
+"""`python -m clshade fuzz`: ranges of seeds, their totals, and the log that resumes a run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_counts_are_printed_to_a_stream():
 
 @pytest.fixture
 def looked_at(monkeypatch):
-    """What is looked at, (number, seed) each; scene 3 of seed 2 fails."""
+    """Record what is run, as (number, seed); scene 3 of seed 2 fails."""
     seen: list[tuple[int, int]] = []
 
     def failures(device, numbers, seed, tally):

@@ -1,4 +1,4 @@
-"""The reference of `report`: how near it comes, in tiles, apart from every variant's samples."""
+"""The reference of `report`: its accuracy, its tiles, and its samples, which differ from every variant's."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from clshade.scene.model import Material, Mesh, Scene, Settings
 
 
 def triangle() -> Scene:
-    """White, unlit, over black; covers 0.4 * 0.7 / 2 of the image, no edge along the pixels."""
+    """Return a white, unlit triangle over black that covers 0.4 * 0.7 / 2 of the image, without axis-aligned edges."""
     verts = np.array([[-0.2, -0.35, -1.0], [0.2, -0.31, -1.0], [-0.17, 0.35, -1.0]])
     camera = Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (40, 40))
     material = Material(ka=1.0, kd=0.0, ks=0.0, n=1.0)
@@ -32,7 +32,7 @@ def triangle() -> Scene:
 
 
 def area(scene: Scene) -> float:
-    """Of the triangle, as a share of the image: its plane is one unit away and one unit wide."""
+    """Return the triangle's fraction of the image, whose plane is one unit away and one unit wide."""
     (ax, ay, _), (bx, by, _), (cx, cy, _) = scene.meshes[0].verts
     return abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)) / 2.0
 
@@ -42,13 +42,13 @@ def test_the_reference_approaches_the_covered_area(device):
     found = reference(scene, base_settings(scene), device)
     assert found.rgb.shape == (40, 40, 3)
     assert found.samples == 256
-    # About 60 pixels hold an edge; 1/256 px is what vertices are snapped to, and 1/256 a pixel's coverage.
+    # About 60 pixels contain an edge; vertices are snapped to 1/256 px, and a pixel's coverage is a multiple of 1/256.
     assert found.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
     assert 0.0 < found.error < 0.02
 
 
 def test_more_samples_are_nearer_to_the_reference(device):
-    """Points of low discrepancy cover an edge's pixel right to about samples^-0.75: 1/23 from 1 to 64."""
+    """Low-discrepancy points give an edge pixel's coverage to about samples^-0.75: 1/23 from 1 to 64."""
     scene = triangle()
     base = base_settings(scene)
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
@@ -70,8 +70,8 @@ def test_the_mean_of_a_larger_image_is_the_mean_of_samples_on_a_grid(device):
 
 
 def test_tiles_make_the_same_image(device, monkeypatch):
-    """A moved principal point and a smaller plane: only the rounding of vertices to 1/256 px may differ, which moves edges,
-    and by so little that none passes a sample's place here."""
+    """A moved principal point and a smaller plane: only the rounding of vertices to 1/256 px may differ, which moves
+    edges so little that none crosses a sample here."""
     scene = triangle()
     scene = replace(scene, camera=replace(scene.camera, principal=(0.45, 0.6), plane=(1.1, 0.9)))
     whole = averaged(scene, device, base_settings(scene), 2, 4)
@@ -82,7 +82,7 @@ def test_tiles_make_the_same_image(device, monkeypatch):
 
 
 def places(scale: int, samples: int) -> set[tuple[float, float]]:
-    """Where in a pixel the samples lie of scale x scale pixels in its place."""
+    """Return the sample positions within a pixel that is divided into scale x scale pixels."""
     cells = itertools.product(range(scale), repeat=2)
     own = sample_pattern.positions(samples) / 256.0
     return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in own.tolist()}
@@ -94,11 +94,11 @@ def test_the_reference_samples_where_no_variant_does():
     for step in STEPS[:-1]:
         assert len(places(*step)) == step[0] ** 2 * step[1]
         assert not places(*step) & of_variants
-    assert places(*STEPS[-1]) <= of_variants  # only the last step's error is estimated by it
+    assert places(*STEPS[-1]) <= of_variants  # it only estimates the last step's error
 
 
 def test_images_too_large_for_many_samples_have_few():
-    """Of the largest image that there is, 4 samples; of a screen's, 64 and more."""
+    """The largest image has 4 samples, one of a screen's size 64 and more."""
 
     def steps(resolution):
         scene = builtin("quads", resolution=resolution)

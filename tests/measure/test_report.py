@@ -35,7 +35,7 @@ from clshade.scene.model import Settings
 
 
 def test_measured_errors_are_those_of_the_images(device):
-    """A planted error in the reference is found, the image's own arithmetic is not blamed for it."""
+    """A planted error in the reference is found, and not attributed to the image's own arithmetic."""
     scene = sphere()
     base = base_settings(scene)
     own = render(scene, settings=base, device=device).rgb.astype(np.float64)
@@ -53,7 +53,7 @@ def test_measured_errors_are_those_of_the_images(device):
 
 
 def test_the_root_mean_square_of_the_arithmetic():
-    """Not above the largest, and it counts the pixels without error."""
+    """It is not above the largest error, and includes the pixels without error."""
     from clshade import check
 
     frame = render(sphere())
@@ -76,8 +76,8 @@ def test_power_laws():
 
 
 def test_tessellation(device):
-    """Both shadings are of second order in the edge's length, so of first order in the number of triangles, once the
-    sphere's highlight, about 20 degrees wide, holds some of them."""
+    """Both shadings are of second order in the edge length, hence of first order in the number of triangles, once the
+    sphere's highlight, about 20 degrees wide, contains some of them."""
     found = tessellation(device, SMALL)
     gouraud, phong = found.errors["gouraud"], found.errors["phong"]
     assert found.triangles == tuple(20 * 4**level for level in range(7))
@@ -97,7 +97,7 @@ def test_formats(device):
     assert 0.0 < found["EXR pxr24"].largest <= brightest * 2.0**-16  # 15 bits are kept after the first
     for name in ("EXR half b44", "EXR half dwaa"):
         assert found["EXR half"].rmse < found[name].rmse < 0.1
-    # A step of the sRGB curve is at most 2.4/1.055 / 255 wide at white; above it all is lost.
+    # A step of the sRGB curve is at most 2.4/1.055 / 255 wide at white; brighter values are lost.
     assert found["PNG 8 bit srgb"].largest <= max(brightest - 1.0 + 0.005, 0.005)
     assert all(each.bytes > 100 and each.write_ms.median > 0.0 for each in found.values())
 
@@ -114,7 +114,7 @@ def test_tables():
 
 
 def test_labels_lie_apart():
-    """Eighteen names, six of them of points that nearly coincide, with a line through the middle."""
+    """Eighteen labels, six of them of nearly coincident points, with a line through the middle."""
     rng = np.random.default_rng(2)
     points = [*rng.uniform([40, 40], [560, 410], (12, 2)), *(np.array([300.0, 200.0]) + rng.uniform(-6, 6, (6, 2)))]
     sizes = [(w, 11.0) for w in rng.uniform(30, 90, 18)]
@@ -135,7 +135,7 @@ def test_labels_where_there_is_no_room():
 
 
 def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study:
-    """The study with so many variants of these times and errors."""
+    """Return the study with variants of these times and errors."""
     one = found.measured[0]
     error = one.approximation
     measured = [
@@ -156,7 +156,7 @@ def found(device) -> study.Study:
 
 
 def test_the_tables_fit_a_terminal(found):
-    """Also with names without end, and times of minutes."""
+    """Also with very long names, and times of minutes."""
     long = [replace(each, variant=replace(each.variant, name="many_letters" * 9)) for each in found.measured]
     slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
     lines = "\n".join(tables.lines(replace(found, measured=tuple(slow)))).splitlines()
@@ -241,13 +241,13 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
 
 @pytest.fixture
 def no_figure(monkeypatch):
-    """Drawing it takes seconds."""
+    """Skip the figure, which takes seconds to draw."""
     monkeypatch.setattr(figure, "plot", lambda study, path: path.touch())
 
 
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
 def test_the_options_named_draw_what_was_measured(device, name):
-    """Whatever the preset that `render` would take for the scene."""
+    """For any preset that `render` would use for the scene."""
     from clshade.cli.commands import render as command
 
     own = builtin(name)
@@ -269,7 +269,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
 
 @pytest.mark.usefixtures("no_figure")
 def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
-    """What was measured is there all the same."""
+    """The measurements are written all the same."""
     monkeypatch.setattr(report, "study", lambda *arguments: found)
     with pytest.raises(InputError, match=r"--tolerance: .*reference is good to \(the best, .* has .*\), found 1e-12"):
         report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())

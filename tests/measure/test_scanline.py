@@ -1,4 +1,4 @@
-"""The scanline renderer that speed is compared with draws the right image, or the comparison would be of nothing."""
+"""The scanline renderer, the baseline of speed comparisons, draws the correct image."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_scanline_is_the_oracle_but_for_edges(shader):
     image = scanline.render(scene, shader)[::-1]
     expected = oracle.render(scene, Settings.from_preset("course", shader=shader))
     apart = np.abs(image - expected.rgb).max(axis=2)
-    # Corners are not rounded to 1/256 pixel here: interpolation moves by as much, and a few pixels change owner.
+    # Corners are not snapped to 1/256 pixel here: interpolation shifts by as much, and a few pixels change owner.
     assert (apart > 0.05).mean() < 0.01
     assert np.median(apart[expected.id > 0]) < 1e-3
     assert ((image != 1.0).any(axis=2) == (expected.id > 0)).mean() > 0.995

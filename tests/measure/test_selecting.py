@@ -1,4 +1,4 @@
-"""Limits of `render`: what `--budget` and `--tolerance` choose, what they keep, what they refuse."""
+"""Limits of `render`: the choices, kept settings and refusals of `--budget` and `--tolerance`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def found(device) -> study.Study:
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Three variants, and a reference of 16 samples."""
+    """Use three variants, and a reference of 16 samples."""
     monkeypatch.setattr(auto_settings, "SHORT", (BASE, "samples-4", "gouraud"))
     monkeypatch.setattr(reference_module, "STEPS", ((2, 4), (2, 1), (1, 1)))
     monkeypatch.setattr(auto_settings, "FRAMES", 2)
@@ -35,7 +35,7 @@ def quick(monkeypatch):
 
 @pytest.mark.usefixtures("quick")
 def test_render_obeys(device, capsys, tmp_path):
-    """The settings that a limit chooses are those of the image that is written."""
+    """The image is written with the settings chosen for the limit."""
     command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
     code, out, err = run(capsys, *command, "--tolerance", "1000", "--stats", "--deterministic")
     assert (code, err) == (0, [])
@@ -53,7 +53,7 @@ def test_render_obeys(device, capsys, tmp_path):
 
 @pytest.mark.long
 def test_a_real_study_chooses(device):
-    """All of SHORT, a reference of 256 samples; no budget can be kept so surely that it could be asserted."""
+    """All of SHORT, with a reference of 256 samples; no budget is met reliably enough to be asserted."""
     scene = builtin("icosphere", level=2)
     best = select(scene, budget=1e6, device=device, resolution=(48, 36))
     assert set(best.tried) == {"unchanged", *auto_settings.SHORT} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
@@ -66,7 +66,7 @@ def test_a_real_study_chooses(device):
 
 @pytest.fixture
 def unmeasured(monkeypatch, found):
-    """Every variant costs and errs the same; the reference's settings are kept."""
+    """Give every variant the same cost and error; record the reference's settings."""
     monkeypatch.setattr(auto_settings, "_tried", lambda scene, each, *_: Candidate(each, 1.0, 0.5))
     monkeypatch.setattr(auto_settings, "_timed", lambda scene, tried, *_: tried)
 
@@ -88,7 +88,7 @@ def test_settings_that_are_given_stay(device):
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("given", [{"scene": sphere(), "preset": "course"}, {"scene": builtin("course")}])
 def test_a_preset_stays(device, given):
-    """Whether it is asked for or the scene's own: what is chosen and the reference are drawn as the course says."""
+    """Whether it is given or the scene's own: the choice and the reference both follow the course."""
     chosen = select(**given, budget=1e6, device=device, near=0.25)
     course = Settings.from_preset("course", near=0.25)
     assert chosen.settings == chosen.used.variant.settings(course)

@@ -1,4 +1,4 @@
-"""`stability`: every case passes, every case can fail, and what the command prints and writes."""
+"""`stability`: every case passes and every case can fail; the output and files of the command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TRIANGLES = 2000
 
 
 class Spoiled(Bench):
-    """A bench with an error planted in all that it gives, another one at every call."""
+    """A bench with an error planted in all its results, a different one in every call."""
 
     calls = 0
 
@@ -51,7 +51,7 @@ class Spoiled(Bench):
 
 
 def cases() -> list:
-    """Every case; the slow ones with -m long."""
+    """Return every case, the slow ones marked long."""
     return [pytest.param(case, id=name, marks=[pytest.mark.long] * case.slow) for name, case in CASES.items()]
 
 
@@ -64,7 +64,8 @@ def test_every_case_passes(device, case, tmp_path):
 
 @pytest.mark.parametrize("case", cases())
 def test_every_case_can_fail(device, case, tmp_path):
-    """An image wrong in one pixel, light off by a quarter, a texel by 1e-5, a file by 1: found by whom it concerns."""
+    """An image wrong in one pixel, light off by a quarter, a texel by 1e-5, a file by 1: found by the cases
+    affected."""
     assert not case.run(Spoiled(device, tmp_path, triangles=TRIANGLES)).passed
 
 
@@ -98,7 +99,7 @@ def test_rational_and_integer_coverage_agree():
 
 
 def test_rational_coverage_notices_an_edge():
-    """A square's right column and bottom row of centers lie on its edges, and are not its own."""
+    """A square's right column and bottom row of centers lie on its edges, and do not belong to it."""
     square = np.array([[128, 128], [1152, 128], [128, 1152]])
     mask = flat.rational_mask(square, 6, 6)
     assert not mask[0].any()
@@ -119,7 +120,7 @@ def test_the_worst_of_several():
 
 
 def test_naive_forms_are_worse(device, tmp_path):
-    """What the figure compares with is what it says: off where float32 is, right where it is not."""
+    """The baselines of the figure are as described: wrong where float32 is, correct elsewhere."""
     bench = Bench(device, tmp_path)
     highlight = curves.exponent(bench, 3.0)
     for curve in (highlight, curves.offset(bench), curves.distance(bench)):

@@ -1,4 +1,4 @@
-"""The variants of `report`: which there are, which change something of a scene, which the device can draw."""
+"""The variants of `report`: which exist, which change the image of a scene, which the device can draw."""
 
 from __future__ import annotations
 

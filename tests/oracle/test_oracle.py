@@ -60,13 +60,13 @@ def test_vertex_normals():
     assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]])).any()
     for scale in (1e-150, 1e150):
         assert close(normals.vertex_normals(verts * scale, faces), found, atol=1e-15)
-    # A larger face counts for more: twice the area, twice the weight.
+    # Faces are weighted by area: twice the area, twice the weight.
     folded = normals.vertex_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]]), [[0, 1, 2], [0, 3, 1]])
     assert close(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
 
 
 def test_errors_of_vertex_normals_of_slivers():
-    """Beside extended precision: never more than they say, of slivers some thousand times what a square loses."""
+    """Against extended precision: never above the estimate; for slivers some thousand times the error of a square."""
     rng = np.random.default_rng(3)
     shares = []
     for width in (1.0, 1e-2, 1e-4, 1e-6):
@@ -81,10 +81,10 @@ def test_errors_of_vertex_normals_of_slivers():
             exact /= np.sqrt((exact * exact).sum(axis=1, keepdims=True))
             off = np.sqrt(((normals.vertex_normals(verts, faces) - exact) ** 2).sum(axis=1)).astype(np.float64)
             allowed = normals.vertex_normal_errors(verts, faces)
-            assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and what normalizing rounds
+            assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and the rounding of normalization
             shares.append((off / allowed).max())
         assert 1e-16 / width < allowed.max() < 1e-13 / width
-    assert max(shares) > 0.02  # it is no bound that holds for nothing
+    assert max(shares) > 0.02  # the bound is not far too large
     lone = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]])
     assert normals.vertex_normal_errors(lone, [[0, 1, 2], [0, 2, 1]]).tolist() == [0.0] * 4
     assert not normals.vertex_normal_errors(lone, np.zeros((0, 3), int)).any()
@@ -119,7 +119,7 @@ def test_near_clip_lands_on_the_plane_and_agrees_between_neighbors():
             assert close(weights.sum(axis=1), 1, atol=1e-12)
             assert close(weights @ corners, points, atol=1e-12)
             cuts.append({tuple(p) for p in points.tolist() if p[2] == 0.5})
-        assert len(cuts[0] & cuts[1] & cuts[2]) == 1  # the cut of the shared edge a-b, to the last bit
+        assert len(cuts[0] & cuts[1] & cuts[2]) == 1  # the cut of the shared edge a-b, bit-identical
 
 
 def test_pieces_pass_drop_and_cut():
@@ -129,7 +129,7 @@ def test_pieces_pass_drop_and_cut():
     huge = [[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]]
     aside = [[1e6, 0, 4], [2e6, 1, 4], [2e6, 2, 4]]
     cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, transform.Lens(*VIEW))
-    assert cut.face.tolist()[:4] == [0, 0, 2, 3]  # in the order of the faces
+    assert cut.face.tolist()[:4] == [0, 0, 2, 3]  # in face order
     assert set(cut.face.tolist()) == {0, 2, 3}
     assert np.array_equal(cut.weights[2], np.eye(3))
     assert (cut.z >= 0.1).all()
@@ -153,7 +153,8 @@ def test_guard_band_of_an_oblong_image():
 
 
 def exact_mask(xy, columns: int, rows: int) -> np.ndarray:
-    """The top-left rule in rationals: a center that is moved a little to the right, and far less down, is inside."""
+    """Apply the top-left rule in rationals: a center displaced a little to the right, and far less down, must be
+    inside."""
     mask = np.zeros((rows, columns), bool)
     for row in range(rows):
         for column in range(columns):
@@ -194,7 +195,7 @@ def test_edges_own_their_points():
 
 @pytest.mark.parametrize("turn", range(12))
 def test_shared_edges_are_drawn_once(turn):
-    """A disc of twelve needles round a pixel center, and the ring of quads outside: nowhere twice, no hole."""
+    """A disc of twelve needles around a pixel center, and a ring of quads outside: no overlap, no hole."""
     angle = (np.arange(12) + turn / 12) * math.pi / 6
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inner, outer = (np.rint(16.5 * 256 + r * 256 * ring).astype(int) for r in (6, 15))
@@ -307,36 +308,36 @@ def test_conditioning_budget_and_gate():
     assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
     found = shade.budget(np.array([0.5, 1, 3]), np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3), [[2.0, 2, -2]] * 2)
     assert close(found, [2.1, 2.1, 6.1])
-    # Seen along parallel lines directions to the eye are exact, and coordinates count from the origin.
+    # In orthographic projection directions to the eye are exact, and coordinates are relative to the origin.
     beside = point[:1] + [0, 0, 1]
     assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights, True) == pytest.approx(1e6)
     assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights * 1e9, True) == pytest.approx(1)
 
 
 def jump(light, n=2.0, normal=(0.0, 0, 1), length=1.0, **options):
-    """By how much a light may jump at (2, 0, -2), which the eye sees at 45 degrees to its normal."""
+    """Return the possible jump of the light at (2, 0, -2), which the eye sees at 45 degrees to its normal."""
     point, lights = np.array([[2.0, 0, -2]]), np.array([light])
     around = np.array([2.0]), np.array([length]), np.float64(n)
     return shade.jumps(point, np.array(normal), *around, np.zeros(3), lights, np.array([[1.0, 2, -3]]), **options)[0]
 
 
 def test_highlights_that_may_be_decided_either_way():
-    """A light 1 away and 3 from the eye has kappa 3: 3e-6 of N.L and R.V are in doubt."""
+    """A light at distance 1, and 3 from the eye, has kappa 3: 3e-6 of N.L and R.V are uncertain."""
     for height in (2.9e-6, -2.9e-6):  # N.L; R.V is sqrt(1/2)
         assert close(jump((3, 0, -2 + height)), [0.5, 1, 1.5], rtol=1e-5)
         assert close(jump((3, 0, -2 + height), n=20.0), np.array([1, 2, 3]) / 1024, rtol=1e-4)
     assert not jump((3, 0, -2 + 3.1e-6)).any()
     assert not jump((3, 0, -2 - 3.1e-6)).any()
-    # R.V < 0 where the light is beyond the point's other side: nothing behind the gate.
+    # R.V < 0 if the light is on the point's other side: no highlight behind the gate.
     assert not jump((1, 0, -2)).any()
-    # The mean normal's length: 1/10 leaves 1e-5 in doubt.
+    # With a mean normal of length 1/10, 1e-5 is uncertain.
     assert close(jump((3, 0, -2 + 9.9e-6), length=0.1), [0.5, 1, 1.5], rtol=1e-4)
-    # The light towards the eye: R.V = 0. What is behind the gate is next to nothing where n is not.
+    # The light is towards the eye: R.V = 0. Unless n is tiny, the highlight behind the gate is negligible.
     assert close(jump((1, 0, -1), n=0.0), [1, 2, 3])
     assert close(jump((1, 0, -1), n=1.0), [0, 0, 0], atol=1e-5)
     assert jump((1, 0, -1), n=0.5).max() > 1e-3
     assert not jump((1, 0, -1.001), n=0.0).any()
-    # R.V of some 1e-5 and 2e-5: with precision fast, kappa 3 leaves 3.3e-5 in doubt.
+    # R.V of some 1e-5 and 2e-5: with precision fast and kappa 3, 3.3e-5 are uncertain.
     for height, doubtful in ((1.5e-5, False), (-1.5e-5, False), (1.5e-5, True), (-3e-5, True)):
         gate = shade.FAST_GATE if doubtful else shade.GATE
         assert jump((1, 0, -1 + height), n=0.0, gate=gate).any() == doubtful
@@ -398,7 +399,7 @@ def test_steepness_is_the_slope_of_the_highlight():
 
 
 def test_the_budget_holds_the_light():
-    """Tinted ambient light too, whatever the surface's color."""
+    """Also with tinted ambient light, for any color of the surface."""
     color, ambient, zero = np.array([9.0, 0.5, 1.0]), np.full(3, 0.25), np.zeros(3)
     for tinted in (False, True):
         light = shade.light(

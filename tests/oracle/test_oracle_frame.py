@@ -1,4 +1,4 @@
-"""Whole frames of the oracle against closed forms, and the comparators against planted errors."""
+"""Whole frames of the oracle against closed forms, and the comparisons against planted errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
 
 
 def quad(half: float = 1.0, z: float = 0.0, **fields) -> Mesh:
-    """A square facing the camera, counter-clockwise, lower-left corner first."""
+    """Return a square facing the camera, counter-clockwise, lower-left corner first."""
     verts = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
     return Mesh(verts, QUAD, **fields)
 
@@ -55,7 +55,7 @@ def test_floor_through_the_eye_plane():
     below = (np.arange(16, 32) - 15.5) / 32  # of rows 16 to 31 from the top, at distance 1
     assert not frame.id[:16].any()
     assert (frame.id[16:, 14:18] == 1).all()
-    # Snapping moves the edges' ends, and the depth with them, by up to 1/512 px of the 1/2 px to the horizon.
+    # Snapping moves the ends of edges, and the depth with them, by up to 1/512 px of the 1/2 px to the horizon.
     assert close(frame.Z[16:, 16], 1 / below, rtol=1 / 200)
     assert np.isfinite(frame.rgb).all()
 
@@ -64,20 +64,20 @@ def test_floor_through_the_eye_plane():
 def test_coordinates_beyond_float32_are_harmless(far):
     frame = draw(Mesh(np.array([[-far, -far, 0], [far, -far, 0], [0, far, 0]]), [[0, 1, 2]]), quad(z=1.0), near=0.1)
     assert np.isfinite(frame.rgb).all()
-    assert (frame.id[10:22, 10:22] >= 2).all()  # the quad before it is intact
+    assert (frame.id[10:22, 10:22] >= 2).all()  # the quad in front of it is intact
 
 
 # Frames
 
 
 def pixel_position(row: int, column: int, z: float = 0.0) -> np.ndarray:
-    """Where the ray of a pixel of CAMERA meets the plane at height z."""
+    """Return the intersection of a pixel's ray of CAMERA with the plane at height z."""
     step = (4 - z) / 32
     return np.array([(column - 15.5) * step, (15.5 - row) * step, z])
 
 
 def phong(point, normal, light=LIGHT, eye=(0, 0, 4), ka=0.1, kd=0.8, ks=0.5, n=20.0, ambient=0.3):
-    """The reflection model once more, for one white point, in plain vectors."""
+    """Evaluate the reflection model independently, for one white point, in plain vectors."""
     to_light, to_eye = light.position - point, np.array(eye) - point
     to_light, to_eye = to_light / math.hypot(*to_light), to_eye / math.hypot(*to_eye)
     n_l = normal @ to_light
@@ -119,7 +119,7 @@ def test_gouraud_interpolates_the_corners():
 
 
 def test_interpolation_on_a_slanted_quad():
-    """Color 0 at depth 2 and 1 at depth 6: half way in the image perspective gives 1/4, affine 1/2."""
+    """Color 0 at depth 2 and 1 at depth 6: halfway in the image, perspective gives 1/4, affine 1/2."""
     verts = np.array([[-1.0, -1, 2], [3, -3, -2], [3, 3, -2], [-1, 1, 2]])  # its sides are at u = 0 and u = 32
     mesh = Mesh(verts, QUAD, colors=np.array([[0.0] * 3, [1] * 3, [1] * 3, [0] * 3]))
     middle = {how: draw(mesh, shader="nolight", interpolation=how).rgb[16] for how in ("affine", "perspective")}
@@ -137,7 +137,7 @@ def test_visibility():
             assert (frame.Z[14:18, 14:18] == 3).all()
             assert (frame.Z[9, 16], frame.id.max()) == (np.inf, 4)
         assert set(np.unique(draw(quad(), quad(), preset=preset).id)) == {0, 3, 4}  # equal: the later face
-    # Painter's looks at the mean: the slanted triangle's (12/3) is behind the flat one's although it sticks out.
+    # Painter's order uses the mean: the slanted triangle's (12/3) is behind the flat one's, although it protrudes.
     slanted = Mesh(np.array([[-1.0, -1, 2], [1, -1, -2], [0, 1, -1]]), [[0, 1, 2]])
     flat = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]])
     seen = {v: draw(slanted, flat, visibility=v).id for v in ("painter", "depth")}
@@ -147,7 +147,7 @@ def test_visibility():
 
 
 def test_clipped_pieces_keep_the_painters_depth():
-    """Depths 6, 6 and -9: the mean 1 lies before the square at 2, the mean of what is left after clipping does not."""
+    """Depths 6, 6 and -9: the mean 1 is in front of the square at 2, that of the clipped piece is not."""
     straddling = Mesh(np.array([[-3.0, -1, -2], [3, -1, -2], [0, -1, 13]]), [[0, 1, 2]])
     frame = draw(straddling, quad(2.0, z=2.0), visibility="painter")
     alone = draw(straddling)
@@ -162,7 +162,7 @@ def test_batches_change_nothing(monkeypatch):
         settings = Settings(visibility=visibility)
         monkeypatch.setattr(coverage, "samples", samples)
         whole = oracle.render(scene, settings)
-        assert whole.id[whole.id > 0].min() > 400  # each face has a twin, the later of which is seen
+        assert whole.id[whole.id > 0].min() > 400  # each face has a twin, the later of which is visible
         for limit in (150, 3000):
             monkeypatch.setattr(coverage, "samples", partial(samples, limit=limit))
             assert np.array_equal(oracle.render(scene, settings).id, whole.id)
@@ -206,7 +206,7 @@ def test_background_and_empty_scenes():
 
 
 def test_textured_light():
-    """Ambient `plain` is not multiplied by the texel, all else is; course lookups replace the vertex color."""
+    """Ambient `plain` is not multiplied by the texel, everything else is; course lookups replace the vertex color."""
     image = np.array([[[0.0, 0.25, 0.5], [1, 0.75, 0.5]]], np.float32)
     u = (np.arange(16) + 0.5) / 16
     for lookup in ("standard", "course"):
@@ -243,7 +243,7 @@ def test_texture_rows_go_up_with_v():
 
 
 def blob(count: int = 400, seed: int = 6) -> Mesh:
-    """Triangles of all sizes round the origin, some of them behind the eye."""
+    """Return triangles of all sizes around the origin, some of them behind the eye."""
     rng = np.random.default_rng(seed)
     verts = rng.normal(size=(count, 1, 3)) * [1, 1, 2] + rng.normal(size=(count, 3, 3)) * rng.uniform(
         0.05, 1, (count, 1, 1)
@@ -287,11 +287,11 @@ def test_sample_and_depth_at_agree_with_render(preset):
             assert (oracle.depth_at(scene, settings, face, rows.ravel(), columns.ravel()) >= frame.Z.ravel()).all()
 
 
-# Comparators
+# Comparisons
 
 
 class Rounded(SimpleNamespace):
-    """An oracle frame in the types of a rendered one."""
+    """An oracle frame with the types of a rendered one."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.layers[name]
@@ -339,7 +339,7 @@ def test_comparators_find_planted_errors(case, message, plant):
 
 
 def test_depth_ties_are_excepted_only_with_proof():
-    """The eye is 4 away: 2^-38 of it is 1.5e-11."""
+    """The eye is at distance 4, of which 2^-38 is 1.5e-11."""
     scene = Scene((quad(), quad(z=-1e-12), quad(z=-3e-11)), CAMERA)
     settings = Settings()
     expected = oracle.render(scene, settings)
@@ -372,7 +372,7 @@ def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
 
 
 def test_pixels_covered_beside_their_center_are_covered(case):
-    """Found by the fuzzer: of an image in which no sample nearest a center is covered, three pixels were too many."""
+    """Found by the fuzzer: if no sample nearest to a center was covered, three excepted pixels counted as too many."""
     expected, frame = case[0], rounded(case[0])
     at = tuple(np.argwhere(expected.id > 0)[:3].T)
     frame.rgb[at] += 0.5 * expected.budget[at].astype(np.float32)

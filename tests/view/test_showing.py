@@ -1,4 +1,4 @@
-"""What notebooks show of frames and scenes: through IPython's formatters where it is installed, else by its methods."""
+"""Display of frames and scenes in notebooks: through IPython's formatters if installed, else by their methods."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def frame_of(rgba, layers=None, **changes):
 
 @pytest.fixture
 def frame():
-    """Red above, green below; a layer of each kind."""
+    """Return a frame, red above and green below, with a layer of each kind."""
     rgba = np.zeros((6, 8, 4))
     rgba[:3, :, 0] = rgba[3:, :, 1] = rgba[..., 3] = 1.0
     depth = np.full((6, 8), np.inf, np.float32)
@@ -102,7 +102,7 @@ def test_show_opens_a_viewer_outside_of_notebooks(frame, monkeypatch):
             shown.append((np.asarray(image), title))
             return True
 
-    # Pillow's last one, which would print the object, counts for none.
+    # Pillow's last viewer, which would print the object, counts as none.
     monkeypatch.setattr(ImageShow, "_viewers", [ImageShow.IPythonViewer(), Viewer()])
     assert frame.show() is None
     assert frame.show("none", exposure=-1.0) is None
@@ -132,7 +132,7 @@ def test_show_in_a_notebook(frame, monkeypatch):
 
 
 def drawn(monkeypatch):
-    """What `render` is given from now on."""
+    """Record the arguments of `render` from now on."""
     calls = []
 
     def render(scene, **options):
@@ -204,7 +204,7 @@ def test_a_scene_on_the_device(opened):
 
 
 def test_words():
-    """What a terminal shows: a line, however much there is."""
+    """In a terminal: one line, for any content."""
     scene = clshade.builtin("quads")
     assert repr(replace(scene, meshes=(), lights=(), name="")).startswith(
         "<Scene unnamed: 0 triangles, 0 meshes, 0 lights, "
