@@ -127,6 +127,33 @@ def test_undefined_low_parts_count_as_zero(device):
             assert np.abs(colors.to_host()[0, :3] - expected_of(uv, np.array([index]))).max() <= MEAN
 
 
+GATHER = """
+#include "rows.clh"
+kernel void rows(global const int *index, global const float4 *table, global REAL *out)
+{
+    int first = get_global_id(0) * LANES, row[LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        row[lane] = index[first + lane];
+    reals4 found = gather(table, row);
+    REAL x[LANES], y[LANES], z[LANES], w[LANES];
+    STORE_LANES(found.x, x);
+    STORE_LANES(found.y, y);
+    STORE_LANES(found.z, z);
+    STORE_LANES(found.w, w);
+    for (int lane = 0; lane < LANES; ++lane)
+        vstore4((float4)(x[lane], y[lane], z[lane], w[lane]), first + lane, out);
+}
+"""
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+def test_rows_are_gathered_whole(device, lanes):
+    """All four components, in every lane."""
+    table = np.arange(160, dtype=np.float32).reshape(40, 4)
+    index = np.random.default_rng(3).permutation(40)[:32].astype(np.int32)
+    assert np.array_equal(Probe(device, GATHER, lanes=lanes)("rows", index, table, width=4), table[index])
+
+
 FOOTPRINT = """
 #include "texture.clh"
 kernel void texels(global const REAL *high, global const REAL *low, global const int *size, global const int *wrap,
