@@ -65,7 +65,7 @@ TESTS = {
     "kernels/project.cl": "kernel_project",
     "kernels/reals.clh": "kernel_numerics",
     "kernels/resolve.clh": "sampling",
-    "kernels/rows.clh": "kernel_bilerp kernel_bilerp kernel_phong",
+    "kernels/rows.clh": "kernel_bilerp kernel_phong",
     "kernels/samples.clh": "kernel_bin kernel_fill sampling",
     "kernels/setup.cl": "kernel_setup",
     "kernels/surface.clh": "kernel_phong kernel_fill nonfinite materials",
