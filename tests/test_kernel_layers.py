@@ -15,7 +15,7 @@ from clshade.pipeline.programs import build
 
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return layout.SINGLE.Triangle rows as `setup` writes them for snapped corners (F, 3, 2) and depths (F, 3)."""
+    """Return struct_layout.SINGLE.Triangle rows as `setup` writes them; xy: snapped (F, 3, 2). z: depths (F, 3)."""
     rows = np.zeros(len(xy), struct_layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z

@@ -73,12 +73,12 @@ class Probe:
 
 
 def boxes_of(bounds: Array) -> Array:
-    """Return first column, first row, last column, last row (T, 4) of layout.SINGLE.Bounds rows."""
+    """Return first column, first row, last column, last row (T, 4) of struct_layout.SINGLE.Bounds rows."""
     return (bounds["box"][:, None] >> np.array([0, 16, 32, 48], np.uint64) & np.uint64(0xFFFF)).astype(np.int64)
 
 
 def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
-    """Return the layout.SINGLE.View of a camera, with the oracle's axes."""
+    """Return the struct_layout.SINGLE.View of a camera, with the oracle's axes."""
     view = np.zeros(1, struct_layout.SINGLE.View)
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
@@ -273,7 +273,7 @@ class Pipeline:
 
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
-    """Return layout.SINGLE.Material rows with the given members; kd, ks and n are 1 by default."""
+    """Return struct_layout.SINGLE.Material rows with the given members; kd, ks and n are 1 by default."""
     rows = np.zeros(count, struct_layout.SINGLE.Material)
     rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
     for name, value in fields.items():
@@ -282,7 +282,7 @@ def material_rows(count: int = 1, **fields: Any) -> Array:
 
 
 def light_rows(positions: Array, intensities: Array) -> Array:
-    """Return layout.SINGLE.Light rows."""
+    """Return struct_layout.SINGLE.Light rows."""
     rows = np.zeros(len(positions), struct_layout.SINGLE.Light)
     rows["position"], rows["intensity"] = positions, intensities
     return rows

@@ -21,7 +21,8 @@ class Inputs:
     """Inputs of the pixel stages: F triangles without shared vertices, lights and materials.
 
     xy: (F, 3, 2) snapped. z: (F, 3). points, normals, colors: (F, 3, 3) float32; points are relative to the eye, in the
-    image's axes. materials: layout.SINGLE.Material rows. face_materials: (F,). lights: layout.SINGLE.Light rows.
+    image's axes. materials: struct_layout.SINGLE.Material rows. face_materials: (F,). lights:
+    struct_layout.SINGLE.Light rows.
     """
 
     xy: Array

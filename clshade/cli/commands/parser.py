@@ -43,7 +43,7 @@ _REMARKS = {
     "version": "`clshade --version` prints it",
 }
 _IMAGES = (".exr", ".png")
-_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # of loading.EXTENSIONS, which would import NumPy
+_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # formats.load.EXTENSIONS, whose import loads NumPy
 
 
 class Parser(argparse.ArgumentParser):

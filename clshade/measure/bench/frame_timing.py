@@ -57,7 +57,8 @@ class FrameTiming:
 
     @property
     def figures(self) -> dict[str, float | None]:
-        """Return rates: triangles and covered pixels in 1e6 per second, bytes and flops in 1e9 per second."""
+        """Time in ms, peak memory, and rates: triangles and covered pixels in 1e6 per second, bytes and flops in
+        1e9."""
         return {
             "ms": self.ms,
             "mtri_s": self.triangles / self.ms / 1e3,

@@ -313,8 +313,8 @@ def flaw(scene: Any) -> str:
 
 
 def load_problem(folder: Path, sample: Sample) -> str:
-    """Load the files of a sample from `folder`, with `load` or `read_picture`, and return what went wrong; "" if
-    nothing."""
+    """Write the files of a sample to `folder`, load them with `load` or `read_picture`, and return what went wrong; ""
+    if nothing."""
     for name, data in sample.files.items():
         (folder / name).write_bytes(data)
     options: dict[str, Any] = dict(sample.options)

@@ -92,9 +92,9 @@ def select(
     """Select the most accurate variant within `budget` milliseconds per frame, or the fastest with an RMSE of at most
     `tolerance`.
 
-    fields: fields of Settings that are kept, also in the reference; those of a given preset and those of a scene whose
-    preset is not `standard` are kept too. The variants of SHORT change the others. Raises DeviceError, and InputError
-    if no variant meets the limit.
+    fields: fields of Settings that are kept, also in the reference. If a preset is given, or the scene's is not
+    `standard`, all fields that differ between presets are kept too. The variants of SHORT change the others. Raises
+    DeviceError, and InputError if no variant meets the limit.
     """
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it

@@ -40,7 +40,7 @@ class Study:
 
     @property
     def front(self) -> list[Measured]:
-        """Return the Pareto front of the variants, fastest first."""
+        """Pareto front of the variants, fastest first."""
         return front(self.measured)
 
     def sampling(self) -> dict[str, tuple[float, float]]:

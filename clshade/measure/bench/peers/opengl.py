@@ -102,7 +102,7 @@ def _context(name: str) -> Any:
     try:
         with _only_software(name == "llvmpipe"):
             context = moderngl.create_context(standalone=True, **BACKEND)
-    except Exception as error:  # moderngl's library loader raises any exception
+    except Exception as error:  # moderngl's library loader may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MissingPeer(f"{name}: no OpenGL context by EGL: {reason} (on Debian: {DEBIAN})") from None
     renderer = context.info["GL_RENDERER"]
