@@ -40,8 +40,8 @@ def run(
     Returns True if every variant's arithmetic is within its bounds.
 
     names: variants; default: all that change the image of this scene. frames: number per variant. budget: milliseconds.
-    tolerance: RMSE. Raises DeviceError, OutputError, and InputError, also, once all files are written, if no variant
-    meets the budget or tolerance.
+    tolerance: RMSE. Raises DeviceError, OutputError and InputError; the last also if no variant meets the budget or
+    tolerance, but only after all files are written.
     """
     stream = stream or sys.stdout
     if frames < 1:
