@@ -162,9 +162,7 @@ def _gouraud(batch: Batch) -> Shaded:
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
     kappa = shade.conditioning(*place, eye, lights.positions, parallel)
     kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
-    jump = shade.jumps(
-        points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate
-    )
+    jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate)
     jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)

@@ -20,9 +20,9 @@ def _snap(pixels: Array) -> Array:
 
 
 def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
-    """Fill `vertices` (V,) layout.SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space.
+    """Fill `vertices` (V,) struct_layout.SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space.
 
-    view: one row of layout.SINGLE.View.
+    view: one row of struct_layout.SINGLE.View.
     """
     d = positions.astype(np.float64) - view["eye"]
     m = view["axes"]

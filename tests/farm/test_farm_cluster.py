@@ -74,6 +74,7 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
     assert len(written) == 2 * COUNT
 
 
+@pytest.mark.long
 def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
     """The other worker draws its frames, and in the next run, of which the stopped one never hears, all of them;
     without a limit the silent worker is reported and waited for."""

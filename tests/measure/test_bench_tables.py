@@ -12,6 +12,7 @@ import pytest
 from command_line import assert_refused, run
 from speeds import SMALL, drawn_with, made_up, small_speed
 
+from clshade.base import text_tables
 from clshade.errors import ClshadeError
 from clshade.images import png
 from clshade.measure.bench import bench, figure, results, scaling, starting, tables, workloads
@@ -92,7 +93,7 @@ def test_the_tables_hold_what_was_found():
     for block in tables.markdown(small_speed()).split("\n\n"):
         if block.startswith("|"):
             assert len({line.count("|") for line in block.splitlines()}) == 1, block
-    rows = list(csv.DictReader(io.StringIO(tables.tables.as_csv(tables.CSV, tables.csv_rows(small_speed())))))
+    rows = list(csv.DictReader(io.StringIO(text_tables.as_csv(tables.CSV, tables.csv_rows(small_speed())))))
     assert [(row["workload"], row["peer"]) for row in rows] == [
         ("w", ""),
         *[("triangles-fixed", ""), ("triangles-10", ""), ("triangles-100", ""), ("triangles-1000", "")],

@@ -19,10 +19,10 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.renderer import Renderer
-from clshade.scene import model as scene_module
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.settings import PRESETS, SHADERS
 
 LAYERS = ("Z", "id")
 EXPONENTS = (1.0, 20.0, 200.0, 1e4)
@@ -68,7 +68,7 @@ EVERY_DAY = {
 
 def combinations() -> list[Any]:
     """Return every built-in scene with every preset and shader."""
-    every = itertools.product(SCENES, scene_module.PRESETS, scene_module.SHADERS)
+    every = itertools.product(SCENES, PRESETS, SHADERS)
     return [pytest.param(*case, marks=[] if case in EVERY_DAY else pytest.mark.long) for case in every]
 
 
