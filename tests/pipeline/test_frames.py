@@ -126,7 +126,6 @@ def test_the_comparison_notices_another_scene(device):
 # Another scene: the following tests share few feature masks
 
 
-PRESETS = ("standard", "course")
 COURSE_LONG = ("standard", pytest.param("course", marks=pytest.mark.long))
 
 
