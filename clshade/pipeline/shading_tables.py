@@ -63,7 +63,7 @@ def material_table(
 
 
 def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
-    """Return rows of struct_layout.SINGLE.Texture and the texels of all textures, concatenated, (X, 4) float32; with `mipmaps`
+    """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
     each texture is followed by its smaller levels, which are opaque."""
     table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
     offset, parts = 0, []

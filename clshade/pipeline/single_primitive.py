@@ -152,7 +152,7 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
 
 
 def _pieces(corners: Array) -> Array:
-    """Return struct_layout.SINGLE.Piece rows of a triangle (3, 2) in image coordinates: itself, or its parts within the guard
+    """Return `struct_layout.SINGLE.Piece` rows of a triangle (3, 2), image coordinates: itself, or its parts in the guard
     band."""
     if (np.abs(corners) <= struct_layout.GUARD_PIXELS).all():
         table = np.zeros(1, struct_layout.SINGLE.Piece)
