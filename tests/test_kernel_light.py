@@ -72,7 +72,7 @@ def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("n", [4.0, 20.0, 200.0, 1e4, 1e6, 1e9])
 def test_highlights_own_relative_error(device, n):
-    """Inside the lobe at most 16 * sqrt(n) * 2^-24 (clshade/measure/README.md, "Stability").
+    """Inside the lobe at most 16 * sqrt(n) * 2^-24 (clshade/measure/README.md, "Bounds, and where they come from").
 
     |R-V| = d <= sqrt(2/n) there. A direction errs by up to 6 units of 2^-24 (normalization); with the normal's own
     rounding, and its error entering twice, about 16 units in R-V, hence n*d*16 <= 16*sqrt(2n) of the power, if all

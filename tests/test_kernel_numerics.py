@@ -168,7 +168,7 @@ def test_results_below_the_range_are_zero_and_never_denormal(probe):
 def test_power_inside_the_lobe(probe, n):
     """The power's condition number in t is n*t/(1-t) <= 1.3 inside the lobe (x^n >= 1/e), so the error does not grow
     with n: |y| = n*|log2(1-t)| <= 1.45 has the logarithm's 3 of 2^-24 and one rounding, times ln 2 in the result, plus
-    exp2's 1.6: below 6 of 2^-24. 16*sqrt(n) are allowed (clshade/measure/README.md, "Stability")."""
+    exp2's 1.6: below 6 of 2^-24. 16*sqrt(n) are allowed (clshade/measure/README.md, "Bounds, and where they come from")."""
     lobe = 1.0 if n < 4.0 else -np.expm1(-1.0 / n)
     lobe = 0.2928 if n < 4.0 else lobe  # where the logarithm is accurate
     t = float32(lobe * np.concatenate([random().uniform(0.0, 1.0, 20_000), np.exp2(-random().uniform(0, 60, 5_000))]))
