@@ -18,8 +18,8 @@ from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
+from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame import SAVING, SavingOptions, check_output
-from ..pipeline.renderer import effective_settings
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.settings import FrameOptions

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.validation import known, value_error
+from ..base.validation import value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
-from ..scene.settings import Preset, RenderOptions, SettingsFields
+from ..scene.settings import Preset, RenderOptions
 from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
 from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back
+from .effective_settings import effective_settings
 from .features import ignored
 from .frame import Frame
 from .launches import lookup_stages, scene_stages
@@ -35,44 +36,12 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
-_KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
-_KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
-_KEYWORD_REMARKS = dict.fromkeys(
-    ("camera", "lights", "background"),
-    "it is a part of the scene, see dataclasses.replace; Renderer(scene).render(camera) takes other cameras",
-)
 _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
 def _clock() -> float:
     """Return this thread's running time in seconds, without time spent waiting for a compiler."""
     return time.perf_counter() - programs.waited()
-
-
-def effective_settings(
-    scene: Scene,
-    preset: Preset | None = None,
-    settings: Settings | None = None,
-    resolution: tuple[int, int] | None = None,
-    **fields: Unpack[SettingsFields],
-) -> tuple[Scene, Settings]:
-    """Return the scene and settings that a call's arguments mean: `resolution` replaces the resolution of the scene's
-    camera; the other fields replace those of `settings`, or of the preset (default: the scene's own)."""
-    if not isinstance(scene, Scene):
-        raise value_error(
-            "render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene
-        )
-    allowed = (*Settings.__dataclass_fields__, *_KEYWORDS)
-    known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
-    if resolution is not None:
-        scene = replace(scene, camera=scene.camera.with_resolution(resolution))
-    if settings is None:
-        return scene, Settings.from_preset(scene.preset if preset is None else preset, **fields)
-    if preset is not None:
-        raise InputError("render: settings: expected either settings or a preset, found both")
-    if not isinstance(settings, Settings):
-        raise value_error("render", "settings", "a Settings", settings)
-    return scene, replace(settings, **fields)
 
 
 @dataclass

@@ -12,8 +12,8 @@ from clshade.base.spelling import hint, nearest
 from clshade.cli.main import COMMANDS, _parser
 from clshade.errors import InputError
 from clshade.images import exr
+from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import effective_settings
 from clshade.scene.builtin.scenes import BUILTINS, builtin
 from clshade.scene.model import Settings
 

@@ -27,7 +27,8 @@ from clshade.measure.report.measure import measure
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.tessellation import loglog_slope, tessellation
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
-from clshade.pipeline.renderer import effective_settings, render
+from clshade.pipeline.effective_settings import effective_settings
+from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

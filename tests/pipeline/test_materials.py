@@ -9,7 +9,8 @@ import pytest
 
 from clshade import oracle
 from clshade.measure.check.oracle_bounds import assert_frame
-from clshade.pipeline.renderer import Renderer, effective_settings
+from clshade.pipeline.effective_settings import effective_settings
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
-from clshade.pipeline.renderer import effective_settings
+from clshade.pipeline.effective_settings import effective_settings
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 from clshade.scene.model import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ...images.metrics import rmse
+from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
-from ...pipeline.renderer import Renderer, effective_settings
+from ...pipeline.renderer import Renderer
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from .measure import frame_ms, frame_times
