@@ -13,12 +13,7 @@ from ..scene.settings import Preset, SettingsFields
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-_KEYWORDS = (
-    "resolution",
-    "preset",
-    "settings",
-    "device",
-)  # of `render`, besides the fields of Settings  # of `render`, besides the fields of Settings
+_KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
 _KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
 _KEYWORD_REMARKS = dict.fromkeys(
     ("camera", "lights", "background"),
