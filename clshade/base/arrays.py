@@ -13,7 +13,6 @@ Floats: TypeAlias = NDArray[np.float64]
 Floats32: TypeAlias = NDArray[np.float32]
 Bools: TypeAlias = NDArray[np.bool_]
 Integers: TypeAlias = NDArray[np.integer[Any]]
-Indices: TypeAlias = NDArray[np.intp]  # as from np.flatnonzero
 Faces: TypeAlias = NDArray[np.int32]  # (F, 3) vertex indices of each face
 UInt32s: TypeAlias = NDArray[np.uint32]
 Bytes: TypeAlias = NDArray[np.uint8]  # codes 0 to 255

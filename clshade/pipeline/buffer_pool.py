@@ -23,41 +23,52 @@ class _Loan:
 
 
 class _Lent:
-    """A buffer and a weak reference to the loan of its memory, if any."""
+    """Memory, the buffer over it where a device uses it, and a weak reference to the loan, if any."""
 
-    def __init__(self, buffer: Buffer) -> None:
-        self._buffer = buffer
+    def __init__(self, memory: Array, buffer: Buffer | None) -> None:
+        self._memory, self.buffer = memory, buffer
         self._loan: Callable[[], _Loan | None] = lambda: None
 
     @property
     def is_free(self) -> bool:
         return self._loan() is None
 
-    def lend(self) -> tuple[Buffer, Array]:
-        loan = _Loan(self._buffer.array)
+    def lend(self) -> Array:
+        loan = _Loan(self._memory)
         self._loan = weakref.ref(loan)
-        return self._buffer, np.asarray(loan)
+        return np.asarray(loan)
 
 
 class Pool:
-    """Buffers by shape and type.
+    """Arrays by shape and type, with or without a buffer.
 
-    keep: most buffers kept of one shape and type. shapes: most pairs of shape and type kept, the latest used.
+    keep: most kept of one kind. kinds: most kinds kept, the latest used.
     """
 
-    def __init__(self, device: Device, keep: int = 4, shapes: int = 8) -> None:
-        self._device, self._keep, self._shapes = device, keep, shapes
-        self._held: dict[tuple[tuple[int, ...], Any], list[_Lent]] = {}  # latest last
+    def __init__(self, device: Device, keep: int = 4, kinds: int = 8) -> None:
+        self._device, self._keep, self._kinds = device, keep, kinds
+        self._held: dict[tuple[tuple[int, ...], Any, bool], list[_Lent]] = {}  # latest last
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> tuple[Buffer, Array]:
         """Return a buffer and an array over its memory, with arbitrary content. The buffer is not handed out again
         while that array or a view of it lives."""
-        held = self._held[shape, dtype] = self._held.pop((shape, dtype), [])
-        while len(self._held) > self._shapes:
+        array, buffer = self._lend(shape, dtype, with_buffer=True)
+        assert buffer is not None
+        return buffer, array
+
+    def take_host(self, shape: tuple[int, ...], dtype: Any) -> Array:
+        """Return an array as `take` does, of memory that no device sees."""
+        return self._lend(shape, dtype, with_buffer=False)[0]
+
+    def _lend(self, shape: tuple[int, ...], dtype: Any, *, with_buffer: bool) -> tuple[Array, Buffer | None]:
+        kind = shape, dtype, with_buffer
+        held = self._held[kind] = self._held.pop(kind, [])
+        while len(self._held) > self._kinds:
             del self._held[next(iter(self._held))]
         lent = next((each for each in held if each.is_free), None)
         if lent is None:
-            lent = _Lent(Buffer.empty(self._device, shape, dtype))
+            buffer = Buffer.empty(self._device, shape, dtype) if with_buffer else None
+            lent = _Lent(np.empty(shape, dtype) if buffer is None else buffer.array, buffer)
             if len(held) < self._keep:
                 held.append(lent)
-        return lent.lend()
+        return lent.lend(), lent.buffer

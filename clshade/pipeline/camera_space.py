@@ -48,9 +48,9 @@ class CameraSpace(NamedTuple):
             corners = zip(camera.eye.tolist(), extent.low, extent.high, strict=True)
             farthest = max(max(abs(low - at), abs(high - at)) for at, low, high in corners)
             radius = extent.radius
-        if not math.isfinite(farthest):
-            raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         near = near or 1e-4 * (radius or math.dist(camera.eye, camera.lookat))
+        if not math.isfinite(farthest) or not math.isfinite(near):
+            raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         # A vertex 2^40 times as far away as the near plane must not push near ones out of float32's range.
         return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)))
 

@@ -125,8 +125,9 @@ class Frame:
     @property
     def stats(self) -> dict[str, Any]:
         """Times of the stages in ms, counts, features used and left out, device."""
-        if self._make_stats is not None:
-            self._stats, self._make_stats = {**self._make_stats(), "nonfinite": self.scene.nonfinite}, None
+        make = self._make_stats  # another thread may be here at the same time
+        if make is not None:
+            self._stats, self._make_stats = {**make(), "nonfinite": self.scene.nonfinite}, None
         return self._stats
 
     @overload

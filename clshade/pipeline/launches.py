@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,12 @@ class Stages:
         self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
         self.structs = struct_layout.DOUBLE if self._features["DOUBLE"] else struct_layout.SINGLE
         self._programs = {name: program for program in programs for name in program.kernels}
-        self._dummy = Buffer(device, np.zeros(64, np.uint8))
+
+    @cached_property
+    def _dummy(self) -> Buffer:
+        """Stand-in for an argument that is None; made at the first launch, for programs may be built while a device is
+        still being tested, and making a buffer enqueues commands."""
+        return Buffer(self.device, np.zeros(64, np.uint8))
 
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
         raw = [

@@ -67,7 +67,7 @@ class Layers:
         for buffer in found.values():
             buffer.to_host()
         if "P" in arrays:
-            world = arrays["P"] if real == np.float64 else self._pool.take((rows, columns, 3), np.float64)[1]
+            world = arrays["P"] if real == np.float64 else self._pool.take_host((rows, columns, 3), np.float64)
             _put_in_the_world(arrays["P"], owners.to_host(), space.camera.eye, space.scale, world)
             arrays["P"] = world
         return arrays

@@ -23,7 +23,7 @@ class Packed:
 
     A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
     int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
-    reals, u and v and their rounding errors. face_materials: (F,) int32. materials, textures: tables of layout's
+    reals, u and v and their rounding errors. face_materials: (F,) int32. materials, textures: tables of `struct_layout`'s
     structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is

@@ -190,8 +190,43 @@ def test_ten_thousand_frames_in_one_process(device):
     assert float(done.stdout) < 0.01
 
 
+def test_memory_that_is_held_is_not_given_away(device):
+    """Views of any kind hold it; what nobody holds serves again, with a buffer or without."""
+    pool = Pool(device)
+    views = (lambda a: a[1:].T, memoryview, lambda a: a.reshape(-1)[::2], np.asarray, lambda a: a)
+    for take in (lambda: pool.take((4, 3), np.float32)[1], lambda: pool.take_host((4, 3), np.float64)):
+        for view in views:
+            array = take()
+            place, held = array.ctypes.data, view(array)
+            del array
+            assert take().ctypes.data != place
+            del held
+            assert take().ctypes.data == place
+
+
+def test_a_frames_arrays_stay_as_they_are(device):
+    """Also those that no device sees, such as positions in the world."""
+    scene = clshade.builtin("quads", resolution=(40, 30))
+    with Renderer(scene, device=device, layers=("P", "N")) as renderer:
+        first = renderer.render()
+        kept = first.rgb[::2], first["P"].T
+        before = [array.copy() for array in kept]
+        del first
+        for step in range(8):
+            renderer.render(camera=replace(scene.camera, eye=scene.camera.eye * (1.0 + 0.1 * step)))
+    assert all(np.array_equal(a, b) for a, b in zip(kept, before, strict=True))
+
+
 def test_the_pool_forgets_shapes_that_are_no_longer_asked_for(device):
-    pool = Pool(device, shapes=3)
+    pool = Pool(device, kinds=3)
     for columns in range(1, 9):
         pool.take((2, columns), np.float32)
-    assert sorted(shape for shape, _ in pool._held) == [(2, 6), (2, 7), (2, 8)]
+    assert sorted(shape for shape, *_ in pool._held) == [(2, 6), (2, 7), (2, 8)]
+
+
+def test_a_scene_too_large_for_its_own_near_plane_is_refused():
+    """Its corners can be held, their distance cannot; with a near plane that is given it is drawn."""
+    verts = 1.1e308 * np.array([[1.0, 1, 1], [-1, -1, -1], [1, -1, 1]])
+    scene = Scene((Mesh(verts, [[0, 1, 2]]),), Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0, (1, 1), (4, 4)))
+    with pytest.raises(InputError, match="coordinates whose differences float64 can hold"):
+        clshade.render(scene)

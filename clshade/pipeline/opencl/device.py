@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -215,6 +216,17 @@ def open_device(
 
 
 _shared: dict[tuple[int, str, bool], Device] = {}
+_opening = threading.Lock()
+
+
+def _forget() -> None:
+    """In a forked child: a thread of the parent may have held the lock."""
+    global _opening
+    _opening = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
 
 
 def shared_device(
@@ -223,11 +235,12 @@ def shared_device(
     """Open a device as `open_device` does, but once per process, so that programs built for it are found again."""
     asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     key = (os.getpid(), asked, profiling)
-    if key not in _shared:
-        start = time.perf_counter()
-        _shared[key] = device = open_device(asked, profiling=profiling, meanwhile=meanwhile)
-        console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
-    return _shared[key]
+    with _opening:
+        if key not in _shared:
+            start = time.perf_counter()
+            _shared[key] = device = open_device(asked, profiling=profiling, meanwhile=meanwhile)
+            console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
+        return _shared[key]
 
 
 class _Broken(DeviceError):
