@@ -137,7 +137,7 @@ def numbers(text: bytes, dtype: type, count: int) -> Array | None:
         return np.zeros(0, dtype)
     try:
         line = text.translate(_SPACED).decode("ascii")
-        if dtype is int and ("." in line or "e" in line or "E" in line):
+        if dtype is int and any(letter in line for letter in ".eEnN"):  # NumPy 1 reads an int by way of a float
             return None
         values: Array = np.loadtxt([line], dtype=dtype, comments=None, ndmin=1, encoding=None)
     except ValueError:
