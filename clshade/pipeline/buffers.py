@@ -48,6 +48,21 @@ def aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
     return raw[start : start + size].view(dtype).reshape(shape)
 
 
+@contextlib.contextmanager
+def _named(device: Device) -> Iterator[None]:
+    """Turn an error of OpenCL in the block into a DeviceError that names the device."""
+    try:
+        yield
+    except cl.Error as error:
+        raise DeviceError(f"{device.name}: {' '.join(str(error).split())}") from error
+
+
+def finish(device: Device) -> None:
+    """Wait until everything enqueued on the device is done. Raises DeviceError."""
+    with _named(device):
+        device.queue.finish()
+
+
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
@@ -55,7 +70,7 @@ class Buffer:
     """
 
     def __init__(self, device: Device, array: Array) -> None:
-        self._queue = device.queue
+        self._device, self._queue = device, device.queue
         self._shared = device.is_cpu and _coherent(device.context, device.queue)
         array = np.ascontiguousarray(array)
         if array.dtype == np.float64 and array.ctypes.data % _ALIGNMENT:
@@ -91,15 +106,17 @@ class Buffer:
         rows = self.array[: len(self.array) if count is None else count]
         yield rows
         if rows.nbytes and not self._shared:
-            cl.enqueue_copy(self._queue, self.memory, rows)
+            with _named(self._device):
+                cl.enqueue_copy(self._queue, self.memory, rows)
 
     def to_host(self, count: int | None = None) -> Array:
         """Return the first `count` rows (default: all), once the kernels enqueued so far are done."""
         rows = self.array[: len(self.array) if count is None else count]
         if self._shared:
-            self._queue.finish()
+            finish(self._device)
         elif rows.nbytes:
-            cl.enqueue_copy(self._queue, rows, self.memory)
+            with _named(self._device):
+                cl.enqueue_copy(self._queue, rows, self.memory)
         return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -19,7 +20,7 @@ from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, RenderOptions
 from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
-from .buffers import Buffer, TriangleBuffers, VertexBuffers
+from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
 from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back
@@ -387,7 +388,8 @@ class Renderer:
             try:
                 return self._render(camera)
             except BaseException:
-                self._finish()  # running kernels still write to memory that the error may free
+                with contextlib.suppress(DeviceError):  # the first error says more
+                    self._finish()  # running kernels still write to memory that the error may free
                 raise
 
     def _render(self, camera: Camera) -> Frame:
@@ -450,7 +452,7 @@ class Renderer:
 
     def _finish(self) -> None:
         if os.getpid() == self._process:
-            self.device.queue.finish()
+            finish(self.device)
 
     def close(self) -> None:
         """Release the device's memory. Frames stay valid; the renderer cannot draw any more."""

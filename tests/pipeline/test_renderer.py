@@ -230,3 +230,18 @@ def test_a_scene_too_large_for_its_own_near_plane_is_refused():
     scene = Scene((Mesh(verts, [[0, 1, 2]]),), Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), 1.0, (1, 1), (4, 4)))
     with pytest.raises(InputError, match="coordinates whose differences float64 can hold"):
         clshade.render(scene)
+
+
+def test_errors_of_copies_name_the_device(device, monkeypatch):
+    """Where a device does not work in the host's memory; what is under way is waited for, and its error hides none."""
+    buffer = Buffer(device, np.zeros(4, np.float32))
+    monkeypatch.setattr(buffer, "_shared", False)
+
+    def failing(*_: object) -> None:
+        raise cl.RuntimeError("clEnqueueCopyBuffer failed: OUT_OF_RESOURCES")
+
+    monkeypatch.setattr(cl, "enqueue_copy", failing)
+    with pytest.raises(DeviceError, match=f"^{re.escape(device.name)}: .*OUT_OF_RESOURCES"):
+        buffer.to_host()
+    with pytest.raises(DeviceError, match="OUT_OF_RESOURCES"), buffer.writing() as rows:
+        rows[:] = 1.0
