@@ -88,7 +88,7 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
     return met
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 16, 64])
+@pytest.mark.parametrize("count", [1, 2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
 def test_lists_of_several_samples(device, count):
     """Each triangle is listed in exactly the tiles of its hull that none of its edges excludes, which include all tiles
     with a pixel that it covers at any sample."""

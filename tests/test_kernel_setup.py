@@ -90,7 +90,7 @@ def test_areas_boxes_and_culls(device, cull):
     assert (made["piece"] == -1).all()
 
 
-@pytest.mark.parametrize("count", [2, 3, 16, 64])
+@pytest.mark.parametrize("count", [2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
 def test_boxes_and_culls_of_several_samples(device, count):
     """The box is the union of all samples' boxes. Triangles with a pixel at any sample are visible; one whose box is a
     single pixel only if it covers that pixel at a sample."""
