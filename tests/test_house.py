@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import re
+from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
 
@@ -288,9 +289,10 @@ def test_every_module_lies_in_a_package_that_is_installed():
 
 
 def test_the_top_level_is_as_small_as_it_can_be():
-    ignored = {"build", "dist"}
-    found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
-    assert {name for name in found - ignored if not name.endswith(".egg-info")} <= TOP
+    """Beside what .gitignore names, such as pictures that somebody rendered here."""
+    ignored = [line.strip("/") for line in (ROOT / ".gitignore").read_text().split()]
+    found = {path.name for path in ROOT.iterdir() if not any(fnmatch(path.name, pattern) for pattern in ignored)}
+    assert {name for name in found if not name.startswith(".")} == TOP
 
 
 # What other packages may be imported where
