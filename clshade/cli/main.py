@@ -98,6 +98,7 @@ def _warnings_in_one_line(shown: bool) -> Iterator[None]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("always" if shown else "ignore", UserWarning)
+        warnings.simplefilter("ignore", DeprecationWarning)  # of libraries, for those who call them
         warnings.showwarning = show
         yield
 
