@@ -20,10 +20,10 @@ from pathlib import Path
 
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
-from . import environment
+from . import environment, inlining
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
-VERDICT_VERSION = 1  # increment it when the probe changes
+VERDICT_VERSION = 2  # increment it when the probe changes
 BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
 
@@ -149,6 +149,8 @@ class Probe:
     """A probing process, started at once. It has a PoCL cache of its own: with kernels from an earlier run in it, a
     missing linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
 
+    called: once finished, the built-in functions that PoCL's compiled kernel calls instead of inlining them.
+
     Raises DeviceError if it cannot be started.
     """
 
@@ -158,7 +160,7 @@ class Probe:
 
         self.info, self.owner = info, os.getpid()
         self.process: subprocess.Popen[str] | None = None
-        self.folder = ""
+        self.folder, self.called = "", list[str]()
         root = environment.cache_root()
         _sweep(root)
         _running.add(self)
@@ -199,6 +201,7 @@ class Probe:
             left = self.started + PROBE_SECONDS - time.monotonic()
             out, err = self.process.communicate(timeout=max(left, 0.0))
             fault = _fault(self.process.returncode, out, err)
+            self.called = [name for names in inlining.called_builtins(Path(self.folder)).values() for name in names]
         except TimeoutExpired:
             fault = f"had not finished a small kernel after {PROBE_SECONDS:g} s"
         finally:
