@@ -2,6 +2,7 @@
 #include "texture.clh"
 
 // A work-item does LANES lookups.
+ITEM_BY_ITEM
 kernel void bilerp(global const real4 *uvs,               // K, u, v and their low parts
                    global const int *texture_of,           // K, texture of each lookup
                    global const Texture *textures,

@@ -46,6 +46,7 @@ INLINE int misses_tile(const TileTests *tests, int right, int up)
         for (int tile_x = first_x, tile = tile_y * image->tiles_x + tile_x; tile_x <= last_x; ++tile_x, ++tile) \
             if (whole || !misses_tile(&tests, tile_x - first_x, tile_y - first_y))
 
+ITEM_BY_ITEM
 kernel void bin_count(global const uint *order,           // T, triangles, nearest first
                       global const Triangle *triangles,   // F + C, from setup
                       global const Bounds *bounds,        // F + C, from setup
@@ -76,6 +77,7 @@ int part_begin(int part, int tiles)
     return (int)((long)tiles * part / (int)get_global_size(0));
 }
 
+ITEM_BY_ITEM
 kernel void bin_sums(global const Image *image,   // 1
                      global const uint *counts,   // chunks x tiles, from bin_count
                      global ulong *sums,          // entries of each part
@@ -91,6 +93,7 @@ kernel void bin_sums(global const Image *image,   // 1
     sums[part] = sum;
 }
 
+ITEM_BY_ITEM
 kernel void bin_scan(global const Image *image,   // 1
                      global const ulong *sums,    // from bin_sums, with as many work-items
                      global uint *counts,         // chunks x tiles: in: counts; out: where each chunk's entries begin
@@ -121,6 +124,7 @@ kernel void bin_scan(global const Image *image,   // 1
     }
 }
 
+ITEM_BY_ITEM
 kernel void bin_fill(global const uint *order,           // T, triangles, nearest first
                      global const Triangle *triangles,   // F + C
                      global const Image *image,          // 1

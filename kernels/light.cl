@@ -2,6 +2,7 @@
 #include "surface.clh"
 
 // A work-item does LANES points.
+ITEM_BY_ITEM
 kernel void light(global const real4 *points,        // K, relative to the eye, world axes, scaled
                   global const real4 *normals,       // K, unit or 0, world axes
                   global const real4 *colors,        // K, linear RGB
@@ -19,12 +20,18 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
         n[0][lane] = normals[i].x, n[1][lane] = normals[i].y, n[2][lane] = normals[i].z;
         c[0][lane] = colors[i].x, c[1][lane] = colors[i].y, c[2][lane] = colors[i].z;
     }
-    reals3 point = {LOAD_LANES(p[0]), LOAD_LANES(p[1]), LOAD_LANES(p[2])};
-    reals3 normal = {LOAD_LANES(n[0]), LOAD_LANES(n[1]), LOAD_LANES(n[2])};
-    colors3 color = {LOAD_LANES(c[0]), LOAD_LANES(c[1]), LOAD_LANES(c[2])};
+    ShadingInput at;
+    at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
+    at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
+    at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
+    at.lit = (ints)(-1);
     Surface surface = surface_of(materials);
-    color = shade(point, normal, color, surface, lights, light_count, 0);
-    color = radiance_of(color, &surface, unit);
+#if MATERIALS
+    at.surface = surface;
+#endif
+    Lighting lighting = {lights, light_count, materials, 0, unit};
+    shade(&at, &lighting, 1);
+    colors3 color = with_plain_ambient(at.color, &surface);
     STORE_LANES(color.r, c[0]);
     STORE_LANES(color.g, c[1]);
     STORE_LANES(color.b, c[2]);

@@ -113,6 +113,7 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
 
 // A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block; the sort makes the order of
 // blocks irrelevant.
+ITEM_BY_ITEM
 kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project
                   global const int *face_materials,    // F, with SIDES
@@ -155,7 +156,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         }
         Corners t = corners_of(&rows);
         fixeds left = MIN3(t.x), right = MAX3(t.x), bottom = MIN3(t.y), top = MAX3(t.y);
-        fixeds asked = group + TO_FIXEDS(LANE_INDEX) < end, behind = LOAD_LANES(behind_count);
+        fixeds asked = group + LANE_INDEX < end, behind = LOAD_LANES(behind_count);
         COUNT(culled.behind, asked & (behind == 3));
         asked = asked & (behind != 3);
         fixeds beside = (behind == 0) & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
@@ -200,6 +201,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
 }
 
 // The same for the pieces of clipped faces, which follow the faces in `triangles`.
+ITEM_BY_ITEM
 kernel void setup_pieces(global const Piece *pieces,   // C, from the host
                          global const int *face_materials,    // F, with SIDES
                          global const Material *materials,    // with SIDES
@@ -230,7 +232,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     Corners t = corners_of(&rows);
     Culled culled = nothing_culled();
     fixeds front_only = front_only_lanes(face, face_materials, materials);
-    fixeds seen = complete(&t, first + TO_FIXEDS(LANE_INDEX) < count, front_only, image, &culled);
+    fixeds seen = complete(&t, first + LANE_INDEX < count, front_only, image, &culled);
     write_triangles(&rows, &t, seen, index, face, first, triangles, bounds);
     int visible[LANES];
     STORE_LANES(seen, visible);

@@ -49,19 +49,20 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 #if LAYER_ALBEDO
 #if VERTEX_COLORS || CORNER_COLORS
-    put_color(&shown->albedo, mine,
-              mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
-                          in->colors[color_index(in, face, 2)]));
+    reals3 mixed = mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
+                               in->colors[color_index(in, face, 2)]);
+    colors3 color = {mixed.x, mixed.y, mixed.z};
+    put_color(&shown->albedo, mine, color);
 #else
-    reals3 white = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
+    colors3 white = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
     put_color(&shown->albedo, mine, white);
 #endif
     put_texels(&shown->texels, mine, in, t, at);
 #endif
 #if LAYER_UV
     Mapped uv = uv_at(in, t, at);
-    WHERE(mine, shown->u, uv.u.high + uv.u.low);
-    WHERE(mine, shown->v, uv.v.high + uv.v.low);
+    shown->u = where(mine, uv.u.high + uv.u.low, shown->u);
+    shown->v = where(mine, uv.v.high + uv.v.low, shown->v);
 #endif
 #if LAYER_BARYCENTRICS
 #if MIRRORED
@@ -156,6 +157,7 @@ ints owners_in(global const int *owners, global const Image *image, int column, 
 }
 
 // A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
+ITEM_BY_ITEM
 kernel void surface_layers(SURFACE_PARAMETERS,
                            global const int *owners,      // M x N, from the pixel stage
                            global const int *mirrored,    // F, whether the face's placement mirrors; with MIRRORED

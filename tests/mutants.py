@@ -48,12 +48,13 @@ LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds per group of tests, by
 # The tests of each file, cheapest first: test_*.py anywhere under tests.
 TESTS = {
     "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong light_bounds frames",
+    "kernels/avx512.clh": "kernel_lanes kernel_numerics",
+    "kernels/batch.clh": "kernel_phong light_bounds frames sampling",
     "kernels/bilerp.cl": "kernel_bilerp course_light",
     "kernels/bin.cl": "kernel_bin",
     "kernels/corners.clh": "kernel_setup kernel_fill",
     "kernels/edge.clh": "kernel_setup kernel_bin kernel_fill kernel_gouraud",
     "kernels/fill.clh": "kernel_fill materials sampling",
-    "kernels/gather.clh": "kernel_phong light_bounds frames",
     "kernels/gouraud.cl": "kernel_gouraud",
     "kernels/lanes.clh": "kernel_numerics kernel_light kernel_fill",
     "kernels/layers.cl": "kernel_layers",
@@ -71,6 +72,7 @@ TESTS = {
     "kernels/surface.clh": "kernel_phong kernel_fill nonfinite materials",
     "kernels/surface_layers.cl": "layers",
     "kernels/texture.clh": "kernel_bilerp materials trilinear",
+    "kernels/triangle_table.clh": "kernel_phong kernel_gouraud light_bounds frames",
     "kernels/tile.clh": "kernel_fill kernel_phong",
     "clshade/scene/formats/obj_parser.py": "obj",
     "clshade/scene/formats/text_tokens.py": "obj",

@@ -54,18 +54,9 @@ def guards_of(name: str) -> set[str]:
 def test_every_feature_that_a_kernel_tests_is_guarded(path):
     """A macro in #if that neither features.clh nor the file itself requires would silently be 0 if misspelled."""
     guarded = guards_of("features.clh") | guards_of(path.name)
-    own = {
-        "FP64",
-        "LANES",
-        "BLOCK_WIDTH",
-        "BLOCK_HEIGHT",
-        "BLOCKS_X",
-        "BLOCKS_Y",
-        "ITEMS_PER_TILE",
-        "PREFETCH",
-        "GATHERS",
-        "HAS_ROWS",
-    }
+    own = {"FP64", "LANES"} | set(
+        re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(each.read_text() for each in KERNELS), re.MULTILINE)
+    )
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):

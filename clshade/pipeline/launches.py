@@ -191,10 +191,8 @@ class Stages:
     def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
         return self._draw("phong", (*surface, *tile), tiles)
 
-    def gouraud(
-        self, surface: SurfaceInputs, tile: tuple[Any, ...], corner_light: Buffer | None, tiles: int
-    ) -> cl.Event:
-        return self._draw("gouraud", (*surface, *tile, corner_light), tiles)
+    def gouraud(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
+        return self._draw("gouraud", (*surface, *tile), tiles)
 
     def bilerp(
         self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int

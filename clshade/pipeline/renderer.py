@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+_STREAMED_PIXELS = 1 << 19  # images from here on do not fit in caches
 _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
@@ -193,7 +194,6 @@ class Renderer:
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, self._face_count, np.uint32)
-        self._corner_light: Buffer | None = None
         self._inputs = SurfaceInputs(
             triangles=self._made.triangles,
             pieces=self._pieces,
@@ -247,6 +247,7 @@ class Renderer:
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
+            image["streamed"] = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
             image["unlit"] = self.settings.shader == "nolight"
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
@@ -337,12 +338,12 @@ class Renderer:
             return
         if self.features["LIT"] and visible:
             count = 3 * len(self._made.triangles.array)
-            if self._corner_light is None or len(self._corner_light.array) < count:
-                self._corner_light = Buffer.empty(self.device, (count, 4), self._structs.real)
-            events["gouraud_corners"] = self.stages.gouraud_corners(
-                self._inputs, self._order, self._corner_light, visible
-            )
-        events["gouraud"] = self.stages.gouraud(self._inputs, tile, self._corner_light, frame.tiles)
+            light = self._inputs.corner_light
+            if light is None or len(light.array) < count:
+                light = Buffer.empty(self.device, (count, 4), self._structs.real)
+                self._inputs = self._inputs._replace(corner_light=light)
+            events["gouraud_corners"] = self.stages.gouraud_corners(self._inputs, self._order, light, visible)
+        events["gouraud"] = self.stages.gouraud(self._inputs, tile, frame.tiles)
 
     def _make_room(self, entries: int) -> None:
         self._lists.make_room(entries)

@@ -260,5 +260,5 @@ def _draw(
         corner_light = Buffer.empty(device, (3 * len(made.triangles.array), 4), np.float32)
         if shader == "gouraud":
             stages.gouraud_corners(surface, order, corner_light, visible)
-        stages.gouraud(surface, tile, corner_light, tiles)
+        stages.gouraud(surface._replace(corner_light=corner_light), tile, tiles)
     return rgba.to_host()

@@ -136,6 +136,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "least", 2, "least of sample_x, of sample_y"),
         ("int", "most", 2, "most of sample_x, of sample_y"),
         ("int", "transparent", 1, "whether there is no background"),
+        ("int", "streamed", 1, "whether pixels are written past the caches: rows must begin at multiples of 64 bytes"),
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
         ("int", "unlit", 1, "whether colors are taken as they are, shader nolight, where they are lit nonetheless"),
         ("real", "background", 3, "linear RGB"),

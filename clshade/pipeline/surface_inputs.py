@@ -30,6 +30,7 @@ class SurfaceInputs(NamedTuple):
     face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
     textures: Annotated[Buffer | None, "Texture"] = None
     texels: Annotated[Buffer | None, "float4"] = None  # of all textures, linear RGB
+    corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
 
 
 @cache

@@ -253,11 +253,11 @@ class Pipeline:
         with self.made.counters.writing() as table:
             table["next_tile"] = table["saturated"] = 0
         tile = (self.lists, self.starts, rgba, owners, self.made.counters)
-        surface = self.surface(**arrays)
+        surface = self.surface(**arrays)._replace(corner_light=corner_light)
         if self.features["PHONG"]:
             self.stages.phong(surface, tile, self.tiles)
         else:
-            self.stages.gouraud(surface, tile, corner_light, self.tiles)
+            self.stages.gouraud(surface, tile, self.tiles)
         self.counters = self.made.counters.to_host()[0].copy()
         found = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()

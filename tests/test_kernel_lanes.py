@@ -1,0 +1,76 @@
+"""lanes.clh and rows.clh: operations across lanes, in AVX-512's instructions and in plain OpenCL C, against NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernel_stages import LANES, Probe, bits
+
+TEXT = """
+#include "rows.clh"
+
+kernel void across(global const int *values, global const int *masks, global int *out)
+{
+    int i = get_global_id(0) * LANES;
+    ints v = TO_INTS(LOAD_LANES(values + i)), mask = TO_INTS(LOAD_LANES(masks + i)) != 0;
+    int any = any_lane(mask), count = lanes_count(mask), one = any ? lane_of(v, mask) : 0;
+    for (int lane = 0; lane < LANES; ++lane) {
+        out[3 * (i + lane)] = any != 0;
+        out[3 * (i + lane) + 1] = count;
+        out[3 * (i + lane) + 2] = one;
+    }
+}
+
+kernel void picked(global const float *row, global const int *columns, global float *out)
+{
+    int i = get_global_id(0) * LANES;
+    real values[LANES];
+    int numbers[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        values[lane] = row[i + lane];
+        numbers[lane] = as_int(row[i + lane]);
+    }
+    fixeds column = LOAD_LANES(columns + i) & (LANES - 1);
+    real each[LANES];
+    int whole[LANES];
+    STORE_LANES(pick_reals(values, column), each);
+    STORE_LANES(pick_ints(numbers, column), whole);
+    for (int lane = 0; lane < LANES; ++lane) {
+        out[2 * (i + lane)] = each[lane];
+        out[2 * (i + lane) + 1] = as_float(whole[lane]);
+    }
+}
+"""
+RNG = np.random.default_rng(8)
+COUNT = 64 * 16
+
+
+@pytest.fixture(params=[(lanes, portable) for lanes in LANES for portable in (False, True)], ids=str)
+def ways(device, request):
+    lanes, portable = request.param
+    return lanes, Probe(device, ("#define PORTABLE_LANES\n" if portable else "") + TEXT, lanes=lanes)
+
+
+def test_masks(ways):
+    """Whether any lane of a mask is set, how many are, and a value in one of them."""
+    lanes, probe = ways
+    values = RNG.integers(-(2**31), 2**31, COUNT, dtype=np.int64).astype(np.int32)
+    masks = (RNG.random(COUNT) < np.repeat(RNG.choice([0.0, 0.1, 0.6, 1.0], COUNT // 16), 16)).astype(np.int32)
+    any_lane, count, one = probe("across", values, masks, width=3, dtype=np.int32).T
+    blocks = masks.reshape(-1, lanes)
+    assert {0, lanes} <= set(blocks.sum(axis=1))
+    assert np.array_equal(any_lane.reshape(-1, lanes)[:, 0], blocks.any(axis=1))
+    assert np.array_equal(count.reshape(-1, lanes)[:, 0], blocks.sum(axis=1))
+    for row, mask, found in zip(values.reshape(-1, lanes), blocks, one.reshape(-1, lanes)[:, 0], strict=True):
+        assert found in row[mask != 0] if mask.any() else found == 0
+
+
+def test_columns_of_a_row(ways):
+    """Any bits, those of NaNs and of negative numbers too."""
+    lanes, probe = ways
+    row = RNG.integers(0, 2**32, COUNT, dtype=np.uint64).astype(np.uint32).view(np.float32)
+    columns = RNG.integers(0, 1000, COUNT, dtype=np.int64).astype(np.int32)
+    expected = np.take_along_axis(bits(row).reshape(-1, lanes), columns.reshape(-1, lanes) % lanes, axis=1).reshape(-1)
+    found = bits(probe("picked", row, columns, width=2)).T
+    assert np.array_equal(found[0], expected)
+    assert np.array_equal(found[1], expected)
