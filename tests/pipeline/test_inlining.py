@@ -59,6 +59,7 @@ def compiled(code: str, folder: Path, opened: Device) -> dict[str, list[str]]:
         pytest.skip("needs PoCL")
     done = python(code, folder, timeout=240)
     assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr  # of the compiler's
     return called_builtins(folder)
 
 
