@@ -1,5 +1,7 @@
 // Triangle setup for faces and for the pieces of clipped ones, with sort keys. Faces to clip are left to the host.
 #include "corners.clh"
+#include "rows.clh"
+#include "tile_walk.clh"
 
 // A depth as an unsigned integer of the same order.
 ulong depth_order(ulong bits)
@@ -111,6 +113,18 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
     }
 }
 
+// Appends the faces of the lanes in `cut` to those that the host clips.
+INLINE void list_to_clip(fixeds cut, const int *face, global int *to_clip, global Counters *counters)
+{
+    if (any_lane(TO_INTS(cut))) {
+        int crossing[LANES];
+        STORE_LANES(cut, crossing);
+        for (int lane = 0; lane < LANES; ++lane)
+            if (crossing[lane])
+                to_clip[atomic_inc(&counters->to_clip)] = face[lane];
+    }
+}
+
 // A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block; the sort makes the order of
 // blocks irrelevant.
 ITEM_BY_ITEM
@@ -165,13 +179,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
         fixeds cut = asked & ((behind != 0) | far);
         asked = asked & !cut;
-        if (any_lane(TO_INTS(cut))) {
-            int crossing[LANES];
-            STORE_LANES(cut, crossing);
-            for (int lane = 0; lane < LANES; ++lane)
-                if (crossing[lane])
-                    to_clip[atomic_inc(&counters->to_clip)] = face[lane];
-        }
+        list_to_clip(cut, face, to_clip, counters);
         if (!any_lane(TO_INTS(asked)))
             continue;
         fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
@@ -242,3 +250,116 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
                 sort_key(ORDER_OF(DEPTH_OF(pieces[first + lane].key_depth)), index[lane]);
     add_culled(counters, &culled);
 }
+
+#if !SORTED && HAS_ROWS
+// The corners of faces, one in each lane; which of them lie behind the near plane.
+INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
+{
+    Corners t;
+    for (int k = 0; k < 3; ++k) {
+        int index[LANES];
+        for (int lane = 0; lane < LANES; ++lane)
+            index[lane] = faces[3 * face[lane] + k];
+#define ROW(lane) vload4(0, (global const float *)&vertices[index[lane]].x)
+        reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
+#undef ROW
+        t.x[k] = AS_INTS(corner.x);
+        t.y[k] = AS_INTS(corner.y);
+        t.w[k] = corner.z;
+        behind[k] = corner.z == 0.0f;  // as project leaves it
+    }
+    return t;
+}
+
+// Adds a triangle to the counts of its tiles.
+INLINE void count_tiles(global uint *counts, Bounds b, global const Triangle *triangle, global const Image *image)
+{
+    TileWalk walk = walk_of(b, triangle, image);
+    while (next_tile(&walk))
+        counts[tile_at(&walk, image)] += 1;
+}
+
+// Stores the triangles of the lanes in `seen` from slot `first` on, and counts their tiles. Returns how many there are.
+INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int first, global Triangle *triangles,
+                           global Bounds *bounds, global uint *counts, global const Image *image)
+{
+    StoredRows box, row[4];
+    int visible[LANES], tile_of[LANES], many[LANES], made = 0;
+    fixeds x = t->left / TILE_SIZE, y = t->bottom / TILE_SIZE, zero = (fixeds)(0);
+    fixeds in_one = (x == t->right / TILE_SIZE) & (y == t->top / TILE_SIZE);
+    store_rows(&box, AS_REALS(t->left | t->bottom << 16), AS_REALS(t->right | t->top << 16), MOST(t->w), t->only);
+    store_rows(row, AS_REALS(t->x[0]), AS_REALS(t->x[1]), AS_REALS(t->x[2]), AS_REALS(t->y[0]));
+    store_rows(row + 1, AS_REALS(t->y[1]), AS_REALS(t->y[2]), t->w[0], t->w[1]);
+    store_rows(row + 2, t->w[2], AS_REALS((fixeds)(WHOLE_FACE)), AS_REALS(t->turn), AS_REALS(LOAD_LANES(face)));
+    store_rows(row + 3, t->inverse_area, AS_REALS(zero), AS_REALS(zero), AS_REALS(zero));
+    STORE_LANES(seen & 1, visible);
+    STORE_LANES(seen & !in_one, many);
+    STORE_LANES((seen & in_one) ? y * image->tiles_x + x : (fixeds)(image->tiles), tile_of);
+    for (int lane = 0; lane < LANES; ++lane) {
+        int slot = first + made;  // what a lane that is not seen writes, the next one overwrites
+        global float4 *to = (global float4 *)(triangles + slot);
+        to[0] = stored_row(row, lane);
+        to[1] = stored_row(row + 1, lane);
+        to[2] = stored_row(row + 2, lane);
+        to[3] = stored_row(row + 3, lane);
+        ((global float4 *)bounds)[slot] = stored_row(&box, lane);
+        counts[tile_of[lane]] += 1;
+        if (many[lane])
+            count_tiles(counts, bounds[slot], triangles + slot, image);
+        made += visible[lane];
+    }
+    return made;
+}
+
+// As setup, for chunks of faces, a multiple of LANES each: a chunk's triangles lie one behind the other from its first face's
+// slot on, in the order of faces, and are counted into the tiles. There are no keys: the depth test decides. Buffers of
+// triangles have room for LANES more.
+ITEM_BY_ITEM
+kernel void setup_count(global const int *faces,         // F x 3, vertices
+                        global const Vertex *vertices,   // V, from project
+                        global const int *face_materials,    // F, with SIDES
+                        global const Material *materials,    // with SIDES
+                        global const Image *image,       // 1
+                        global Triangle *triangles,      // F
+                        global Bounds *bounds,           // F
+                        global uint *made,               // chunks: the triangles of each
+                        global uint *counts,             // chunks x (tiles + 1): the entries of each tile
+                        global int *to_clip,             // F, the first counters->to_clip are written: faces
+                        global Counters *counters,       // 1
+                        int chunk_size, int count)       // F
+{
+    int chunk = get_global_id(0), first = chunk * chunk_size, end = min(first + chunk_size, count), own_count = 0;
+    global uint *own = counts + (long)chunk * TILE_COUNTS(image);
+    for (int tile = 0; tile < TILE_COUNTS(image); ++tile)
+        own[tile] = 0;
+    Culled culled = nothing_culled();
+    int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
+    for (int group = first; group < end; group += LANES) {
+        int face[LANES];
+        for (int lane = 0; lane < LANES; ++lane)
+            face[lane] = min(group + lane, end - 1);
+        fixeds behind[3];
+        Corners t = corners_of_faces(faces, vertices, face, behind);
+        fixeds left = MIN3(t.x), right = MAX3(t.x), bottom = MIN3(t.y), top = MAX3(t.y);
+        fixeds asked = group + LANE_INDEX < end, any_behind = (behind[0] | behind[1]) | behind[2];
+        fixeds all_behind = (behind[0] & behind[1]) & behind[2];
+        COUNT(culled.behind, asked & all_behind);
+        asked = asked & !all_behind;
+        fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
+        COUNT(culled.off_screen, asked & beside);
+        asked = asked & !beside;
+        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
+        fixeds cut = asked & (any_behind | far);
+        asked = asked & !cut;
+        list_to_clip(cut, face, to_clip, counters);
+        if (!any_lane(TO_INTS(asked)))
+            continue;
+        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
+        own_count += store_and_count(&t, seen, face, first + own_count, triangles, bounds, own, image);
+    }
+    made[chunk] = own_count;
+    if (own_count)
+        atomic_add(&counters->visible, own_count);
+    add_culled(counters, &culled);
+}
+#endif

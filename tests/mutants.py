@@ -76,6 +76,8 @@ TESTS = {
     "kernels/texture.clh": "kernel_bilerp materials trilinear",
     "kernels/triangle_lanes.clh": "kernel_fill kernel_phong kernel_gouraud",
     "kernels/triangle_table.clh": "kernel_phong kernel_gouraud light_bounds frames",
+    "kernels/tile_order.clh": "kernel_fill same_bits",
+    "kernels/tile_walk.clh": "kernel_bin kernel_setup",
     "kernels/tile.clh": "kernel_fill kernel_phong",
     "clshade/scene/formats/obj_parser.py": "obj",
     "clshade/scene/formats/text_tokens.py": "obj",

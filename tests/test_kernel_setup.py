@@ -12,6 +12,7 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
 from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.sample_pattern import positions
+from clshade.pipeline.tile_lists import TileLists
 
 COLUMNS, ROWS = 61, 43
 LIMIT = struct_layout.SNAP_LIMIT
@@ -246,3 +247,47 @@ def test_setup_pieces(device):
     boxes, _, _ = narrowed(xy, expected.box)
     assert np.array_equal(boxes_of(made.bounds.to_host()[face_count + visible]), boxes[visible])
     assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])
+
+
+@pytest.mark.parametrize("ways", [{}, {"CULL": 1}, {"SAMPLES": 1}], ids=str)
+def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
+    """setup_count and fill_lists give the triangles of setup, in the order of faces, and list them in the same tiles."""
+    xy, z = triangles()
+    xy[7] = [[LIMIT, 0], [1280, 1280], [2304, 5000]]  # to clip
+    places = samples_at(positions(3)) if ways.get("SAMPLES") else None
+    features = {"OWNERS": 1, "DEPTH_TEST": 1, **ways}
+    ordered = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, **features)
+    counters = separate(device, ordered, xy, z)
+    visible = np.sort(ordered.sort())
+    expected = [np.sort(found) for found in ordered.bin()]
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
+    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
+    faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
+    made, lists = TriangleBuffers(device, len(xy), 0, slack=16), TileLists(pipeline.stages)
+    lists.set_up(faces, vertices, made, pipeline.image, pipeline.tiles, {}, (None, None))
+    found = made.counters.to_host()[0].copy()
+    assert found["entries"] > 2**60  # nothing is drawn: the host clips first
+    for name in ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing"):
+        assert found[name] == counters[name], name
+    assert found["to_clip"] == 1
+    assert made.to_clip.to_host(1) == [7]
+    chunks = lists._chunks
+    slots = np.concatenate(
+        [k * chunks.size + np.arange(n) for k, n in enumerate(chunks.made.to_host()[: chunks.number])]
+    )
+    assert chunks.number > 2
+    both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
+    for name in ("x", "y", "w", "piece", "orientation", "face", "inverse_area"):
+        assert np.array_equal(both[0][name], both[1][name]), name
+    bounds = made.bounds.to_host()[slots], ordered.made.bounds.to_host()[visible]
+    assert np.array_equal(bounds[0], bounds[1])
+    with made.counters.writing() as table:
+        table["entries"] = 0
+    lists.make_room(int(lists.starts.to_host()[-1]))
+    with pipeline.image.writing() as table:
+        table["list_capacity"] = lists.room
+    lists.fill_unsorted(made, pipeline.image, {})
+    starts = lists.starts.to_host()
+    entries = lists.entries.to_host()[: starts[-1]]
+    listed = [np.sort(made.triangles.array["face"][each["index"]]) for each in np.split(entries, starts[1:-1])]
+    assert all(np.array_equal(a, b) for a, b in zip(listed, expected, strict=True))

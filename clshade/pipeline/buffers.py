@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -129,15 +129,30 @@ class VertexBuffers:
 
 
 class TriangleBuffers:
-    """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them."""
+    """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them; or of
+    `setup_count`, which takes no keys and has `slack` more triangles."""
 
     def __init__(
-        self, device: Device, faces: int, pieces: int, structs: struct_layout.Structs = struct_layout.SINGLE
+        self,
+        device: Device,
+        faces: int,
+        pieces: int,
+        structs: struct_layout.Structs = struct_layout.SINGLE,
+        slack: int = 0,
     ) -> None:
         self.piece_capacity = pieces
-        self.triangles = Buffer.empty(device, faces + pieces, structs.Triangle)
-        self.bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
-        self.sorted_bounds = Buffer.empty(device, faces + pieces, structs.Bounds)
-        self.keys = Buffer.empty(device, faces + pieces, np.uint64)
+        self._device, self._structs, self._room = device, structs, faces + pieces
+        self.triangles = Buffer.empty(device, faces + pieces + slack, structs.Triangle)
+        self.bounds = Buffer.empty(device, faces + pieces + slack, structs.Bounds)
         self.to_clip = Buffer.empty(device, faces, np.int32)
         self.counters = Buffer(device, np.zeros(1, structs.Counters))
+
+    @cached_property
+    def keys(self) -> Buffer:
+        """The sort keys (faces + pieces,) of `setup` and `setup_pieces`."""
+        return Buffer.empty(self._device, self._room, np.uint64)
+
+    @cached_property
+    def sorted_bounds(self) -> Buffer:
+        """The bounds (faces + pieces,) in the order of the depth sort, of `bin_count`."""
+        return Buffer.empty(self._device, self._room, self._structs.Bounds)

@@ -46,7 +46,11 @@ OPTIONAL = (
     "DOUBLE_POSITIONS",
     "BACKGROUND",
     "OWNERS",
+    "SORTED",
 )
+
+
+SORTING_LANES = 16
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,13 @@ class Features:
         """Return the features with all but `names` set to 0, for a program that reads no others."""
         kept = set(names)
         return Features(tuple((name, value if name in kept else 0) for name, value in self.values))
+
+    def including(self, name: str) -> Features:
+        """Return the features with an optional one that is not left out."""
+        return Features(
+            tuple((each, 1 if each == name else value) for each, value in self.values),
+            tuple(reason for reason in self.left_out if reason[0] != name),
+        )
 
     def options(self) -> list[str]:
         """Return -D options of the OpenCL build, each feature as 0 or 1."""
@@ -224,6 +235,13 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
             (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
         ),
         "OWNERS": _first((not settings.layers, "no layer asked for")),
+        # The corners' light is asked for in this order, and float64 keeps it to be compared with.
+        "SORTED": _first(
+            (
+                settings.visibility == "depth" and settings.shader != "gouraud" and settings.precision != "float64",
+                "the depth test decides",
+            ),
+        ),
     }
 
 
@@ -238,6 +256,7 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
         "CENTROID": 1,
         "VERTEX_COLORS": 1,
         "BRIGHT": int(bright and shader == "phong"),
+        "SORTED": 1,
     }
     unneeded = _unneeded_terms([material], ambient, lit, lit and shining)
     values.update({name: int(not reason) for name, reason in unneeded.items()})
@@ -303,6 +322,11 @@ def derive(
     values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
     left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])
     return Features(tuple(values.items()), left_out)
+
+
+def at_lanes(features: Features, lanes: int) -> Features:
+    """Return the features of a program of so many lanes: only one of SORTING_LANES orders the lists of tiles itself."""
+    return features if lanes == SORTING_LANES else features.including("SORTED")
 
 
 def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +20,26 @@ from .surface_inputs import SurfaceInputs
 
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
-_GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS"}
+_GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS", "SORTED"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
+
+
+@dataclass
+class Chunks:
+    """Chunks of triangles, or faces, each of which a work-item counts into the tiles and writes to their lists.
+
+    count: number of triangles in all. size: of a chunk. number: of chunks. counts: (number, tiles + 1) entries of each
+    tile, then where they begin. made: (number,) visible triangles of each, of setup_count.
+    """
+
+    count: int
+    size: int
+    number: int
+    counts: Buffer
+    made: Buffer
+
+
 # face_materials and materials, if some material is drawn from the front only.
 Sides = tuple[Buffer | None, Buffer | None]
 
@@ -136,6 +154,20 @@ class Stages:
             event.wait()  # `means` is freed on return
         return event
 
+    def setup_count(
+        self,
+        faces: Buffer,
+        vertices: VertexBuffers,
+        image: Buffer,
+        made: TriangleBuffers,
+        chunks: Chunks,
+        sides: Sides = (None, None),
+    ) -> cl.Event:
+        """Set up the triangles of faces in their order, and count the entries of each tile."""
+        inputs = (faces, vertices.projected, *sides, image)
+        outputs = (made.triangles, made.bounds, chunks.made, chunks.counts, made.to_clip, made.counters)
+        return self._launch("setup_count", (chunks.number,), (1,), *inputs, *outputs, chunks.size, chunks.count)
+
     def setup_pieces(
         self,
         pieces: Buffer,
@@ -150,33 +182,28 @@ class Stages:
         each = self._programs["setup_pieces"].lanes
         return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, each=each)
 
-    def bin_count(
-        self, order: Buffer, made: TriangleBuffers, image: Buffer, counts: Buffer, chunk: int, count: int
-    ) -> cl.Event:
-        arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, counts, chunk, count)
-        return self._launch("bin_count", (-(-count // chunk),), (1,), *arguments)
+    def bin_count(self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks) -> cl.Event:
+        arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, chunks.counts)
+        return self._launch("bin_count", (chunks.number,), (1,), *arguments, chunks.size, chunks.count)
 
-    def bin_sums(self, image: Buffer, counts: Buffer, sums: Buffer, chunks: int) -> cl.Event:
-        return self._launch("bin_sums", sums.array.shape, (1,), image, counts, sums, chunks)
+    def bin_sums(self, image: Buffer, chunks: Chunks, sums: Buffer) -> cl.Event:
+        return self._launch("bin_sums", sums.array.shape, (1,), image, chunks.counts, sums, chunks.number)
 
     def bin_scan(
-        self, image: Buffer, sums: Buffer, counts: Buffer, starts: Buffer, made: TriangleBuffers, chunks: int
+        self, image: Buffer, sums: Buffer, chunks: Chunks, starts: Buffer, made: TriangleBuffers, stops_to_clip: bool
     ) -> cl.Event:
-        arguments = (image, sums, counts, starts, made.counters, chunks)
+        """Find where the lists begin. stops_to_clip: whether nothing is drawn if there are faces to clip."""
+        arguments = (image, sums, chunks.counts, starts, made.counters, chunks.number, stops_to_clip)
         return self._launch("bin_scan", sums.array.shape, (1,), *arguments)
 
-    def bin_fill(
-        self,
-        order: Buffer,
-        made: TriangleBuffers,
-        image: Buffer,
-        cursors: Buffer,
-        lists: Buffer,
-        chunk: int,
-        count: int,
-    ) -> cl.Event:
-        arguments = (order, made.triangles, image, made.sorted_bounds, cursors, lists, made.counters, chunk, count)
-        return self._launch("bin_fill", (-(-count // chunk),), (1,), *arguments)
+    def bin_fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer) -> cl.Event:
+        arguments = (order, made.triangles, image, made.sorted_bounds, chunks.counts, lists, made.counters)
+        return self._launch("bin_fill", (chunks.number,), (1,), *arguments, chunks.size, chunks.count)
+
+    def fill_lists(self, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer) -> cl.Event:
+        """Write the lists in the order of `setup_count`."""
+        arguments = (made.triangles, image, made.bounds, chunks.made, chunks.counts, lists, made.counters)
+        return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)

@@ -25,7 +25,7 @@ from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back
 from .effective_settings import effective_settings
-from .features import ignored
+from .features import at_lanes, ignored
 from .frame import Frame
 from .launches import lookup_stages, scene_stages
 from .layers import Layers
@@ -48,11 +48,13 @@ def _clock() -> float:
 
 @dataclass
 class _Progress:
-    """The state of a frame being drawn. events: of its kernels, by name. host_ms: times of the host's stages."""
+    """The state of a frame being drawn. events: of its kernels, by name. host_ms: times of the host's stages. is_sorted:
+    whether its triangles were sorted by depth."""
 
     space: CameraSpace
     events: dict[str, Any] = field(default_factory=dict)
     host_ms: dict[str, float] = field(default_factory=dict)
+    is_sorted: bool = False
 
     @property
     def tiles(self) -> int:
@@ -130,17 +132,17 @@ class Renderer:
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
-        self.features = packed.features
         packed_at = _clock()
 
         def build_meanwhile(tried: Device) -> None:
-            scene_stages(tried, self.features, lanes, packed.layers.features)
+            scene_stages(tried, at_lanes(packed.features, lanes or tried.lanes), lanes, packed.layers.features)
 
         if not isinstance(device, (Device, str, type(None))):
             raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
+        self.features = at_lanes(packed.features, lanes or device.lanes)
         opened_at = _clock()
         self.stages = scene_stages(self.device, self.features, lanes, packed.layers.features)
         self._structs = self.stages.structs
@@ -187,13 +189,14 @@ class Renderer:
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
         self._sides = (tables["face_materials"], materials) if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count, structs)
-        self._made = TriangleBuffers(device, self._face_count, 0, structs)
+        self._made = TriangleBuffers(device, self._face_count, 0, structs, slack=self.stages.lanes)
+        self._clips = False  # whether the last frame had faces to clip
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
         self._upload_lights(packed.light_unit)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
-        self._order = Buffer.empty(device, self._face_count, np.uint32)
+        self._order = Buffer.empty(device, 0, np.uint32)
         self._inputs = SurfaceInputs(
             triangles=self._made.triangles,
             pieces=self._pieces,
@@ -256,15 +259,20 @@ class Renderer:
             image["light_unit"] = self._light_unit
             image["to_eye"] = -frame.space.axes[2]
 
-    def _setup(self, frame: _Progress) -> int:
-        """Project the vertices and set up the triangles; return the number of visible ones, whose keys are written."""
-        made, events = self._made, frame.events
-        with made.counters.writing() as table:
+    def _project(self, frame: _Progress) -> None:
+        """Project the vertices."""
+        with self._made.counters.writing() as table:
             table[:] = 0
         # Tables are written while kernels run that do not need them yet.
         if self._face_count:
+            events = frame.events
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         self._write_image(frame)
+
+    def _setup(self, frame: _Progress) -> int:
+        """Set up the triangles; return the number of visible ones, whose keys are written."""
+        made, events = self._made, frame.events
+        self._project(frame)
         if not self._face_count:
             return 0
         events["setup"] = self.stages.setup(
@@ -279,7 +287,9 @@ class Renderer:
                 limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
-                self._made = TriangleBuffers(self.device, self._face_count, count + count // 2, self._structs)
+                self._made = TriangleBuffers(
+                    self.device, self._face_count, count + count // 2, self._structs, slack=self.stages.lanes
+                )
                 self._inputs = self._inputs._replace(triangles=self._made.triangles)
                 return self._setup(frame)
             if count:
@@ -329,21 +339,50 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> None:
+    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
+        """Run the pixel stage, and before it that of the corners; return the counters."""
         events = frame.events
-        self._lists.fill(self._order, self._made, self._image, visible, events)
         tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
         if self.features["PHONG"]:
             events["phong"] = self.stages.phong(self._inputs, tile, frame.tiles)
-            return
-        if self.features["LIT"] and visible:
-            count = 3 * len(self._made.triangles.array)
-            light = self._inputs.corner_light
-            if light is None or len(light.array) < count:
-                light = Buffer.empty(self.device, (count, 4), self._structs.real)
-                self._inputs = self._inputs._replace(corner_light=light)
-            events["gouraud_corners"] = self.stages.gouraud_corners(self._inputs, self._order, light, visible)
-        events["gouraud"] = self.stages.gouraud(self._inputs, tile, frame.tiles)
+        else:
+            if self.features["LIT"] and visible:
+                count = 3 * len(self._made.triangles.array)
+                light = self._inputs.corner_light
+                if light is None or len(light.array) < count:
+                    light = Buffer.empty(self.device, (count, 4), self._structs.real)
+                    self._inputs = self._inputs._replace(corner_light=light)
+                events["gouraud_corners"] = self.stages.gouraud_corners(self._inputs, self._order, light, visible)
+            events["gouraud"] = self.stages.gouraud(self._inputs, tile, frame.tiles)
+        counters: np.void = self._made.counters.to_host()[0].copy()
+        return counters
+
+    def _draw_sorted(self, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
+        """Draw the triangles in the order of their depths; return the counters."""
+        frame.is_sorted = True
+        visible = self._setup(frame)
+        self._clips = bool(self._made.counters.array[0]["to_clip"])
+        self._sort(visible, frame)
+        self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)
+        while True:
+            self._lists.fill(self._order, self._made, self._image, visible, frame.events)
+            counters = self._draw(visible, rgba, owners, frame)
+            if counters["entries"] <= self._lists.room:
+                return counters
+            self._make_room(int(counters["entries"]))
+
+    def _draw_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
+        """Draw the faces in their order; return the counters. Nothing is drawn if there are faces to clip."""
+        self._project(frame)
+        self._lists.set_up(self._faces, self._vertices, self._made, self._image, frame.tiles, frame.events, self._sides)
+        self._write_lights(frame.space)
+        while True:
+            self._lists.fill_unsorted(self._made, self._image, frame.events)
+            counters = self._draw(self._face_count, rgba, owners, frame)
+            if counters["to_clip"] or counters["entries"] <= self._lists.room:
+                frame.host_ms["sort"] = 0.0
+                return counters
+            self._make_room(int(counters["entries"]))
 
     def _make_room(self, entries: int) -> None:
         self._lists.make_room(entries)
@@ -401,15 +440,10 @@ class Renderer:
         frame = _Progress(CameraSpace.of(camera, self._extent, self.settings.near))
         with self._view.writing() as table:
             frame.space.write_view(table[0])
-        visible = self._setup(frame)
-        self._sort(visible, frame)
-        self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)
-        self._draw(visible, rgba, owners, frame)
-        counters = self._made.counters.to_host()[0].copy()
-        if counters["entries"] > self._lists.room:
-            self._make_room(int(counters["entries"]))
-            self._draw(visible, rgba, owners, frame)
-            counters = self._made.counters.to_host()[0].copy()
+        unsorted = not self.features["SORTED"] and not self._clips and self._face_count > 0
+        counters = self._draw_unsorted(rgba, owners, frame) if unsorted else None
+        if counters is None or counters["to_clip"]:
+            counters = self._draw_sorted(rgba, owners, frame)
         layers: dict[str, Array] = {}
         if owners is not None and self.settings.layers:
             layers = self._layers.draw(self._inputs, owners, frame.tiles, frame.space, frame.events)
@@ -418,7 +452,7 @@ class Renderer:
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
         scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
-        facts = self._facts(frame, counters, visible)
+        facts = self._facts(frame, counters)
         facts["bytes"] = {
             "scene": self._scene_bytes,
             "image": image.nbytes,
@@ -434,8 +468,9 @@ class Renderer:
 
         return Frame(image, layers, scene, self.settings, stats)
 
-    def _facts(self, frame: _Progress, counters: np.void, visible: int) -> dict[str, Any]:
+    def _facts(self, frame: _Progress, counters: np.void) -> dict[str, Any]:
         """Return the entries of `Frame.stats` other than times and bytes."""
+        features = self.features.including("SORTED") if frame.is_sorted else self.features
         return {
             "triangles": self._face_count,
             "vertices": self._vertex_count,
@@ -443,9 +478,9 @@ class Renderer:
             **{name: int(counters[name]) for name in _COUNTS},
             "clipped": int(counters["to_clip"]),
             "tiles": frame.tiles,
-            "empty_tiles": int(counters["empty_tiles"]) if visible else frame.tiles,
-            "features": self.features.used,
-            "left_out": dict(self.features.left_out),
+            "empty_tiles": int(counters["empty_tiles"]) if counters["visible"] else frame.tiles,
+            "features": features.used,
+            "left_out": dict(features.left_out),
             "ignored": ignored(self.scene, self.settings),
             "device": self.device.title,
             "lanes": self.stages.lanes,

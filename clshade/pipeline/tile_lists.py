@@ -1,4 +1,4 @@
-"""The lists of triangles per tile: counted, scanned and written on the device, nearest first."""
+"""The lists of triangles per tile: counted, scanned and written on the device."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .buffers import Buffer, TriangleBuffers
-from .launches import Stages
+from .buffers import Buffer, TriangleBuffers, VertexBuffers
+from .launches import Chunks, Sides, Stages
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _MOST_CHUNKS = 16
@@ -17,18 +17,21 @@ _MOST_PARTS = 64
 
 
 class TileLists:
-    """The tile lists, whose memory is kept from frame to frame. A frame calls `count`, then `fill`; the pixel stage follows.
+    """The tile lists, whose memory is kept from frame to frame.
+
+    A frame calls `count` and `fill` for triangles in a given order, or `set_up` and `fill_unsorted` for faces in theirs;
+    the pixel stage follows.
 
     starts: (tiles + 1,) where each tile's list begins. entries: the lists, concatenated.
-    `fill` and the pixel stage do nothing if there is no room for all entries. Then, and only then, the counters show
+    Filling and the pixel stage do nothing if there is no room for all entries. Then, and only then, the counters show
     more entries than `room`, and the caller makes room and calls again.
     """
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
-        self._chunk = self._chunks = 0
-        self._counts, self.starts = self._empty(0, np.uint32), self._empty(0, np.uint32)
+        self.starts = self._empty(0, np.uint32)
         self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, stages.structs.Entry)
+        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(_MOST_CHUNKS, np.uint32))
 
     def _empty(self, count: int, dtype: Any) -> Buffer:
         return Buffer.empty(self._stages.device, count, dtype)
@@ -38,34 +41,67 @@ class TileLists:
         """Number of entries that fit."""
         return len(self.entries.array)
 
+    def _split(self, count: int, tiles: int, multiple: int = 1) -> Chunks:
+        """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
+        chunks = self._chunks
+        number = max(1, min(count // _LEAST_CHUNK, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
+        chunks.count, chunks.size = count, -(-count // (number * multiple)) * multiple
+        chunks.number = -(-count // chunks.size)
+        if len(chunks.counts.array) < chunks.number * (tiles + 1):
+            chunks.counts = self._empty(chunks.number * (tiles + 1), np.uint32)
+        parts = min(-(-chunks.number * tiles // _SCAN_RUN), _MOST_PARTS)
+        if len(self._sums.array) != parts:
+            self._sums = self._empty(parts, np.uint64)
+        return chunks
+
+    def _make_starts(self, tiles: int) -> None:
+        if len(self.starts.array) != tiles + 1:
+            self.starts = self._empty(tiles + 1, np.uint32)
+
+    def _scan(self, made: TriangleBuffers, image: Buffer, events: dict[str, Any], *, stops_to_clip: bool) -> None:
+        """Find where each tile's list begins, and each chunk's part of it."""
+        chunks = self._chunks
+        if len(self._sums.array) > 1:
+            events["bin_sums"] = self._stages.bin_sums(image, chunks, self._sums)
+        events["bin_scan"] = self._stages.bin_scan(image, self._sums, chunks, self.starts, made, stops_to_clip)
+
     def count(
         self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, tiles: int, events: dict[str, Any]
     ) -> None:
-        """Count the entries of each tile and find where its list begins."""
-        if len(self.starts.array) != tiles + 1:
-            self.starts = self._empty(tiles + 1, np.uint32)
+        """Count the entries of each tile, of the triangles in an order, and find where its list begins."""
+        self._make_starts(tiles)
         if not visible:
             with self.starts.writing() as rows:
                 rows[:] = 0
             return
-        chunks = max(1, min(visible // _LEAST_CHUNK, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
-        self._chunk = -(-visible // chunks)
-        self._chunks = -(-visible // self._chunk)
-        if len(self._counts.array) < self._chunks * tiles:
-            self._counts = self._empty(self._chunks * tiles, np.uint32)
-        parts = min(-(-self._chunks * tiles // _SCAN_RUN), _MOST_PARTS)
-        if len(self._sums.array) != parts:
-            self._sums = self._empty(parts, np.uint64)
-        events["bin_count"] = self._stages.bin_count(order, made, image, self._counts, self._chunk, visible)
-        if parts > 1:
-            events["bin_sums"] = self._stages.bin_sums(image, self._counts, self._sums, self._chunks)
-        events["bin_scan"] = self._stages.bin_scan(image, self._sums, self._counts, self.starts, made, self._chunks)
+        events["bin_count"] = self._stages.bin_count(order, made, image, self._split(visible, tiles))
+        self._scan(made, image, events, stops_to_clip=False)
 
     def fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:
         """Write the lists."""
         if visible:
-            arguments = (order, made, image, self._counts, self.entries, self._chunk, visible)
-            events["bin_fill"] = self._stages.bin_fill(*arguments)
+            events["bin_fill"] = self._stages.bin_fill(order, made, image, self._chunks, self.entries)
+
+    def set_up(
+        self,
+        faces: Buffer,
+        vertices: VertexBuffers,
+        made: TriangleBuffers,
+        image: Buffer,
+        tiles: int,
+        events: dict[str, Any],
+        sides: Sides,
+    ) -> None:
+        """Set up the triangles of faces, count the entries of each tile, and find where its list begins. If there are
+        faces to clip, the counters show more entries than any list has room for."""
+        self._make_starts(tiles)
+        chunks = self._split(len(faces.array), tiles, multiple=self._stages.lanes)
+        events["setup"] = self._stages.setup_count(faces, vertices, image, made, chunks, sides)
+        self._scan(made, image, events, stops_to_clip=True)
+
+    def fill_unsorted(self, made: TriangleBuffers, image: Buffer, events: dict[str, Any]) -> None:
+        """Write the lists after `set_up`."""
+        events["bin_fill"] = self._stages.fill_lists(made, image, self._chunks, self.entries)
 
     def make_room(self, entries: int) -> None:
         """Make room for so many entries, with a margin for the next camera if memory allows it."""

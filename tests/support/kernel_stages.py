@@ -13,7 +13,7 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
 from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
-from clshade.pipeline.launches import Stages
+from clshade.pipeline.launches import Chunks, Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
 from clshade.pipeline.surface_inputs import SurfaceInputs
@@ -26,7 +26,8 @@ Array = np.ndarray
 
 
 def mask(**overrides: int) -> Features:
-    """Return features that are all 0 except those named."""
+    """Return features that are all 0 except those named and SORTED."""
+    overrides = {"SORTED": 1, **overrides}
     unknown = set(overrides) - {*CHOICES, *OPTIONAL}
     assert not unknown, f"no such feature: {unknown}"
     return Features(tuple((name, int(overrides.get(name, 0))) for name in CHOICES + OPTIONAL))
@@ -206,25 +207,26 @@ class Pipeline:
             self.lists = Buffer.empty(self.device, 0, self.structs.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
         # Prior contents of memory must not matter, and empty tiles add to the count so far.
-        counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles), 7, np.uint32))
+        counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles + 1), 7, np.uint32))
+        split = Chunks(self.visible, chunk, chunks, counts, Buffer(self.device, np.zeros(chunks, np.uint32)))
         empty = int(self.made.counters.to_host()["empty_tiles"][0])
-        self.stages.bin_count(self.order, self.made, self.image, counts, chunk, self.visible)
-        table = counts.to_host().copy()
+        self.stages.bin_count(self.order, self.made, self.image, split)
+        table = counts.to_host()[:, :-1].copy()
         self.starts = Buffer(self.device, np.full(self.tiles + 1, 7, np.uint32))
         sums = Buffer(self.device, np.full(parts, 7, np.uint64))
         if parts > 1:
-            self.stages.bin_sums(self.image, counts, sums, chunks)
-        self.stages.bin_scan(self.image, sums, counts, self.starts, self.made, chunks)
+            self.stages.bin_sums(self.image, split, sums)
+        self.stages.bin_scan(self.image, sums, split, self.starts, self.made, stops_to_clip=False)
         # Ordered by tile, then by chunk, each begins where the previous one ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
-        assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
+        assert np.array_equal(counts.to_host()[:, :-1], begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
         assert self.made.counters.to_host()["entries"] == begin[-1]
         assert self.made.counters.array["empty_tiles"] == empty + np.count_nonzero(table.sum(axis=0) == 0)
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
-        self.stages.bin_fill(self.order, self.made, self.image, counts, self.lists, chunk, self.visible)
+        self.stages.bin_fill(self.order, self.made, self.image, split, self.lists)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> SurfaceInputs:
