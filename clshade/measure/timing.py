@@ -10,6 +10,8 @@ import numpy as np
 
 T = TypeVar("T")
 FEWEST = 5  # rounds, however long they take
+RESAMPLES = 2000  # of the bootstrap
+COVERAGE = (2.5, 97.5)  # percentiles of the interval
 
 
 class Spread(NamedTuple):
@@ -34,3 +36,24 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
     while len(found) < rounds and (len(found) < FEWEST or time.perf_counter() - start < seconds):
         found.append(tuple(draw(len(found)) for draw in draws))
     return found
+
+
+def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
+    """Return a draw, for `in_turns`, of so many frames in a row. Of several a further one comes first and is dropped:
+    after another program's frames it finds cold caches and sleeping threads."""
+
+    def turn(number: int) -> list[T]:
+        extra = int(frames > 1)
+        return [draw(number * (frames + extra) + k) for k in range(frames + extra)][extra:]
+
+    return turn
+
+
+def ratio_interval(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[float, float]:
+    """Return the 95 % interval of the ratio of two medians of as many rounds, by bootstrap: rounds are drawn again with
+    replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993)."""
+    pairs = np.array([numerator, denominator], np.float64)
+    drawn = np.random.default_rng(0).integers(0, pairs.shape[1], (RESAMPLES, pairs.shape[1]))
+    medians = np.median(pairs[:, drawn], axis=2)
+    low, high = np.percentile(medians[0] / medians[1], COVERAGE)
+    return float(low), float(high)

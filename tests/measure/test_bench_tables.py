@@ -81,9 +81,9 @@ def test_verdicts():
 
 def test_the_tables_hold_what_was_found():
     lines = tables.lines(small_speed())
-    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second; 1e7 operations half of
-    # 1e10.
-    expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % -"
+    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second and take as long at the
+    # fill's 5e8; 1e7 operations half of 1e10.
+    expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % 2 1 -"
     first, second = (
         " ".join(line.split())
         for line in lines
@@ -103,6 +103,8 @@ def test_the_tables_hold_what_was_found():
     assert float(rows[0]["copy_share"]) == pytest.approx(0.5)
     assert (float(rows[5]["ratio"]), float(rows[5]["bar"]), rows[6]["bar"]) == (6.0, 5.0, "")
     assert float(rows[8]["ms"]) == 4000.0
+    assert (rows[5]["turn"], float(rows[5]["ratio_low"]), float(rows[5]["ratio_high"])) == ("3", 2.0, 9.0)
+    assert float(rows[0]["floor_ms"]) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("part", ["all", "frames", "series"])
@@ -142,7 +144,9 @@ def test_the_command_writes_all(opened, capsys, tmp_path):
         (peer,) = each["peers"]
         assert peer["picture"]["same"]
         assert peer["ratio"] == pytest.approx(peer["theirs_ms"]["median"] / peer["ours_ms"]["median"])
-        assert each["drawn"]["frames"] == peer["rounds"] == 2
+        assert each["drawn"]["frames"] == peer["turn"] == 2
+        assert peer["rounds"] == 1
+        assert peer["interval"][0] <= peer["ratio"] <= peer["interval"][1]
     assert opened.title in out
     assert opened.title in (tmp_path / "b.md").read_text()
 

@@ -68,6 +68,25 @@ def test_turns_alternate_and_end():
     assert timing.in_turns(draws, 3, seconds=60.0) == [(0, 0), (1, 1), (2, 2)]
     assert seen == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
     assert len(timing.in_turns(draws, 100, seconds=0.0)) == timing.FEWEST
+
+
+def test_turns_of_several_frames_drop_the_first():
+    draws = [timing.turns_of(1, lambda number: number), timing.turns_of(3, lambda number: number)]
+    assert timing.in_turns(draws, 2, seconds=60.0) == [([0], [1, 2, 3]), ([1], [5, 6, 7])]
+
+
+def test_the_interval_of_a_ratio():
+    """It contains the ratio, is a point without spread, and is as wide as the rounds differ."""
+    assert timing.ratio_interval([6.0] * 5, [2.0] * 5) == (3.0, 3.0)
+    rng = np.random.default_rng(3)
+    theirs, ours = rng.normal(10.0, 0.5, 40), rng.normal(2.0, 0.1, 40)
+    low, high = timing.ratio_interval(theirs, ours)
+    assert 4.5 < low < np.median(theirs) / np.median(ours) < high < 5.5
+    # A pair's frames share the machine's load: rounds slowed together leave the ratio.
+    slowed = np.exp(rng.normal(0.0, 0.5, 40))
+    low, high = timing.ratio_interval(theirs * slowed, ours * slowed)
+    assert 3.0 < low < high < 8.0
+
     assert timing.spread([4.0, 1.0, 2.0, 3.0, 5.0]) == (2.0, 3.0, 4.0)
 
 

@@ -18,7 +18,7 @@ SMALL = {
 
 
 def made_up(*measured, **more):
-    return results.Speed("a device", "a machine", device_peaks.Peaks(1e9, 1e10), tuple(measured), **more)
+    return results.Speed("a device", "a machine", device_peaks.Peaks(1e9, 1e10, 5e8, 1e9), tuple(measured), **more)
 
 
 def drawn_with(triangles=100, ms=2.0, side=10, peak=None):
@@ -29,7 +29,9 @@ def drawn_with(triangles=100, ms=2.0, side=10, peak=None):
 
 def compared(peer, ours, theirs, same=True):
     found = agreement.Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
-    return results.Compared(peer, f"{peer} 1", Spread(ours, ours, ours), Spread(theirs, theirs, theirs), 5, found)
+    return results.Compared(
+        peer, f"{peer} 1", Spread(ours, ours, ours), Spread(theirs, theirs, theirs), 5, found, 3, (2.0, 9.0)
+    )
 
 
 def small_speed():

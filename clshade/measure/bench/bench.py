@@ -9,6 +9,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TextIO, TypeVar
 
+import numpy as np
+
 from ...base import atomic_files, text_tables
 from ...base.arrays import Array
 from ...errors import ClshadeError, InputError
@@ -18,7 +20,7 @@ from ...scene.camera import Camera
 from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES
 from ..report.study import machine
-from ..timing import Spread, in_turns, spread
+from ..timing import in_turns, ratio_interval, spread, turns_of
 from . import starting, tables
 from .children import draw_apart
 from .device_peaks import best, peaks
@@ -31,6 +33,8 @@ from .starting import Started, start_up
 from .workloads import WORKLOADS, Workload, pick
 
 T = TypeVar("T")
+TURN = 5  # frames in a row, of both alike: people draw frame after frame
+SLOW = 500.0  # ms, of a peer's frame, from which on turns are of single frames
 NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 
 
@@ -140,20 +144,22 @@ def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
     the scene."""
     peer = open_peer(name, scene)
     try:
-        theirs, first = _timed(peer.draw, scene.camera)
-        same = _agreement(peer, theirs, device)
+        image, first = _timed(peer.draw, scene.camera)
+        same = _agreement(peer, image, device)
         path = cameras(scene.camera)
 
-        def turn(draw_one: Callable[[Camera], object], number: int) -> float:
+        def next_ms(draw_one: Callable[[Camera], object], number: int) -> float:
             return _timed(draw_one, path[number % PATH])[1]
 
         with warm_renderer(peer.scene, device) as renderer:
-            draws = [partial(turn, renderer.render), *([] if peer.once else [partial(turn, peer.draw)])]
-            times = list(zip(*in_turns(draws, frames, SECONDS), strict=True))
-        alone = Spread(first, first, first)
-        return Compared(
-            name, peer.title, spread(times[0]), alone if peer.once else spread(times[1]), len(times[0]), same
-        )
+            draws = [partial(next_ms, renderer.render), *([] if peer.once else [partial(next_ms, peer.draw)])]
+            turn = min(TURN, frames) if first < SLOW else 1
+            rounds = -(-frames // turn)
+            turns = list(zip(*in_turns([turns_of(turn, one) for one in draws], rounds, SECONDS), strict=True))
+        times = [[float(np.median(each)) for each in one] for one in turns]
+        ours, theirs = times[0], [first] if peer.once else times[1]
+        interval = None if peer.once else ratio_interval(theirs, ours)
+        return Compared(name, peer.title, spread(ours), spread(theirs), len(ours), same, turn, interval)
     finally:
         peer.close()
 

@@ -1,4 +1,4 @@
-"""Measured peak rates of a device: memory copy, and float32 multiply-add."""
+"""Measured peak rates of a device: memory copy and fill, and float32 multiply-add."""
 
 from __future__ import annotations
 
@@ -23,6 +23,20 @@ kernel void copy(global const VECTOR *from, global VECTOR *to)
 {
     size_t i = get_global_id(0);
     to[i] = from[i];
+}
+
+#ifdef __has_builtin
+#if __has_builtin(__builtin_nontemporal_store)
+#define STORE(value, p) __builtin_nontemporal_store(value, p)
+#endif
+#endif
+#ifndef STORE
+#define STORE(value, p) (*(p) = (value))
+#endif
+
+kernel void fill(global VECTOR *to)
+{
+    STORE((VECTOR)(1.0f), to + get_global_id(0));
 }
 
 kernel void fmas(global VECTOR *result, float factor, int count)
@@ -53,10 +67,13 @@ def _source(width: int) -> str:
 
 class Peaks(NamedTuple):
     """Peak rates. copy: bytes per second, reads plus writes. flops: float32 operations per second, an fma counts as
-    2."""
+    2. fill: bytes per second written past the caches. cycles: clock cycles per second of all compute units, as the
+    device states; 0 if it does not."""
 
     copy: float
     flops: float
+    fill: float
+    cycles: float = 0.0
 
 
 def best(*found: Peaks) -> Peaks:
@@ -74,10 +91,13 @@ def peaks(device: Device) -> Peaks:
     )
     with source.writing() as rows:
         rows[:] = 1.0
-    copy = program["copy"], (COPIED // (4 * width),), (source.memory, target.memory)
+    size = (COPIED // (4 * width),)
     fmas = program["fmas"], (items,), (sums.memory, np.float32(0.5), np.int32(FMAS))
     return Peaks(
-        2.0 * COPIED / _best_seconds(device, *copy), 2.0 * items * width * CHAINS * FMAS / _best_seconds(device, *fmas)
+        copy=2.0 * COPIED / _best_seconds(device, program["copy"], size, (source.memory, target.memory)),
+        flops=2.0 * items * width * CHAINS * FMAS / _best_seconds(device, *fmas),
+        fill=COPIED / _best_seconds(device, program["fill"], size, (target.memory,)),
+        cycles=1e6 * device.device.max_clock_frequency * device.compute_units,
     )
 
 

@@ -17,6 +17,7 @@ from ...scene.camera import Camera
 from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES
 from ..timing import Spread, in_turns, spread
+from .device_peaks import Peaks
 
 SECONDS = 20.0  # for the frames of one workload, or of a workload and a peer
 PATH = 20  # steps of the camera's path, which repeats
@@ -67,6 +68,10 @@ class FrameTiming:
             "gflops": self.flops / self.ms / 1e6,
             "peak_mib": self.peak_mib,
         }
+
+    def floor_ms(self, peaks: Peaks) -> float:
+        """Return the least time of a frame: its bytes at the rate of a fill, or its flops at the peak rate."""
+        return 1e3 * max(self.bytes / peaks.fill, self.flops / peaks.flops)
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON; `from_stats` reverses it."""

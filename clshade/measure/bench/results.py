@@ -35,8 +35,8 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class Compared:
-    """Frame times of a peer and ours, drawn in turns, in milliseconds. rounds: number; of ours if the peer draws
-    once."""
+    """Frame times of a peer and ours, drawn in turns, in milliseconds. rounds: number of turns, each of `turn` frames; of
+    ours if the peer draws once. interval: 95 % interval of the ratio; None if the peer draws once."""
 
     peer: str
     title: str
@@ -44,6 +44,8 @@ class Compared:
     theirs: Spread
     rounds: int
     agreement: Agreement
+    turn: int = 1
+    interval: tuple[float, float] | None = None
 
     @property
     def ratio(self) -> float | None:
@@ -57,7 +59,9 @@ class Compared:
             "ours_ms": self.ours._asdict(),
             "theirs_ms": self.theirs._asdict(),
             "rounds": self.rounds,
+            "turn": self.turn,
             "ratio": self.ratio,
+            "interval": self.interval,
             "picture": self.agreement.stats(),
         }
 
@@ -72,7 +76,8 @@ class Result:
     missing: tuple[tuple[str, str], ...] = ()
     failed: str = ""
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self, peaks: Peaks) -> list[Verdict]:
+        """Return the verdicts on the workload's bars. peaks: of the device, for its floor."""
         name = self.workload.name
         figures = self.drawn.figures if self.drawn else {}
         ratios = [
@@ -84,7 +89,11 @@ class Result:
             Verdict(name, each.label, figures.get(each.figure), each.value, each.at_least)
             for each in self.workload.limits
         )
-        return [*ratios, *limits]
+        floors = []
+        if self.workload.most_floors is not None:
+            times = self.drawn.ms / self.drawn.floor_ms(peaks) if self.drawn else None
+            floors.append(Verdict(name, "times its floor", times, self.workload.most_floors, False))
+        return [*ratios, *limits, *floors]
 
     def stats(self) -> dict[str, Any]:
         return {
@@ -118,7 +127,7 @@ class Speed:
         )
 
     def verdicts(self) -> list[Verdict]:
-        found = [verdict for result in self.results for verdict in result.verdicts()]
+        found = [verdict for result in self.results for verdict in result.verdicts(self.peaks)]
         if self.started:
             found.append(Verdict(NAME, "s with a warm cache", self.started.warm.median, WARM, False))
             found.append(Verdict(NAME, "s with an empty cache", self.started.empty.median, EMPTY, False))
@@ -137,6 +146,7 @@ class Speed:
             "device": self.device,
             "machine": self.machine,
             "copy_bytes_s": self.peaks.copy,
+            "fill_bytes_s": self.peaks.fill,
             "float32_flops": self.peaks.flops,
             "workloads": [each.stats() for each in self.results],
             "start_up": self.started and self.started.stats(),

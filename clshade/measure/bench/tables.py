@@ -7,20 +7,22 @@ from pathlib import Path
 
 from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
+from .device_peaks import Peaks
 from .frame_timing import LIGHT_FLOPS, PIXEL_FLOPS
 from .results import Compared, Result, Speed, Verdict
 
 FRAMES = (
     *("workload", "image", "triangles", "covered", "ms", "half of them", "frames"),
-    *("Mtri/s", "Mpix/s", "GB/s", "of copy", "GFlop/s", "of peak", "peak MiB"),
+    *("Mtri/s", "Mpix/s", "GB/s", "of copy", "GFlop/s", "of peak", "floor ms", "times it", "peak MiB"),
 )
 PEERS = (
     "workload",
     "peer",
     "its ms",
     "our ms",
-    "rounds",
+    "turns",
     "times as fast",
+    "95 %",
     "bar",
     "inside",
     "off by",
@@ -35,9 +37,14 @@ NOTES = (
     "written once; of copy: share of what a kernel that copies memory reaches on the device, reads and writes counted",
     f"flops: Phong's model at the covered pixels, an fma counted as two ({PIXEL_FLOPS} and {LIGHT_FLOPS} a light), textures "
     "not counted; of peak: share of what independent fma reach on the device",
+    "floor: the bytes at the rate at which a kernel fills memory past the caches, or the flops at the peak rate, whichever "
+    "takes longer",
     "inside: share of covered pixels whose neighbors show the same triangle; off by: largest difference there, of the "
     "largest value, and what is allowed; others: share of the other pixels whose color lies within the range of our 3x3 "
-    "pixels around; rounds: frames of both in turns; the scanline loop draws once, so of it: ours",
+    "pixels around",
+    "turns: ours and theirs alternate, each so many frames in a row, of which one more comes first and is not counted, for "
+    "it finds cold caches and sleeping threads; the scanline loop draws once, so of it: ours; 95 %: bootstrap interval of "
+    "the ratio of medians over turns",
 )
 
 
@@ -70,6 +77,8 @@ def _frame(result: Result, speed: Speed) -> text_tables.Row:
         _percent(bytes_s, speed.peaks.copy),
         digits(figures["gflops"]),
         _percent(flops, speed.peaks.flops),
+        digits(drawn.floor_ms(speed.peaks)),
+        digits(drawn.ms / drawn.floor_ms(speed.peaks)),
         "-" if drawn.peak_mib is None else f"{drawn.peak_mib:.0f}",
     )
 
@@ -93,14 +102,19 @@ def _peer(result: Result, each: Compared) -> text_tables.Row:
         each.peer,
         f"{each.theirs.median:.2f}",
         f"{each.ours.median:.2f}",
-        str(each.rounds),
+        f"{each.rounds} of {each.turn}",
         _large(each.ratio),
+        _interval(each),
         _large(bar),
         f"{100.0 * same.interior:.1f} %",
         f"{digits(same.largest, 2)} of {digits(same.tolerance, 2)}",
         f"{100.0 * same.others:.3f} %",
         "yes" if same.same else "NO",
     )
+
+
+def _interval(each: Compared) -> str:
+    return "-" if each.interval is None else f"{digits(each.interval[0])} to {digits(each.interval[1])}"
 
 
 def _verdict(each: Verdict) -> text_tables.Row:
@@ -112,8 +126,14 @@ def facts(speed: Speed) -> list[str]:
     return [
         f"device   {speed.device}",
         f"machine  {speed.machine}",
-        f"peaks    copy {speed.peaks.copy / 1e9:.1f} GB/s, float32 {speed.peaks.flops / 1e9:.0f} GFlop/s",
+        f"peaks    copy {speed.peaks.copy / 1e9:.1f} GB/s, fill {speed.peaks.fill / 1e9:.1f} GB/s, float32 "
+        f"{speed.peaks.flops / 1e9:.0f} GFlop/s{_per_cycle(speed.peaks)}",
     ]
+
+
+def _per_cycle(peaks: Peaks) -> str:
+    """Return the peak rate per compute unit and clock cycle, which two multiply-adds per lane and cycle bound."""
+    return f", {peaks.flops / peaks.cycles:.0f} a cycle and compute unit" if peaks.cycles else ""
 
 
 def progress(result: Result) -> str:
@@ -175,8 +195,22 @@ def markdown(speed: Speed) -> str:
 
 CSV = (
     *("workload", "columns", "rows", "triangles", "covered", "frames", "ms", "ms_low", "ms_high"),
-    *("mtri_s", "mpix_s", "gb_s", "copy_share", "gflops", "flops_share", "peak_mib"),
-    *("peer", "peer_ms", "peer_ms_low", "peer_ms_high", "ratio", "bar", "interior", "largest", "others", "same"),
+    *("mtri_s", "mpix_s", "gb_s", "copy_share", "gflops", "flops_share", "floor_ms", "peak_mib"),
+    *(
+        "peer",
+        "peer_ms",
+        "peer_ms_low",
+        "peer_ms_high",
+        "turn",
+        "ratio",
+        "ratio_low",
+        "ratio_high",
+        "bar",
+        "interior",
+        "largest",
+        "others",
+        "same",
+    ),
 )
 
 
@@ -196,6 +230,7 @@ def csv_rows(speed: Speed) -> list[text_tables.Row]:
         shares = {
             "copy_share": drawn.bytes / drawn.ms * 1e3 / speed.peaks.copy,
             "flops_share": drawn.flops / drawn.ms * 1e3 / speed.peaks.flops,
+            "floor_ms": drawn.floor_ms(speed.peaks),
         }
         rows.append(
             {**vars(drawn), **drawn.figures, **shares, "workload": name, "columns": columns, "rows": height}
@@ -216,7 +251,9 @@ def _compared_row(result: Result, each: Compared) -> dict[str, object]:
         "workload": result.workload.name,
         "frames": each.rounds,
         "peer": each.peer,
+        "turn": each.turn,
         "ratio": each.ratio,
+        **dict(zip(("ratio_low", "ratio_high"), each.interval or (None, None), strict=True)),
         "bar": result.workload.ratios.get(each.peer),
         **{"ms": ours.median, "ms_low": ours.low, "ms_high": ours.high},
         **{"peer_ms": theirs.median, "peer_ms_low": theirs.low, "peer_ms_high": theirs.high},
