@@ -74,6 +74,8 @@ class Stages:
         self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
         self.structs = struct_layout.DOUBLE if self._features["DOUBLE"] else struct_layout.SINGLE
         self._programs = {name: program for program in programs for name in program.kernels}
+        self._token = object()  # marks the kernels whose arguments these stages set last, to _set
+        self._set: dict[str, tuple[Any, ...]] = {}
 
     @cached_property
     def _dummy(self) -> Buffer:
@@ -82,7 +84,26 @@ class Stages:
         return Buffer(self.device, np.zeros(64, np.uint8))
 
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
-        raw = [
+        program = self._programs[name]
+        kernel = program[name]
+        # PoCL compiles at the first launch with a local size, and again for a wide grid.
+        code = name, local, max(size) >= _WIDE
+        try:
+            if code not in program.launched:
+                return self._launch_first(program, code, size, self._raw(arguments))
+            with program.lock:  # a kernel has one set of arguments, shared by all threads
+                # Setting thirty arguments takes longer than a small kernel runs.
+                if program.set_by.get(name) is not self._token or self._set.get(name) != arguments:
+                    program.set_by.pop(name, None)
+                    kernel.set_args(*self._raw(arguments))
+                    program.set_by[name], self._set[name] = self._token, arguments
+                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
+        except cl.Error as error:
+            raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
+
+    def _raw(self, arguments: tuple[Any, ...]) -> list[Any]:
+        """Return what pyopencl takes as a kernel's arguments."""
+        return [
             argument.memory
             if isinstance(argument, Buffer)
             else self._dummy.memory
@@ -92,18 +113,6 @@ class Stages:
             else np.int32(argument)
             for argument in arguments
         ]
-        program = self._programs[name]
-        kernel = program[name]
-        # PoCL compiles at the first launch with a local size, and again for a wide grid.
-        code = name, local, max(size) >= _WIDE
-        try:
-            if code not in program.launched:
-                return self._launch_first(program, code, size, raw)
-            with program.lock:  # a kernel has one set of arguments, shared by all threads
-                kernel.set_args(*raw)
-                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
-        except cl.Error as error:
-            raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
     def _launch_first(
         self, program: Program, code: tuple[Any, ...], size: tuple[int, ...], raw: Sequence[Any]
@@ -111,6 +120,7 @@ class Stages:
         """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name, local, _ = code
         with first_use(self.device, stored=program.stored) as use, program.lock:
+            program.set_by.pop(name, None)
             program[name].set_args(*raw)
             event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size, local)
             event.wait()

@@ -71,7 +71,7 @@ class Program:
     """A built program. kernels: by name. seconds: the time to build it, or to load it if it was `stored` by us or by the
     runtime.
 
-    lock: held while a kernel's arguments are set and it is launched.
+    lock: held while a kernel's arguments are set and it is launched. set_by: who set the arguments of each kernel last.
     launched: identifies the code of each launch that has completed (`Stages._launch`).
     """
 
@@ -81,6 +81,7 @@ class Program:
     kernels: dict[str, Any]
     stored: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
+    set_by: dict[str, object] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
 
     def __getitem__(self, name: str) -> Any:

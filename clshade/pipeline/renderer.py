@@ -6,7 +6,7 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -193,6 +193,7 @@ class Renderer:
         self._clips = False  # whether the last frame had faces to clip
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
+        self._image_of: tuple[Any, ...] | None = None  # the resolution and the room that it was written for
         self._upload_lights(packed.light_unit)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
@@ -240,9 +241,15 @@ class Renderer:
                 table["position"], table["intensity"] = relative, self._light_intensities
 
     def _write_image(self, frame: _Progress) -> None:
-        columns, rows = frame.space.camera.resolution
+        columns, rows = resolution = frame.space.camera.resolution
+        known = resolution, self._lists.room
         with self._image.writing() as table:
             image = table[0]
+            image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
+            image["to_eye"] = -frame.space.axes[2]
+            if self._image_of == known:
+                return
+            self._image_of = known
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
             places = sample_pattern.positions(self.settings.samples)
@@ -255,9 +262,7 @@ class Renderer:
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
-            image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
             image["light_unit"] = self._light_unit
-            image["to_eye"] = -frame.space.axes[2]
 
     def _project(self, frame: _Progress) -> None:
         """Project the vertices."""
@@ -452,39 +457,42 @@ class Renderer:
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
         scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
-        facts = self._facts(frame, counters)
-        facts["bytes"] = {
-            "scene": self._scene_bytes,
-            "image": image.nbytes,
-            "owners": 0 if owned is None else owned.nbytes,
-        }
+        facts_of = self._facts(frame, counters, {"image": image.nbytes, "owners": 0 if owned is None else owned.nbytes})
         events, profiling = frame.events, self.device.profiling
 
         def stats() -> dict[str, Any]:
             kernels = (
                 {name: (e.profile.end - e.profile.start) / 1e6 for name, e in events.items() if e} if profiling else {}
             )
-            return {"times_ms": {**kernels, **times}, "build_ms": build_ms, **facts}
+            return {"times_ms": {**kernels, **times}, "build_ms": build_ms, **facts_of()}
 
         return Frame(image, layers, scene, self.settings, stats)
 
-    def _facts(self, frame: _Progress, counters: np.void) -> dict[str, Any]:
-        """Return the entries of `Frame.stats` other than times and bytes."""
-        features = self.features.including("SORTED") if frame.is_sorted else self.features
-        return {
-            "triangles": self._face_count,
-            "vertices": self._vertex_count,
-            "resolution": frame.space.camera.resolution,
-            **{name: int(counters[name]) for name in _COUNTS},
-            "clipped": int(counters["to_clip"]),
-            "tiles": frame.tiles,
-            "empty_tiles": int(counters["empty_tiles"]) if counters["visible"] else frame.tiles,
-            "features": features.used,
-            "left_out": dict(features.left_out),
-            "ignored": ignored(self.scene, self.settings),
-            "device": self.device.title,
-            "lanes": self.stages.lanes,
-        }
+    def _facts(self, frame: _Progress, counters: np.void, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
+        """Return what returns the entries of `Frame.stats` other than times, from values that outlive the renderer's."""
+        features, camera, tiles = self.features, frame.space.camera, frame.tiles
+        faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
+        title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}
+
+        def facts() -> dict[str, Any]:
+            used = features.including("SORTED") if frame.is_sorted else features
+            return {
+                "triangles": faces,
+                "vertices": vertices,
+                "resolution": camera.resolution,
+                **{name: int(counters[name]) for name in _COUNTS},
+                "clipped": int(counters["to_clip"]),
+                "tiles": tiles,
+                "empty_tiles": int(counters["empty_tiles"]) if counters["visible"] else tiles,
+                "features": used.used,
+                "left_out": dict(used.left_out),
+                "ignored": ignored(scene, settings),
+                "device": title,
+                "lanes": lanes,
+                "bytes": own_bytes,
+            }
+
+        return facts
 
     def _finish(self) -> None:
         if os.getpid() == self._process:

@@ -10,7 +10,8 @@ from .buffers import Buffer, TriangleBuffers, VertexBuffers
 from .launches import Chunks, Sides, Stages
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
-_MOST_CHUNKS = 16
+_LARGE_CHUNK = 1 << 14  # each chunk counts all tiles: more than two per compute unit are at least so large
+_MOST_CHUNKS = 16  # or two per compute unit
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the counters: 16 MiB
 _SCAN_RUN = 1 << 13  # fewest counters per work-item of the scan
 _MOST_PARTS = 64
@@ -29,9 +30,11 @@ class TileLists:
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
+        self._few = 2 * stages.device.compute_units if stages.device.is_cpu else _MOST_CHUNKS
+        self._most = max(self._few, _MOST_CHUNKS)
         self.starts = self._empty(0, np.uint32)
         self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, stages.structs.Entry)
-        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(_MOST_CHUNKS, np.uint32))
+        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(self._most, np.uint32))
 
     def _empty(self, count: int, dtype: Any) -> Buffer:
         return Buffer.empty(self._stages.device, count, dtype)
@@ -44,7 +47,8 @@ class TileLists:
     def _split(self, count: int, tiles: int, multiple: int = 1) -> Chunks:
         """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
         chunks = self._chunks
-        number = max(1, min(count // _LEAST_CHUNK, _MOST_CHUNKS, max(2, _COUNTS_BUDGET // tiles)))
+        most = min(max(self._few, count // _LARGE_CHUNK), self._most, max(2, _COUNTS_BUDGET // tiles))
+        number = max(1, min(count // _LEAST_CHUNK, most))
         chunks.count, chunks.size = count, -(-count // (number * multiple)) * multiple
         chunks.number = -(-count // chunks.size)
         if len(chunks.counts.array) < chunks.number * (tiles + 1):

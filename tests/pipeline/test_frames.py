@@ -457,5 +457,5 @@ def test_stats_say_what_was_done(device):
     assert stats["resolution"] == (61, 61)
     assert set(stats["features"]).isdisjoint(stats["left_out"])
     assert all(time >= 0.0 for time in stats["times_ms"].values())
-    assert {"project", "setup", "sort", "bin_count", "bin_fill", "phong", "frame"} <= set(stats["times_ms"])
+    assert {"project", "setup", "sort", "bin_scan", "bin_fill", "phong", "frame"} <= set(stats["times_ms"])
     assert frame.settings == Settings(layers=LAYERS)

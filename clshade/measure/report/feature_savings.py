@@ -40,6 +40,7 @@ WORK = {
     "DOUBLE_POSITIONS": "positions in float64",
     "BACKGROUND": "color of the background",
     "OWNERS": "owner of each pixel",
+    "SORTED": "depth sort",
 }
 NOT_DRAWN = {
     "behind": "behind the eye",
