@@ -72,6 +72,7 @@ class Stages:
 
     def __init__(self, device: Device, *programs: Program) -> None:
         self.device, self.lanes, self._features = device, programs[0].lanes, programs[-1].features
+        self.pixel_features = programs[0].features
         self.structs = struct_layout.DOUBLE if self._features["DOUBLE"] else struct_layout.SINGLE
         self._programs = {name: program for program in programs for name in program.kernels}
         self._token = object()  # marks the kernels whose arguments these stages set last, to _set

@@ -30,6 +30,7 @@ from .frame import Frame
 from .launches import lookup_stages, scene_stages
 from .layers import Layers
 from .opencl.device import Device, shared_device
+from .pixel_pass import draw_pixels
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
@@ -345,20 +346,9 @@ class Renderer:
         return depth, face
 
     def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
-        """Run the pixel stage, and before it that of the corners; return the counters."""
-        events = frame.events
+        """Run the pixel stage; return the counters."""
         tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
-        if self.features["PHONG"]:
-            events["phong"] = self.stages.phong(self._inputs, tile, frame.tiles)
-        else:
-            if self.features["LIT"] and visible:
-                count = 3 * len(self._made.triangles.array)
-                light = self._inputs.corner_light
-                if light is None or len(light.array) < count:
-                    light = Buffer.empty(self.device, (count, 4), self._structs.real)
-                    self._inputs = self._inputs._replace(corner_light=light)
-                events["gouraud_corners"] = self.stages.gouraud_corners(self._inputs, self._order, light, visible)
-            events["gouraud"] = self.stages.gouraud(self._inputs, tile, frame.tiles)
+        self._inputs = draw_pixels(self.stages, self._inputs, self._order, visible, tile, frame.tiles, frame.events)
         counters: np.void = self._made.counters.to_host()[0].copy()
         return counters
 

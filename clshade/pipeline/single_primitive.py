@@ -16,6 +16,7 @@ from .depth_sort import front_to_back
 from .features import Features, derive_alone
 from .launches import Stages, lookup_stages, scene_stages
 from .opencl.device import Device
+from .pixel_pass import draw_pixels
 from .programs import build
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
@@ -254,11 +255,5 @@ def _draw(
     )
     rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
     tile = (lists.entries, lists.starts, rgba, None, made.counters)
-    if shader == "phong":
-        stages.phong(surface, tile, tiles)
-    else:
-        corner_light = Buffer.empty(device, (3 * len(made.triangles.array), 4), np.float32)
-        if shader == "gouraud":
-            stages.gouraud_corners(surface, order, corner_light, visible)
-        stages.gouraud(surface._replace(corner_light=corner_light), tile, tiles)
+    surface = draw_pixels(stages, surface, order, visible, tile, tiles, {})
     return rgba.to_host()

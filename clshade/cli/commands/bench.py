@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ...errors import InputError
-from ...measure.defaults import BENCH_FRAMES, CREW_FRAMES
+from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, numbers, output_name
 
@@ -18,6 +18,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help=f"of each workload (default: {BENCH_FRAMES}), or of the turntable (default: {CREW_FRAMES})",
+    )
+    parser.add_argument(
+        "--turn",
+        type=int,
+        metavar="N",
+        default=BENCH_TURN,
+        help=f"frames in a row, when alternating with a peer (default: {BENCH_TURN})",
     )
     parser.add_argument(
         "--peers",
@@ -52,6 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         names=arguments.workloads,
         peers_named=peers,
         frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
+        turn=arguments.turn,
         with_scaling=arguments.scaling,
         out=arguments.out,
     )

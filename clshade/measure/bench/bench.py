@@ -18,7 +18,7 @@ from ...pipeline.opencl.device import Device, open_device
 from ...pipeline.renderer import render
 from ...scene.camera import Camera
 from ...scene.model import Scene
-from ..defaults import BENCH_FRAMES
+from ..defaults import BENCH_FRAMES, BENCH_TURN
 from ..report.study import machine
 from ..timing import in_turns, ratio_interval, spread, turns_of
 from . import starting, tables
@@ -33,7 +33,6 @@ from .starting import Started, start_up
 from .workloads import WORKLOADS, Workload, pick
 
 T = TypeVar("T")
-TURN = 5  # frames in a row, of both alike: people draw frame after frame
 SLOW = 500.0  # ms, of a peer's frame, from which on turns are of single frames
 NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 
@@ -51,6 +50,7 @@ def run(
     names: Sequence[str] = (),
     peers_named: Sequence[str] = DEFAULT,
     frames: int = BENCH_FRAMES,
+    turn: int = BENCH_TURN,
     with_scaling: bool = False,
     out: str | None = None,
     stream: TextIO | None = None,
@@ -66,6 +66,8 @@ def run(
     stream = stream or sys.stdout
     if frames < 1:
         raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
+    if turn < 1:
+        raise InputError(f"bench: --turn: expected a whole number above 0, found {turn}")
     # With --scaling and no names, only scaling is measured.
     chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
     others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
@@ -74,7 +76,7 @@ def run(
             atomic_files.check(path)
     opened = open_device(device, profiling=True)
     say = partial(print, file=stream, flush=True)
-    found = measure_all(opened, chosen, others, frames, with_scaling, say)
+    found = measure_all(opened, chosen, others, frames, with_scaling, say, turn)
     say("\n".join(["", *tables.lines(found)]))
     if out is not None:
         from . import figure
@@ -92,13 +94,14 @@ def measure_all(
     frames: int,
     with_scaling: bool,
     say: Callable[[str], object],
+    turn: int = BENCH_TURN,
 ) -> Speed:
     """Measure the named workloads and peers; pass a line to `say` as soon as each is measured."""
     found = Speed(device.title, machine(), peaks(device), ())
     say("\n".join(text_tables.wrapped(fact, 9) for fact in tables.facts(found)))
     results = []
     for workload in (each for each in WORKLOADS if each.name in names):
-        results.append(measure(workload, device, others, frames))
+        results.append(measure(workload, device, others, frames, turn))
         say(tables.progress(results[-1]))
 
     def draw_point(name: str) -> FrameTiming:
@@ -121,7 +124,7 @@ def measure_all(
     return replace(found, peaks=most, results=tuple(results), started=started, series=series, failed=tuple(failed))
 
 
-def measure(workload: Workload, device: Device, names: Sequence[str], frames: int) -> Result:
+def measure(workload: Workload, device: Device, names: Sequence[str], frames: int, turn: int = BENCH_TURN) -> Result:
     """Measure our frames alone, then in turns with each named peer that can draw the workload."""
     try:
         if workload.apart:
@@ -133,13 +136,13 @@ def measure(workload: Workload, device: Device, names: Sequence[str], frames: in
     compared, missing = [], []
     for name in (name for name in workload.peers if name in names):
         try:
-            compared.append(compare(name, scene, device, frames))
+            compared.append(compare(name, scene, device, frames, turn))
         except ClshadeError as error:
             missing.append((name, str(error)))
     return Result(workload, drawn, tuple(compared), tuple(missing))
 
 
-def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
+def compare(name: str, scene: Scene, device: Device, frames: int, turn: int = BENCH_TURN) -> Compared:
     """Compare with a peer. Raises MissingPeer if it is not available, another ClshadeError if it or clshade cannot draw
     the scene."""
     peer = open_peer(name, scene)
@@ -153,7 +156,7 @@ def compare(name: str, scene: Scene, device: Device, frames: int) -> Compared:
 
         with warm_renderer(peer.scene, device) as renderer:
             draws = [partial(next_ms, renderer.render), *([] if peer.once else [partial(next_ms, peer.draw)])]
-            turn = min(TURN, frames) if first < SLOW else 1
+            turn = min(turn, frames) if first < SLOW else 1
             rounds = -(-frames // turn)
             turns = list(zip(*in_turns([turns_of(turn, one) for one in draws], rounds, SECONDS), strict=True))
         times = [[float(np.median(each)) for each in one] for one in turns]
