@@ -296,7 +296,7 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
     STORE_LANES(seen & !in_one, many);
     STORE_LANES((seen & in_one) ? y * image->tiles_x + x : (fixeds)(image->tiles), tile_of);
     for (int lane = 0; lane < LANES; ++lane) {
-        int slot = first + made;  // what a lane that is not seen writes, the next one overwrites
+        int slot = first + made;  // what a lane that is not seen writes, the next one overwrites, or nobody reads
         global float4 *to = (global float4 *)(triangles + slot);
         to[0] = stored_row(row, lane);
         to[1] = stored_row(row + 1, lane);
@@ -320,8 +320,8 @@ kernel void setup_count(global const int *faces,         // F x 3, vertices
                         global const int *face_materials,    // F, with SIDES
                         global const Material *materials,    // with SIDES
                         global const Image *image,       // 1
-                        global Triangle *triangles,      // F
-                        global Bounds *bounds,           // F
+                        global Triangle *triangles,      // F + LANES
+                        global Bounds *bounds,           // F + LANES
                         global uint *made,               // chunks: the triangles of each
                         global uint *counts,             // chunks x (tiles + 1): the entries of each tile
                         global int *to_clip,             // F, the first counters->to_clip are written: faces

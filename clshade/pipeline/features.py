@@ -50,7 +50,7 @@ OPTIONAL = (
 )
 
 
-SORTING_LANES = 16
+SORTING_LANES = 16  # with which the kernels need no depth sort: see at_lanes
 
 
 @dataclass(frozen=True)
@@ -324,9 +324,10 @@ def derive(
     return Features(tuple(values.items()), left_out)
 
 
-def at_lanes(features: Features, lanes: int) -> Features:
-    """Return the features of a program of so many lanes: only one of SORTING_LANES orders the lists of tiles itself."""
-    return features if lanes == SORTING_LANES else features.including("SORTED")
+def at_lanes(features: Features, own: int, chosen: int | None) -> Features:
+    """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only with
+    SORTING_LANES do kernels set up faces in their order, and pixel stages order the lists of tiles themselves."""
+    return features if own == (chosen or own) == SORTING_LANES else features.including("SORTED")
 
 
 def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -94,10 +95,12 @@ class Stages:
                 return self._launch_first(program, code, size, self._raw(arguments))
             with program.lock:  # a kernel has one set of arguments, shared by all threads
                 # Setting thirty arguments takes longer than a small kernel runs.
-                if program.set_by.get(name) is not self._token or self._set.get(name) != arguments:
+                asked = tuple(weakref.ref(each) if isinstance(each, Buffer) else each for each in arguments)
+                if program.set_by.get(name) is not self._token or self._set.get(name) != asked:
                     program.set_by.pop(name, None)
                     kernel.set_args(*self._raw(arguments))
-                    program.set_by[name], self._set[name] = self._token, arguments
+                    self._set[name] = asked
+                    program.set_by[name] = self._token
                 return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error

@@ -136,14 +136,14 @@ class Renderer:
         packed_at = _clock()
 
         def build_meanwhile(tried: Device) -> None:
-            scene_stages(tried, at_lanes(packed.features, lanes or tried.lanes), lanes, packed.layers.features)
+            scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
 
         if not isinstance(device, (Device, str, type(None))):
             raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
-        self.features = at_lanes(packed.features, lanes or device.lanes)
+        self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = _clock()
         self.stages = scene_stages(self.device, self.features, lanes, packed.layers.features)
         self._structs = self.stages.structs
@@ -250,7 +250,7 @@ class Renderer:
             image["to_eye"] = -frame.space.axes[2]
             if self._image_of == known:
                 return
-            self._image_of = known
+            self._image_of = None
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
             places = sample_pattern.positions(self.settings.samples)
@@ -264,6 +264,7 @@ class Renderer:
             if self.scene.background is not None:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
             image["light_unit"] = self._light_unit
+        self._image_of = known
 
     def _project(self, frame: _Progress) -> None:
         """Project the vertices."""
@@ -354,8 +355,9 @@ class Renderer:
 
     def _draw_sorted(self, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
         """Draw the triangles in the order of their depths; return the counters."""
-        frame.is_sorted = True
+        frame.events.clear()  # those of a frame that was given up
         visible = self._setup(frame)
+        frame.is_sorted = visible > 0
         self._clips = bool(self._made.counters.array[0]["to_clip"])
         self._sort(visible, frame)
         self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)

@@ -145,7 +145,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
     ],
     "Counters": [
-        ("int", "visible", 1, "triangles whose keys were written"),
+        ("int", "visible", 1, "triangles that may be seen"),
         ("int", "to_clip", 1, "faces listed for the host to clip"),
         ("int", "behind", 1, "faces wholly before the near plane"),
         ("int", "off_screen", 1, "triangles whose box misses the image"),
