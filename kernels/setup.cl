@@ -113,6 +113,23 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
     }
 }
 
+// Of the faces that are `asked` for those before the near plane and not beside the image; `cut` becomes those that cross it or
+// the guard band. any_behind, all_behind: whether any, and all, corners lie behind it.
+INLINE fixeds faces_before(const Corners *t, fixeds asked, fixeds any_behind, fixeds all_behind, global const Image *image,
+                           Culled *culled, fixeds *cut)
+{
+    int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
+    fixeds left = MIN3(t->x), right = MAX3(t->x), bottom = MIN3(t->y), top = MAX3(t->y);
+    COUNT(culled->behind, asked & all_behind);
+    asked = asked & !all_behind;
+    fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
+    COUNT(culled->off_screen, asked & beside);
+    asked = asked & !beside;
+    fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
+    *cut = asked & (any_behind | far);
+    return asked & !*cut;
+}
+
 // Appends the faces of the lanes in `cut` to those that the host clips.
 INLINE void list_to_clip(fixeds cut, const int *face, global int *to_clip, global Counters *counters)
 {
@@ -148,7 +165,6 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     int own_count = 0;
     Culled culled = nothing_culled();
     depth_t near = DEPTH_OF(view->near);
-    int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
     for (int group = first; group < end; group += LANES) {
         Rows rows;
         depth_t nearest[LANES];
@@ -169,16 +185,8 @@ kernel void setup(global const int *faces,         // F x 3, vertices
             behind_count[lane] = behind;
         }
         Corners t = corners_of(&rows);
-        fixeds left = MIN3(t.x), right = MAX3(t.x), bottom = MIN3(t.y), top = MAX3(t.y);
-        fixeds asked = group + LANE_INDEX < end, behind = LOAD_LANES(behind_count);
-        COUNT(culled.behind, asked & (behind == 3));
-        asked = asked & (behind != 3);
-        fixeds beside = (behind == 0) & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
-        COUNT(culled.off_screen, asked & beside);
-        asked = asked & !beside;
-        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
-        fixeds cut = asked & ((behind != 0) | far);
-        asked = asked & !cut;
+        fixeds behind = LOAD_LANES(behind_count), cut;
+        fixeds asked = faces_before(&t, group + LANE_INDEX < end, behind != 0, behind == 3, image, &culled, &cut);
         list_to_clip(cut, face, to_clip, counters);
         if (!any_lane(TO_INTS(asked)))
             continue;
@@ -333,24 +341,14 @@ kernel void setup_count(global const int *faces,         // F x 3, vertices
     for (int tile = 0; tile < TILE_COUNTS(image); ++tile)
         own[tile] = 0;
     Culled culled = nothing_culled();
-    int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
     for (int group = first; group < end; group += LANES) {
         int face[LANES];
         for (int lane = 0; lane < LANES; ++lane)
             face[lane] = min(group + lane, end - 1);
         fixeds behind[3];
         Corners t = corners_of_faces(faces, vertices, face, behind);
-        fixeds left = MIN3(t.x), right = MAX3(t.x), bottom = MIN3(t.y), top = MAX3(t.y);
-        fixeds asked = group + LANE_INDEX < end, any_behind = (behind[0] | behind[1]) | behind[2];
-        fixeds all_behind = (behind[0] & behind[1]) & behind[2];
-        COUNT(culled.behind, asked & all_behind);
-        asked = asked & !all_behind;
-        fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
-        COUNT(culled.off_screen, asked & beside);
-        asked = asked & !beside;
-        fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
-        fixeds cut = asked & (any_behind | far);
-        asked = asked & !cut;
+        fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2], cut;
+        fixeds asked = faces_before(&t, group + LANE_INDEX < end, any_behind, all_behind, image, &culled, &cut);
         list_to_clip(cut, face, to_clip, counters);
         if (!any_lane(TO_INTS(asked)))
             continue;

@@ -30,11 +30,11 @@ class TileLists:
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
-        self._few = 2 * stages.device.compute_units if stages.device.is_cpu else _MOST_CHUNKS
-        self._most = max(self._few, _MOST_CHUNKS)
+        self._usual_chunks = 2 * stages.device.compute_units if stages.device.is_cpu else _MOST_CHUNKS
+        self._most_chunks = max(self._usual_chunks, _MOST_CHUNKS)
         self.starts = self._empty(0, np.uint32)
         self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, stages.structs.Entry)
-        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(self._most, np.uint32))
+        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(self._most_chunks, np.uint32))
 
     def _empty(self, count: int, dtype: Any) -> Buffer:
         return Buffer.empty(self._stages.device, count, dtype)
@@ -47,7 +47,7 @@ class TileLists:
     def _split(self, count: int, tiles: int, multiple: int = 1) -> Chunks:
         """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
         chunks = self._chunks
-        most = min(max(self._few, count // _LARGE_CHUNK), self._most, max(2, _COUNTS_BUDGET // tiles))
+        most = min(max(self._usual_chunks, count // _LARGE_CHUNK), self._most_chunks, max(2, _COUNTS_BUDGET // tiles))
         number = max(1, min(count // _LEAST_CHUNK, most))
         chunks.count, chunks.size = count, -(-count // (number * multiple)) * multiple
         chunks.number = -(-count // chunks.size)

@@ -156,7 +156,8 @@ def compare(name: str, scene: Scene, device: Device, frames: int, turn: int = BE
 
         with warm_renderer(peer.scene, device) as renderer:
             draws = [partial(next_ms, renderer.render), *([] if peer.once else [partial(next_ms, peer.draw)])]
-            turn = min(turn, frames) if first < SLOW else 1
+            usual = first if peer.once else next_ms(peer.draw, 0)  # the first one may upload and compile
+            turn = min(turn, frames) if usual < SLOW else 1
             rounds = -(-frames // turn)
             turns = list(zip(*in_turns([turns_of(turn, one) for one in draws], rounds, SECONDS), strict=True))
         times = [[float(np.median(each)) for each in one] for one in turns]
