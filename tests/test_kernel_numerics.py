@@ -12,6 +12,28 @@ LOWEST = 100  # powers below 2^-100 are 0
 
 TEXT = """
 #include "numerics.clh"
+
+// Of one block of lanes, where the kernels take several.
+reals log2_one_minus(reals t)
+{
+    reals y;
+    log2_one_minus_each(&y, &t, 1);
+    return y;
+}
+
+reals exp2_negative(reals y)
+{
+    reals power;
+    exp2_negative_each(&power, &y, 1);
+    return power;
+}
+
+reals power_one_minus(reals t, reals n)
+{
+    reals power;
+    powers_one_minus(&power, &t, &n, 1);
+    return power;
+}
 #define FIRST int i = get_global_id(0) * LANES
 #define IN(name) LOAD_LANES(name + i)
 #define KERNEL1(name, call) \\
