@@ -39,8 +39,8 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
 
 
 def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
-    """Return a draw, for `in_turns`, of so many frames in a row. Of several a further one comes first and is dropped:
-    after another program's frames it finds cold caches and sleeping threads."""
+    """Return a draw for `in_turns` that draws so many frames in a row. If there are several, one more is drawn first and
+    dropped: after another program's frames it finds cold caches and sleeping threads."""
 
     def turn(number: int) -> list[T]:
         extra = int(frames > 1)

@@ -461,7 +461,7 @@ class Renderer:
         return Frame(image, layers, scene, self.settings, stats)
 
     def _facts(self, frame: _Progress, counters: np.void, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
-        """Return what returns the entries of `Frame.stats` other than times, from values that outlive the renderer's."""
+        """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
         features, camera, tiles = self.features, frame.space.camera, frame.tiles
         faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
         title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}

@@ -26,7 +26,7 @@ def inlined(source: str) -> str:
 
 def called_builtins(folder: Path) -> dict[str, list[str]]:
     """Return the built-in functions that PoCL's compiled kernels below `folder` call, by kernel: the mangled names
-    that their symbol tables list, which a function that is inlined everywhere has no place in."""
+    in their symbol tables. A function that is inlined everywhere is not listed there."""
     return {
         library.stem: sorted({name.decode() for name in _BUILTIN.findall(library.read_bytes())})
         for library in sorted(folder.rglob("*.so"))
