@@ -5,35 +5,14 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from kernel_stages import LANES, Probe, bits, float32, split
+from kernel_stages import LANES, NUMERICS_OF_ONE_BLOCK, Probe, bits, float32, split
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one operation
 LOWEST = 100  # powers below 2^-100 are 0
 
-TEXT = """
-#include "numerics.clh"
-
-// Of one block of lanes, where the kernels take several.
-reals log2_one_minus(reals t)
-{
-    reals y;
-    log2_one_minus_each(&y, &t, 1);
-    return y;
-}
-
-reals exp2_negative(reals y)
-{
-    reals power;
-    exp2_negative_each(&power, &y, 1);
-    return power;
-}
-
-reals power_one_minus(reals t, reals n)
-{
-    reals power;
-    powers_one_minus(&power, &t, &n, 1);
-    return power;
-}
+TEXT = (
+    NUMERICS_OF_ONE_BLOCK
+    + """
 #define FIRST int i = get_global_id(0) * LANES
 #define IN(name) LOAD_LANES(name + i)
 #define KERNEL1(name, call) \\
@@ -83,6 +62,7 @@ PAIRS(quotient, pair_quotient)
 #define MODULO(a, b) pair_modulo(a, lanes_least(b.high))
 PAIRS(modulo, MODULO)
 """
+)
 
 
 @pytest.fixture(scope="module")

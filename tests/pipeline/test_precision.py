@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 from devices import needs_float64
-from kernel_stages import Probe
+from kernel_stages import NUMERICS_OF_ONE_BLOCK, Probe
 
 import clshade
 from clshade import oracle
@@ -24,8 +24,9 @@ RESOLUTION = (97, 71)
 LAYERS = ("Z", "id")
 SURFACE = ("N", "P", "albedo", "barycentrics")
 
-TEXT = """
-#include "numerics.clh"
+TEXT = (
+    NUMERICS_OF_ONE_BLOCK
+    + """
 #define IN(name) LOAD_LANES(name + get_global_id(0) * LANES)
 #define OUT(value) STORE_LANES(value, out + get_global_id(0) * LANES)
 kernel void inverse_root(global const REAL *x, global REAL *out) { OUT(reciprocal_sqrt(IN(x))); }
@@ -33,6 +34,7 @@ kernel void log2_less(global const REAL *x, global REAL *out) { OUT(log2_one_min
 kernel void exp2_below(global const REAL *x, global REAL *out) { OUT(exp2_negative(IN(x))); }
 kernel void power(global const REAL *t, global const REAL *n, global REAL *out) { OUT(power_one_minus(IN(t), IN(n))); }
 """
+)
 
 
 def relative(found: np.ndarray, expected: list) -> float:

@@ -23,6 +23,31 @@ LANES = (1, 4, 8, 16)
 # Besides 16: scalars always; other vector widths, each of which needs another program, with -m long.
 OTHER_LANES = (1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long))
 Array = np.ndarray
+# numerics.clh, with the functions of several blocks of lanes also by one block.
+NUMERICS_OF_ONE_BLOCK = """
+#include "numerics.clh"
+
+reals log2_one_minus(reals t)
+{
+    reals y;
+    log2_one_minus_each(&y, &t, 1);
+    return y;
+}
+
+reals exp2_negative(reals y)
+{
+    reals power;
+    exp2_negative_each(&power, &y, 1);
+    return power;
+}
+
+reals power_one_minus(reals t, reals n)
+{
+    reals power;
+    powers_one_minus(&power, &t, &n, 1);
+    return power;
+}
+"""
 
 
 def mask(**overrides: int) -> Features:
