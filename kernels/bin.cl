@@ -4,6 +4,61 @@
 
 #define ENTRIES_PER_LINE 4  // of a cache
 
+#if HAS_NEAR_TILES
+#define GROUP LANES
+#else
+#define GROUP 1
+#endif
+
+// Some triangles, at most GROUP of them.
+typedef struct {
+    int index[GROUP], count;
+    global const Bounds *bounds;  // of the first; the others' follow
+} Group;
+
+#if HAS_NEAR_TILES
+// In lanes: the boxes of a group, pixels.
+typedef struct {
+    fixeds left, bottom, right, top;
+} Boxes;
+
+INLINE Boxes boxes_of(const Group *group)
+{
+    int first[LANES], last[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        ulong box = group->bounds[min(lane, group->count - 1)].box;
+        first[lane] = (int)box;
+        last[lane] = (int)(box >> 32);
+    }
+    fixeds low = LOAD_LANES(first), high = LOAD_LANES(last);
+    Boxes boxes = {low & 0xffff, low >> 16 & 0xffff, high & 0xffff, high >> 16 & 0xffff};
+    return boxes;
+}
+
+INLINE NearTiles near_tiles_of(const Group *group, const Boxes *b, global const Image *image)
+{
+    return near_tiles(b->left, b->bottom, b->right, b->top, LANE_INDEX < group->count, image);
+}
+#endif
+
+// Adds the triangles of a group to the counts of their tiles.
+INLINE void count_group(global uint *counts, const Group *group, global const Triangle *triangles, global const Image *image)
+{
+#if HAS_NEAR_TILES
+    Boxes boxes = boxes_of(group);
+    NearTiles near = near_tiles_of(group, &boxes, image);
+    for (ulong todo = near.touched; todo; todo &= todo - 1) {
+        int i = LOWEST_BIT(todo), lane = i >> 2;
+        if (near.wide >> lane & 1)
+            count_tiles(counts, group->bounds[lane], triangles + group->index[lane], image);
+        else
+            counts[near.tile[i & 3][lane]] += 1;
+    }
+#else
+    count_tiles(counts, group->bounds[0], triangles + group->index[0], image);
+#endif
+}
+
 ITEM_BY_ITEM
 kernel void bin_count(global const uint *order,           // T, triangles, nearest first
                       global const Triangle *triangles,   // F + C, from setup
@@ -18,14 +73,16 @@ kernel void bin_count(global const uint *order,           // T, triangles, neare
     for (int tile = 0; tile < TILE_COUNTS(image); ++tile)
         own[tile] = 0;
     int end = min((chunk + 1) * chunk_size, count);
-    for (int i = chunk * chunk_size; i < end; ++i) {
-        PREFETCH(bounds + order[min(i + 16, end - 1)]);
-        uint index = order[i];
-        Bounds b = bounds[index];
-        sorted[i] = b;
-        TileWalk walk = walk_of(b, triangles + index, image);
-        while (next_tile(&walk))
-            own[tile_at(&walk, image)] += 1;
+    for (int i = chunk * chunk_size; i < end; i += GROUP) {
+        Group group;
+        group.count = min(GROUP, end - i);
+        group.bounds = sorted + i;
+        for (int k = 0; k < group.count; ++k) {
+            PREFETCH(bounds + order[min(i + k + 16, end - 1)]);
+            group.index[k] = order[i + k];
+            sorted[i + k] = bounds[group.index[k]];
+        }
+        count_group(own, &group, triangles, image);
     }
 }
 
@@ -86,6 +143,14 @@ kernel void bin_scan(global const Image *image,   // 1
     }
 }
 
+INLINE void put_entry(global Entry *lists, global uint *cursor, Entry e)
+{
+    uint at = (*cursor)++;
+    lists[at] = e;
+    if (at % ENTRIES_PER_LINE == 0)
+        PREFETCH_TO_WRITE(lists + at + ENTRIES_PER_LINE);
+}
+
 // Appends a triangle to the lists of its tiles.
 INLINE void put_entries(global Entry *lists, global uint *cursors, Bounds b, global const Triangle *triangle, uint index,
                         global const Image *image)
@@ -96,11 +161,39 @@ INLINE void put_entries(global Entry *lists, global uint *cursors, Bounds b, glo
         int box = max(walk.left - x, 0) | max(walk.bottom - y, 0) << 8 | min(walk.right - x, TILE_SIZE - 1) << 16 |
                   min(walk.top - y, TILE_SIZE - 1) << 24;
         Entry e = {b.nearest, index, box, b.only};
-        uint at = cursors[tile_at(&walk, image)]++;
-        lists[at] = e;
-        if (at % ENTRIES_PER_LINE == 0)
-            PREFETCH_TO_WRITE(lists + at + ENTRIES_PER_LINE);
+        put_entry(lists, cursors + tile_at(&walk, image), e);
     }
+}
+
+// Appends the triangles of a group, one after the other, to the lists of their tiles.
+INLINE void put_group(global Entry *lists, global uint *cursors, const Group *group, global const Triangle *triangles,
+                      global const Image *image)
+{
+#if HAS_NEAR_TILES
+    const int last = TILE_SIZE - 1;
+    Boxes b = boxes_of(group);
+    NearTiles near = near_tiles_of(group, &b, image);
+    // In a box's first tile it begins within, and in those to the right and above at the tile's edge.
+    fixeds left = b.left & last, bottom = (b.bottom & last) << 8, right = b.right & last, top = (b.top & last) << 24;
+    fixeds x_end = min(b.right - (b.left - left), last) << 16, y_end = min(b.top - (b.bottom & ~last), last) << 24;
+    int box[4][LANES];
+    STORE_LANES(left | bottom | x_end | y_end, box[0]);
+    STORE_LANES(bottom | right << 16 | y_end, box[1]);
+    STORE_LANES(left | x_end | top, box[2]);
+    STORE_LANES(right << 16 | top, box[3]);
+    for (ulong todo = near.touched; todo; todo &= todo - 1) {
+        int i = LOWEST_BIT(todo), lane = i >> 2, index = group->index[lane];
+        global const Bounds *bounds = group->bounds + lane;
+        if (near.wide >> lane & 1) {
+            put_entries(lists, cursors, *bounds, triangles + index, index, image);
+            continue;
+        }
+        Entry e = {bounds->nearest, index, box[i & 3][lane], bounds->only};
+        put_entry(lists, cursors + near.tile[i & 3][lane], e);
+    }
+#else
+    put_entries(lists, cursors, group->bounds[0], triangles + group->index[0], group->index[0], image);
+#endif
 }
 
 ITEM_BY_ITEM
@@ -118,10 +211,13 @@ kernel void bin_fill(global const uint *order,           // T, triangles, neares
     int chunk = get_global_id(0);
     global uint *own = cursors + (long)chunk * TILE_COUNTS(image);
     int end = min((chunk + 1) * chunk_size, count);
-    for (int i = chunk * chunk_size; i < end; ++i) {
-        uint index = order[i];
-        Bounds b = sorted[i];
-        put_entries(lists, own, b, triangles + index, index, image);
+    for (int i = chunk * chunk_size; i < end; i += GROUP) {
+        Group group;
+        group.count = min(GROUP, end - i);
+        group.bounds = sorted + i;
+        for (int k = 0; k < group.count; ++k)
+            group.index[k] = order[i + k];
+        put_group(lists, own, &group, triangles, image);
     }
 }
 
@@ -141,7 +237,14 @@ kernel void fill_lists(global const Triangle *triangles,   // F + C
         return;
     int chunk = get_global_id(0), first = chunk * chunk_size;
     global uint *own = cursors + (long)chunk * TILE_COUNTS(image);
-    for (int i = first; i < first + (int)made[chunk]; ++i)
-        put_entries(lists, own, bounds[i], triangles + i, i, image);
+    int end = first + (int)made[chunk];
+    for (int i = first; i < end; i += GROUP) {
+        Group group;
+        group.count = min(GROUP, end - i);
+        group.bounds = bounds + i;
+        for (int k = 0; k < group.count; ++k)
+            group.index[k] = i + k;
+        put_group(lists, own, &group, triangles, image);
+    }
 }
 #endif

@@ -279,30 +279,20 @@ INLINE Corners corners_of_faces(global const int *faces, global const Vertex *ve
     return t;
 }
 
-// Adds a triangle to the counts of its tiles.
-INLINE void count_tiles(global uint *counts, Bounds b, global const Triangle *triangle, global const Image *image)
-{
-    TileWalk walk = walk_of(b, triangle, image);
-    while (next_tile(&walk))
-        counts[tile_at(&walk, image)] += 1;
-}
-
 // Stores the triangles of the lanes in `seen` from slot `first` on, and counts their tiles. Returns how many there are.
 INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int first, global Triangle *triangles,
                            global Bounds *bounds, global uint *counts, global const Image *image)
 {
     StoredRows box, row[4];
-    int visible[LANES], tile_of[LANES], many[LANES], made = 0;
-    fixeds x = t->left / TILE_SIZE, y = t->bottom / TILE_SIZE, zero = (fixeds)(0);
-    fixeds in_one = (x == t->right / TILE_SIZE) & (y == t->top / TILE_SIZE);
+    int visible[LANES], slot_of[LANES], made = 0;
+    fixeds zero = (fixeds)(0);
     store_rows(&box, AS_REALS(t->left | t->bottom << 16), AS_REALS(t->right | t->top << 16), MOST(t->w), t->only);
     store_rows(row, AS_REALS(t->x[0]), AS_REALS(t->x[1]), AS_REALS(t->x[2]), AS_REALS(t->y[0]));
     store_rows(row + 1, AS_REALS(t->y[1]), AS_REALS(t->y[2]), t->w[0], t->w[1]);
     store_rows(row + 2, t->w[2], AS_REALS((fixeds)(WHOLE_FACE)), AS_REALS(t->turn), AS_REALS(LOAD_LANES(face)));
     store_rows(row + 3, t->inverse_area, AS_REALS(zero), AS_REALS(zero), AS_REALS(zero));
     STORE_LANES(seen & 1, visible);
-    STORE_LANES(seen & !in_one, many);
-    STORE_LANES((seen & in_one) ? y * image->tiles_x + x : (fixeds)(image->tiles), tile_of);
+    NearTiles near = near_tiles(t->left, t->bottom, t->right, t->top, seen, image);
     for (int lane = 0; lane < LANES; ++lane) {
         int slot = first + made;  // what a lane that is not seen writes, the next one overwrites, or nobody reads
         global float4 *to = (global float4 *)(triangles + slot);
@@ -311,10 +301,16 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
         to[2] = stored_row(row + 2, lane);
         to[3] = stored_row(row + 3, lane);
         ((global float4 *)bounds)[slot] = stored_row(&box, lane);
-        counts[tile_of[lane]] += 1;
-        if (many[lane])
-            count_tiles(counts, bounds[slot], triangles + slot, image);
+        slot_of[lane] = slot;
+        counts[near.tile[0][lane]] += 1;
         made += visible[lane];
+    }
+    for (ulong todo = (near.touched & ~FIRST_TILES) | spread_bits(near.wide); todo; todo &= todo - 1) {
+        int i = LOWEST_BIT(todo), lane = i >> 2, slot = slot_of[lane];
+        if (near.wide >> lane & 1)
+            count_tiles(counts, bounds[slot], triangles + slot, image);
+        else
+            counts[near.tile[i & 3][lane]] += 1;
     }
     return made;
 }

@@ -27,6 +27,13 @@ Array = np.ndarray
 NUMERICS_OF_ONE_BLOCK = """
 #include "numerics.clh"
 
+reals reciprocal_sqrt(reals x)
+{
+    reals root;
+    reciprocal_sqrt_each(&root, &x, 1);
+    return root;
+}
+
 reals log2_one_minus(reals t)
 {
     reals y;
