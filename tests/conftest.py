@@ -16,6 +16,9 @@ from clshade.pipeline import programs
 from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.device import Device, open_device
 
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("POCL_AFFINITY", "0")  # pinned threads of several processes would get in each other's way
+
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:

@@ -29,9 +29,10 @@ from distributed.versions import VersionMismatchWarning
 
 from ..base import console
 from ..errors import InputError, WorkerError
+from ..pipeline.opencl.environment import THREADS
 from ..pipeline.programs import kernel_folder
 from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
-from .job import THREADS, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
+from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .members import Members
 from .waiting import POLL, SILENT
 

@@ -17,9 +17,6 @@ from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 
-# Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
-# Intel's.
-THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
 SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 
 

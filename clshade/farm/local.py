@@ -23,7 +23,8 @@ from types import FrameType
 
 from ..base import interrupts
 from ..errors import WorkerError
-from .job import THREADS, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
+from ..pipeline.opencl.environment import THREADS
+from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
 
 MOST_WORKERS = 256

@@ -160,6 +160,30 @@ def test_what_the_user_set_is_kept(tmp_path: Path) -> None:
     assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", "/users/own", "/users/vendors"], done.stderr
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system cannot say which processors may be used")
+def test_threads_are_pinned_where_each_processor_has_one(tmp_path: Path) -> None:
+    """Not if there are fewer threads or processors, and not against the user's will; a parent's choice is not taken for
+    the user's."""
+    code = (
+        "import os; from clshade.pipeline.opencl import environment; {}environment.prepare(); "
+        "print(os.environ.get('POCL_AFFINITY'))"
+    )
+    unset = {"POCL_AFFINITY": "", "CLSHADE_SET_POCL_AFFINITY": "", **dict.fromkeys(environment.THREADS, "")}
+    all_of_them = os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
+    parents = {"POCL_AFFINITY": "1", "CLSHADE_SET_POCL_AFFINITY": "1"}
+
+    def chosen(before: str = "", **changes: str) -> str:
+        return python(code.format(before), tmp_path, **{**unset, **changes}).stdout.strip()
+
+    assert chosen() == ("1" if all_of_them else "None")
+    for name in environment.THREADS:
+        assert chosen(**{name: "1"}) == "None"
+        assert chosen(**parents, **{name: "1"}) == "None"
+    if (os.cpu_count() or 1) > 1:
+        assert chosen("os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); ") == "None"
+    assert chosen(POCL_AFFINITY="0") == "0"
+
+
 # Runtimes
 
 

@@ -23,6 +23,9 @@ from ...errors import DeviceError
 from . import cache_slots
 from .cache_slots import Slot, unusable
 
+# Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
+# Intel's.
+THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
 ROOM = 64 << 20  # bytes: PoCL silently ends the process if it cannot write what it compiles
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
@@ -264,6 +267,22 @@ def expose_runtimes() -> None:
     _set("OCL_ICD_VENDORS", str(folder))
 
 
+def _pin_threads() -> None:
+    """Keep each of PoCL's threads on a processor of its own, if it starts one for each: the kernel's scheduler tends to
+    wake two on one processor, and moves neither during a short frame.
+
+    Threads that are fewer than the processors are left alone, for PoCL would put those of all processes on the first
+    ones; so are those of a process that may not use all processors, for PoCL ends it if it cannot pin them.
+    """
+    if is_users("POCL_AFFINITY"):
+        return
+    os.environ.pop("POCL_AFFINITY", None)  # a parent's
+    if not hasattr(os, "sched_getaffinity") or any(os.environ.get(name) for name in THREADS):
+        return
+    if os.sched_getaffinity(0) == set(range(os.cpu_count() or 0)):
+        _set("POCL_AFFINITY", "1")
+
+
 def prepare(name: str = "") -> Slot:
     """Set up the environment for OpenCL and claim this process's cache folder; later calls only return it. Call it
     before importing pyopencl. `name`: the device asked for, as for `device.open_device`."""
@@ -272,6 +291,7 @@ def prepare(name: str = "") -> Slot:
         slot = _slot or _adopt(cache_slots.claim(cache_root()))
         if not _prepared:
             expose_runtimes()
+            _pin_threads()
             # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
             os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
             if "rusticl" in name.lower():
