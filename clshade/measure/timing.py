@@ -49,6 +49,14 @@ def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
     return turn
 
 
+def median_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the 95 % interval of the median, by bootstrap as in `ratio_interval`."""
+    found = np.array(values, np.float64)
+    drawn = np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))
+    low, high = np.percentile(np.median(found[drawn], axis=1), COVERAGE)
+    return float(low), float(high)
+
+
 def ratio_interval(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the ratio of two medians of as many rounds, by bootstrap: rounds are drawn again with
     replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993)."""

@@ -41,9 +41,9 @@ def test_the_object_fills_a_third_of_the_image(opened):
 
 
 def test_scaling_has_a_workload_for_each_size():
-    assert [SCALING[f"triangles-{n}"].make().face_count for n in (4000, 64_000)] == [4000, 64_000]
-    assert SCALING["triangles-fixed"].make().face_count == 1000
-    assert SCALING["pixels-512"].make().camera.resolution == (512, 512)
+    assert [SCALING[f"phong-triangles-{n}"].make().face_count for n in (4000, 64_000)] == [4000, 64_000]
+    assert SCALING["course-triangles-fixed"].make().face_count == 1000
+    assert SCALING["gouraud-pixels-512"].make().camera.resolution == (512, 512)
 
 
 # Counts
@@ -91,13 +91,14 @@ def test_peaks(opened, changes):
 
 
 def test_a_process_of_its_own_tells_its_memory(opened):
-    drawn = children.draw_apart("pixels-fixed", opened.index, 1)
+    drawn = children.draw_apart("gouraud-pixels-fixed", opened.index, 1)
     assert drawn.resolution == (16, 16)
+    assert "gouraud" in drawn.stages
     assert drawn.peak_mib is None or 20.0 < drawn.peak_mib < 4096.0  # Python with NumPy takes 20 MiB
     with pytest.raises(
         children.ChildError, match=r"clshade\.measure\.bench\.apart: no OpenCL device matches 'nothing'"
     ):
-        children.draw_apart("pixels-fixed", "nothing", 1)
+        children.draw_apart("phong-pixels-fixed", "nothing", 1)
 
 
 def test_starts_are_with_a_warm_cache_and_with_empty_ones(monkeypatch):

@@ -17,7 +17,7 @@ from clshade.errors import ClshadeError
 from clshade.images import png
 from clshade.measure.bench import bench, figure, results, scaling, starting, tables, workloads
 from clshade.measure.bench.peers import PEERS
-from clshade.measure.bench.workloads import SCALING, Workload
+from clshade.measure.bench.workloads import SCALING, WAYS, Workload
 
 # Exponents
 
@@ -39,7 +39,7 @@ def test_powers():
 
 def series_of(measure):
     made = scaling.scaling(measure)
-    assert [each.name for each in made] == ["triangles", "pixels"]
+    assert [each.name for each in made] == [f"{way}-{kind}" for way in WAYS for kind in ("triangles", "pixels")]
     return made
 
 
@@ -48,14 +48,18 @@ def test_series_are_drawn_from_small_to_large():
 
     def measure(name):
         asked.append(name)
-        kind, size = name.split("-")
+        _, kind, size = name.split("-")
         count = 0 if size == "fixed" else int(size)
         if kind == "triangles":
             return drawn_with(count, 1.0 + 1e-3 * count, peak=100.0 + 1e-2 * count)
         return drawn_with(side=max(count, 16), ms=1.0 + 1e-4 * count**2, peak=50.0)
 
-    triangles, pixels = series_of(measure)
-    assert asked == ["triangles-fixed", *list(SCALING)[:8], "pixels-fixed", *list(SCALING)[8:]]
+    triangles, pixels, *others = series_of(measure)
+    names = list(SCALING)
+    first = ["phong-triangles-fixed", *names[:8], "phong-pixels-fixed", *names[8:14], "gouraud-triangles-fixed"]
+    assert asked[: len(first)] == first
+    assert len(asked) == len(names) + 6
+    assert [each.sizes for each in others] == [triangles.sizes, pixels.sizes] * 2
     assert triangles.sizes == sorted(triangles.sizes)
     assert triangles.exponents()["time beyond the fixed cost"] == pytest.approx(1.0, abs=1e-6)
     assert triangles.exponents()["memory beyond the fixed cost"] == pytest.approx(1.0, abs=1e-6)
@@ -73,7 +77,7 @@ def test_verdicts():
     assert found["w", "ms a frame"] == (2.0, False)
     assert found["start-up", "s with a warm cache"] == (0.5, True)
     assert found["start-up", "s with an empty cache"] == (4.0, False)
-    assert found["scaling-triangles", "exponent of time beyond the fixed cost"][1]
+    assert found["scaling-phong-triangles", "exponent of time beyond the fixed cost"][1]
     assert len(found) == 7
     least = results.Verdict("", "", 150.0, 150.0, True)
     assert [least.kept, least._replace(value=149.0).kept, least._replace(value=None).kept] == [True, False, None]
@@ -96,7 +100,7 @@ def test_the_tables_hold_what_was_found():
     rows = list(csv.DictReader(io.StringIO(text_tables.as_csv(tables.CSV, tables.csv_rows(small_speed())))))
     assert [(row["workload"], row["peer"]) for row in rows] == [
         ("w", ""),
-        *[("triangles-fixed", ""), ("triangles-10", ""), ("triangles-100", ""), ("triangles-1000", "")],
+        *[*[(f"phong-triangles-{size}", "") for size in ("fixed", 10, 100, 1000)]],
         *[("w", "llvmpipe"), ("w", "numpy")],
         *[("start-up-warm", ""), ("start-up-empty", "")],
     ]
@@ -178,7 +182,7 @@ def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(bench, "draw_apart", lambda name, device, frames: drawn_with(len(name), frames))
     code, out, _ = run(capsys, "bench", "--scaling", "--frames", "3", "--device", opened.index)
     assert code == 0
-    assert "scaling-pixels" in out
+    assert "scaling-phong-pixels" in out
     assert "object" not in out.split("bar ")[0].split("grows")[0]
     code, out, err = run(capsys, "bench", "--list")
     assert (code, err) == (0, [])

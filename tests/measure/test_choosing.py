@@ -11,20 +11,39 @@ from hypothesis import strategies as st
 
 from clshade.cli.commands.arguments import milliseconds, tolerance
 from clshade.errors import InputError
-from clshade.measure.report.pareto import chosen, front, within_budget, within_tolerance
+from clshade.measure.report.pareto import (
+    Choice,
+    chosen,
+    dominates,
+    front,
+    tied,
+    ties,
+    within_budget,
+    within_tolerance,
+)
 
 
 @dataclass(frozen=True)
 class Alternative:
+    """spread: how far the quartiles lie from the median."""
+
     name: str
     cost: float
     error: float
+    spread: float = 0.0
+
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        return self.cost - self.spread, self.cost + self.spread
 
 
 # Few values, so that many are equal.
 VALUES = st.sampled_from([0.5, 1.0, 2.0, 3.0, 7.0])
 SOME = st.lists(st.tuples(VALUES, VALUES), min_size=1, max_size=12).map(
     lambda pairs: [Alternative(str(k), *pair) for k, pair in enumerate(pairs)]
+)
+SPREAD = st.lists(st.tuples(VALUES, VALUES, st.sampled_from([0.0, 0.3, 1.0])), min_size=1, max_size=12).map(
+    lambda rows: [Alternative(str(k), *row) for k, row in enumerate(rows)]
 )
 
 
@@ -37,25 +56,74 @@ def test_nothing_beats_the_front_and_it_leaves_nothing_out(some):
     found = front(some)
     assert not any(beats(other, each) for each in found for other in some)
     for each in some:
-        assert any(beats(other, each) or (other.cost, other.error) == (each.cost, each.error) for other in found)
-    assert [each.cost for each in found] == sorted({each.cost for each in found})
-    assert [each.error for each in found] == sorted({each.error for each in found}, reverse=True)
+        assert each in found or any(beats(other, each) for other in found)
+    assert [each.cost for each in found] == sorted(each.cost for each in found)
+    assert [each.error for each in found] == sorted((each.error for each in found), reverse=True)
+
+
+@given(SPREAD, st.sampled_from([0.0, 0.4, 1.0]))
+def test_a_front_under_uncertainty(some, known):
+    """It is never empty, and leaves out only what something measurably beats."""
+    found = front(some, known)
+    assert found
+    for each in some:
+        assert (each in found) != any(dominates(other, each, known) for other in some)
+        assert not dominates(each, each, known)
+    for group in ties(found, known):
+        assert len(group) > 1
+        for each in group:
+            assert any(tied(each, other, known) for other in group if other is not each)
+    grouped = [each for group in ties(found, known) for each in group]
+    assert len(grouped) == len(set(grouped))
+
+
+def test_ties():
+    """Within the other's quartiles, either's, in time, and within what is known in error: both are needed."""
+    first, slower = Alternative("a", 10.0, 0.1, 1.0), Alternative("b", 10.9, 0.1)
+    assert tied(first, slower, 0.0)
+    assert tied(slower, first, 0.0)
+    assert not tied(first, Alternative("c", 11.1, 0.1), 0.0)
+    assert not tied(first, Alternative("d", 10.0, 0.13), 0.02)
+    assert tied(first, Alternative("e", 10.0, 0.13), 0.04)
+    assert [each.name for each in front([first, slower])] == ["a", "b"]
+    assert ties([first, slower], 0.0) == [[first, slower]]
+    # Chains are one group, though their ends differ.
+    chain = [Alternative(str(k), 1.0 + k, 0.1, 1.0) for k in range(4)]
+    assert [len(group) for group in ties(chain, 0.0)] == [4]
 
 
 @given(SOME, VALUES)
 def test_the_limits_are_kept_and_nothing_better_keeps_them(some, limit):
     affordable, exact = [p for p in some if p.cost <= limit], [p for p in some if p.error <= limit]
     if affordable:
-        used = within_budget(some, limit)
+        used = within_budget(some, limit).used
         assert used in affordable
         assert used.error == min(each.error for each in affordable)
-        assert chosen(some, limit, None, 9.0) == used
+        assert chosen(some, limit, None, 9.0).used == used
     if exact:
-        used = within_tolerance(some, limit)
+        used = within_tolerance(some, limit).used
         assert used in exact
         assert used.cost == min(each.cost for each in exact)
-        assert chosen(some, None, limit, limit) == used
+        assert chosen(some, None, limit, 0.0).used == used
     assert chosen(some, None, None, 0.0) is None
+
+
+def test_choices_within_noise():
+    """A budget prefers the more accurate, a tolerance the faster; both say so."""
+    quick, exact = Alternative("quick", 1.0, 0.5, 0.1), Alternative("exact", 5.2, 0.1, 0.4)
+    assert within_budget([quick, exact], 5.0).used == exact
+    assert "exact takes 4.8 to 5.6 ms" in within_budget([quick, exact], 5.0).doubt
+    assert within_budget([quick, exact], 4.7) == Choice(
+        quick, "exact, which is more accurate, takes 5.2 ms, just above the budget"
+    )
+    assert within_budget([quick, exact], 4.0) == Choice(quick, "")
+    assert within_budget([quick, exact], 6.0) == Choice(exact, "")
+    assert within_tolerance([quick, exact], 0.49, 0.02).used == quick
+    assert "known to 0.02" in within_tolerance([quick, exact], 0.49, 0.02).doubt
+    assert within_tolerance([quick, exact], 0.4, 0.02) == Choice(exact, "")
+    # Of two as fast as measuring can tell, the more accurate.
+    closer = Alternative("closer", 1.05, 0.3, 0.1)
+    assert within_tolerance([quick, closer], 0.6).used == closer
 
 
 def test_limits_that_nothing_keeps_name_the_best():
@@ -69,7 +137,7 @@ def test_limits_that_nothing_keeps_name_the_best():
 def test_a_tolerance_below_what_is_known_is_refused():
     """Even if a measured error is smaller."""
     some = [Alternative("slow", 9.0, 0.001), Alternative("quick", 2.0, 0.1)]
-    assert within_tolerance(some, 0.01, 0.01).name == "slow"
+    assert within_tolerance(some, 0.01, 0.01).used.name == "slow"
     expected = r"--tolerance: expected at least 0\.02, which is .*the best, slow, has 0\.001\), found 0\.01"
     with pytest.raises(InputError, match=expected):
         within_tolerance(some, 0.01, 0.02)

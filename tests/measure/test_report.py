@@ -24,9 +24,10 @@ from clshade.measure.report import figure, labels, report, study, tables, varian
 from clshade.measure.report.format_errors import formats
 from clshade.measure.report.labels import Box, placed
 from clshade.measure.report.measure import measure
+from clshade.measure.report.pareto import tied, ties
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.tessellation import loglog_slope, tessellation
-from clshade.measure.report.variants import BASE, base_settings, named, variants_for
+from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
@@ -162,7 +163,7 @@ def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study
         replace(
             one,
             variant=replace(one.variant, name=f"variant-{k}"),
-            frame_ms=timing.Spread(0.9 * cost, cost, 1.2 * cost),
+            frame_ms=timing.Spread(0.95 * cost, cost, 1.05 * cost),
             approximation=replace(error, rmse=rmse_of),
         )
         for k, (cost, rmse_of) in enumerate(costs)
@@ -188,8 +189,31 @@ def test_the_tables_fit_a_terminal(found):
 def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
     several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
     assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
-    names = [each.name for each in study.worth_showing(several.measured)]
+    names = [each.name for each in study.worth_showing(several.measured, several.reference.error)]
     assert names == ["variant-1", "variant-0", "variant-4", "variant-2"]
+
+
+def test_two_equal_ways_tie(device):
+    """Frames enough that medians of equal distributions lie within each other's interquartile range."""
+    scene = sphere()
+    base = base_settings(scene)
+    ways = [Variant(name, "", {}) for name in ("one", "other")]
+    ways.append(Variant("coarse", "", {"shader": "gouraud"}))
+    one, other, coarse = measure(scene, ways, base, device, reference(scene, base, device), frames=101)
+    known = abs(coarse.error - one.error) / 2
+    assert tied(one, other, known)
+    assert not tied(one, coarse, known)
+    assert [one.name, other.name] in [sorted(each.name for each in group) for group in ties([one, other], known)]
+    assert one.interval[0] <= one.cost <= one.interval[1]
+
+
+def test_ties_are_marked_and_named(found):
+    tied_ones = made_up(found, [(1.0, 0.5), (2.0, 0.1), (2.04, 0.1)])
+    lines = tables.lines(tied_ones)
+    for name, mark in (("variant-0", "*"), ("variant-1", "*="), ("variant-2", "*=")):
+        assert {line.split()[1] for line in lines if line.startswith(name)} == {mark}
+    assert any(line.startswith("= variant-1, variant-2 cannot be told apart") for line in lines)
+    assert tied_ones.stats()["ties"] == [["variant-1", "variant-2"]]
 
 
 def test_pictures_are_those_of_the_variants(found):

@@ -67,7 +67,7 @@ def test_a_real_study_chooses(device):
 @pytest.fixture
 def unmeasured(monkeypatch, found):
     """Give every variant the same cost and error; record the reference's settings."""
-    monkeypatch.setattr(auto_settings, "_tried", lambda scene, each, *_: Candidate(each, 1.0, 0.5))
+    monkeypatch.setattr(auto_settings, "_tried", lambda scene, each, *_: Candidate(each, 1.0, (1.0, 1.0), 0.5))
     monkeypatch.setattr(auto_settings, "_timed", lambda scene, tried, *_: tried)
 
     def reference_of(scene, base, device, fixed):
@@ -103,7 +103,7 @@ def test_a_preset_stays(device, given):
 
 def test_only_what_may_be_chosen_is_timed(found):
     one = found.measured[0].variant
-    tried = [Candidate(one, *each) for each in ((2.0, 0.5), (5.0, 0.1), (9.0, 0.02), (100.0, 0.01))]
+    tried = [Candidate(one, ms, (ms, ms), error) for ms, error in ((2.0, 0.5), (5.0, 0.1), (9.0, 0.02), (100.0, 0.01))]
     assert auto_settings.worth_timing(tried, 5.0, None) == tried[:3]
     assert auto_settings.worth_timing(tried, 0.1, None) == tried[:1]
     assert auto_settings.worth_timing(tried, None, 0.1) == tried[1:3]

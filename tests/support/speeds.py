@@ -40,5 +40,5 @@ def small_speed():
     started = starting.Started(Spread(0.4, 0.5, 0.6), Spread(3.0, 4.0, 5.0), 5)
     points = tuple(drawn_with(n, 1.0 + n, peak=100.0 + n) for n in (10, 100, 1000))
     return made_up(
-        result, started=started, series=(scaling.Series("triangles", drawn_with(1, 1.0, peak=100.0), points),)
+        result, started=started, series=(scaling.Series("phong", "triangles", drawn_with(1, 1.0, peak=100.0), points),)
     )

@@ -32,7 +32,8 @@ def main(arguments: Sequence[str]) -> int:
     name, device, frames = arguments
     known = {**SCALING, **{each.name: each for each in WORKLOADS}}
     try:
-        drawn = draw(known[name].make(), open_device(device, profiling=True), int(frames))
+        workload = known[name]
+        drawn = draw(workload.make(), open_device(device, profiling=True), int(frames), options=workload.options)
     except ClshadeError as error:
         print(error, file=sys.stderr)
         return 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from .scaling import Series
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+WAY_COLORS = (figures.OURS, figures.OTHER, "#7a5195")
 COLORS = {"llvmpipe": figures.OURS, "opengl": "#2e8b57", "numpy": figures.OTHER, "scanline": "#7a5195"}
 
 
@@ -19,13 +21,14 @@ def plot(speed: Speed, path: Path) -> None:
     """Draw and save the figure. Raises OutputError."""
     panels = [_ratios] if any(result.compared for result in speed.results) else []
     panels = panels or ([] if speed.series else [_times])
-    count = len(panels) + len(speed.series)
+    kinds = list(dict.fromkeys(series.kind for series in speed.series))
+    count = len(panels) + len(kinds)
     figure = figures.blank(5.6 * count, 5.0)
     axes = figure.subplots(1, count, squeeze=False)[0]
     for draw, where in zip(panels, axes, strict=False):
         draw(where, speed)
-    for series, where in zip(speed.series, axes[len(panels) :], strict=True):
-        _growth(where, series)
+    for kind, where in zip(kinds, axes[len(panels) :], strict=True):
+        _growth(where, [series for series in speed.series if series.kind == kind])
     figure.suptitle(f"{speed.device}\n{speed.machine}", fontsize=8)
     figures.save(figure, path, colors=64)
 
@@ -62,17 +65,19 @@ def _times(axes: Axes, speed: Speed) -> None:
     axes.set(xlabel="ms a frame")
 
 
-def _growth(axes: Axes, series: Series) -> None:
-    exponents = series.exponents()
-    text = ", ".join(f"{what} {value:.2f}" for what, value in exponents.items() if value is not None)
-    low, _, high = zip(*(each.frame_ms for each in series.points), strict=True)
-    axes.fill_between(series.sizes, low, high, color=figures.OURS, alpha=0.25, lw=0)
-    axes.loglog(series.sizes, [each.ms for each in series.points], "o-", color=figures.OURS, ms=4, label="ms a frame")
-    axes.axhline(series.fixed.ms, color=figures.MUTED, ls=":", label="fixed cost, ms")
-    memory = [each.peak_mib for each in series.points]
+def _growth(axes: Axes, several: Sequence[Series]) -> None:
+    """Plot the times of several ways against what grows, and the memory of the first."""
+    for series, color in zip(several, WAY_COLORS, strict=False):
+        low, middle, high = zip(*(each.frame_ms for each in series.points), strict=True)
+        exponent = series.exponents()["time beyond the fixed cost"]
+        fitted = "" if exponent is None else f", as the power {exponent:.2f} beyond the fixed cost"
+        axes.fill_between(series.sizes, low, high, color=color, alpha=0.25, lw=0)
+        axes.loglog(series.sizes, middle, "o-", color=color, ms=4, label=f"{series.way}: ms a frame{fitted}")
+    first = several[0]
+    axes.axhline(first.fixed.ms, color=figures.MUTED, ls=":", label=f"{first.way}: fixed cost, ms")
+    memory = [each.peak_mib for each in first.points]
     if None not in memory:
-        axes.loglog(series.sizes, memory, "s--", color=figures.OTHER, ms=4, label="peak of memory, MiB")
-    axes.set(xlabel=series.name)
-    axes.set_title(f"exponents: {text}", fontsize=7)
+        axes.loglog(first.sizes, memory, "s--", color=figures.MUTED, ms=4, label=f"{first.way}: peak of memory, MiB")
+    axes.set(xlabel=first.kind)
     axes.grid(True, which="both", alpha=0.2)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=7)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from .device_peaks import Peaks
 SECONDS = 20.0  # for the frames of one workload, or of a workload and a peer
 PATH = 20  # steps of the camera's path, which repeats
 STEP = 0.05  # degrees
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 # Operations of the Phong model per pixel; an fma counts as two, everything else, roots and quotients included, as one:
 # perspective-correct barycentric coordinates 21, point and normal 30, their unit vectors 20, the coefficients 15. And
@@ -89,17 +91,24 @@ def cameras(camera: Camera) -> list[Camera]:
 
 
 @contextmanager
-def warm_renderer(scene: Scene, device: Device) -> Iterator[Renderer]:
+def warm_renderer(scene: Scene, device: Device, options: Mapping[str, Any] = NO_OPTIONS) -> Iterator[Renderer]:
     """Yield a renderer that has drawn a frame: runtimes may compile and allocate during the first."""
-    with Renderer(scene, device=device) as renderer:
+    with Renderer(scene, device=device, **options) as renderer:
         for _ in range(2):
             renderer.render()
         yield renderer
 
 
-def draw(scene: Scene, device: Device, frames: int = BENCH_FRAMES, seconds: float = SECONDS) -> FrameTiming:
-    """Time `frames` frames, fewer if they take more than `seconds`. Raises DeviceError if the scene does not fit."""
-    with warm_renderer(scene, device) as renderer:
+def draw(
+    scene: Scene,
+    device: Device,
+    frames: int = BENCH_FRAMES,
+    seconds: float = SECONDS,
+    options: Mapping[str, Any] = NO_OPTIONS,
+) -> FrameTiming:
+    """Time `frames` frames, fewer if they take more than `seconds`. options: of Renderer. Raises DeviceError if the scene
+    does not fit."""
+    with warm_renderer(scene, device, options) as renderer:
         frame = renderer.render()
         covered, stats = int(np.count_nonzero(frame.alpha)), frame.stats
         del frame  # releases its memory for the next

@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..report.tessellation import loglog_slope
 from .frame_timing import FrameTiming
-from .workloads import SCALING
+from .workloads import SCALING, WAYS
 
 EXPONENT = 1.05  # the bar
 LEAST_TIME, LEAST_MEMORY = 1.0, 0.15  # fractions of the fixed cost that exceed noise
 FEWEST_POINTS = 3  # in a fit
-NAMES = ("triangles", "pixels")
+KINDS = ("triangles", "pixels")
 
 
 @dataclass(frozen=True)
 class Series:
-    """Measurements of growing size. name: what grows. fixed: measured with few of them. points: by increasing size."""
+    """Measurements of growing size. kind: what grows. way: of WAYS. fixed: measured with few of them. points: by
+    increasing size."""
 
-    name: str
+    way: str
+    kind: str
     fixed: FrameTiming
     points: tuple[FrameTiming, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.way}-{self.kind}"
 
     @property
     def sizes(self) -> list[int]:
         """Number of triangles, or pixels, of each point."""
         return [
-            each.triangles if self.name == "triangles" else each.resolution[0] * each.resolution[1]
+            each.triangles if self.kind == "triangles" else each.resolution[0] * each.resolution[1]
             for each in self.points
         ]
 
@@ -78,8 +85,9 @@ def power_beyond(
 def scaling(measure: Callable[[str], FrameTiming]) -> tuple[Series, ...]:
     """Measure all series. measure: draws the workload of a name in SCALING."""
     found = []
-    for name in NAMES:
+    for way, kind in itertools.product(WAYS, KINDS):
+        name = f"{way}-{kind}"
         measure(f"{name}-fixed")  # excludes the memory used for compiling the kernels
         fixed, *points = (measure(each) for each in SCALING if each.startswith(name))
-        found.append(Series(name, fixed, tuple(points)))
+        found.append(Series(way, kind, fixed, tuple(points)))
     return tuple(found)

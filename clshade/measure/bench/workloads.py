@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class Workload:
 
     make: returns the scene, resolution included. ratios: minimum speedup over a peer, by the peer's name. peers: names
     of all that can draw it. limits: other bars. most_floors: most of its time in units of its floor, if there is a bar.
-    apart: draw it in a process of its own, whose peak memory is measured too.
+    apart: draw it in a process of its own, whose peak memory is measured too. options: of Renderer.
     """
 
     name: str
@@ -45,6 +45,7 @@ class Workload:
     limits: tuple[Limit, ...] = ()
     most_floors: float | None = None
     apart: bool = False
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 def _lights(count: int = 3) -> tuple[PointLight, ...]:
@@ -162,16 +163,23 @@ TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
 SIDES = (256, 512, 1024, 2048, 4096)
 FIXED_SIDE = 16  # of an image so small that its pixels take negligible time
 
+# Ways to draw the growing scenes, with the options of Renderer: the first in the preset `standard`, with Phong shading.
+WAYS: dict[str, dict[str, Any]] = {"phong": {}, "gouraud": {"shader": "gouraud"}, "course": {"preset": "course"}}
+
+
+def _growing() -> Iterator[Workload]:
+    for way, options in WAYS.items():
+        growing = partial(Workload, apart=True, options=options)
+        yield growing(f"{way}-triangles-fixed", "few triangles, 1920x1080", partial(knot, FEW_TRIANGLES))
+        for n in TRIANGLES:
+            yield growing(f"{way}-triangles-{n}", f"{n:,} triangles, 1920x1080", partial(knot, n))
+        yield growing(f"{way}-pixels-fixed", "the object at 16x16", partial(thing, FIXED_SIDE))
+        for n in SIDES:
+            yield growing(f"{way}-pixels-{n}", f"the object at {n}x{n}", partial(thing, n))
+
+
 # The workloads of --scaling by name; `-fixed` is the same scene with few triangles, or in few pixels.
-SCALING = {
-    each.name: each
-    for each in (
-        Workload("triangles-fixed", "few triangles, 1920x1080", partial(knot, FEW_TRIANGLES), apart=True),
-        *(Workload(f"triangles-{n}", f"{n:,} triangles, 1920x1080", partial(knot, n), apart=True) for n in TRIANGLES),
-        Workload("pixels-fixed", "the object at 16x16", partial(thing, FIXED_SIDE), apart=True),
-        *(Workload(f"pixels-{n}", f"the object at {n}x{n}", partial(thing, n), apart=True) for n in SIDES),
-    )
-}
+SCALING = {each.name: each for each in _growing()}
 
 
 def pick(names: Collection[str], known: Collection[str], what: str) -> list[str]:

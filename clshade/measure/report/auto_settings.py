@@ -8,12 +8,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from ...base import console
 from ...images.metrics import rmse
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
 from ...pipeline.renderer import Renderer
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
+from ..timing import spread
 from .measure import frame_ms, frame_times
 from .pareto import chosen
 from .reference_image import Reference, reference
@@ -24,10 +26,12 @@ SLACK = 2.0  # a single frame may take this many times as long as the median
 
 
 class Candidate(NamedTuple):
-    """A variant with its measured cost, milliseconds per frame, and error, RMSE against the reference."""
+    """A variant with its measured cost, milliseconds per frame, the quartiles of that, and error, RMSE against the
+    reference."""
 
     variant: Variant
     cost: float
+    quartiles: tuple[float, float]
     error: float
 
     @property
@@ -107,8 +111,11 @@ def select(
     converged = reference(scene, base, opened, fixed)
     tried = [_tried(scene, each, base, opened, converged) for each in variants]
     candidates = _timed(scene, worth_timing(tried, budget, tolerance), base, opened)
-    used = chosen(candidates, budget, tolerance, converged.error)
-    assert used is not None, "either budget or tolerance"
+    choice = chosen(candidates, budget, tolerance, converged.error)
+    assert choice is not None, "either budget or tolerance"
+    used = choice.used
+    if choice.doubt:
+        console.warning(f"within noise: {choice.doubt}")
     kept, names = tuple(sorted(fixed - {"layers"})), tuple(each.name for each in tried)
     return Selection(used, used.variant.settings(base), kept, names, converged, time.perf_counter() - start)
 
@@ -117,7 +124,8 @@ def _tried(scene: Scene, variant: Variant, base: Settings, device: Device, conve
     """Measure a variant; the cost is that of its second frame, as runtimes may compile during the first."""
     with Renderer(scene, settings=variant.settings(base), device=device) as renderer:
         error = rmse(renderer.render().rgb, converged.rgb)
-        return Candidate(variant, frame_ms(renderer), error)
+        cost = frame_ms(renderer)
+        return Candidate(variant, cost, (cost, cost), error)
 
 
 def _timed(scene: Scene, candidates: Sequence[Candidate], base: Settings, device: Device) -> list[Candidate]:
@@ -129,7 +137,10 @@ def _timed(scene: Scene, candidates: Sequence[Candidate], base: Settings, device
             renderer.render()
             renderers.append(renderer)
         times = frame_times(renderers, FRAMES)
-    return [each._replace(cost=ms.median) for each, ms in zip(candidates, times, strict=True)]
+    spreads = [spread(ms) for ms in times]
+    return [
+        each._replace(cost=ms.median, quartiles=(ms.low, ms.high)) for each, ms in zip(candidates, spreads, strict=True)
+    ]
 
 
 def worth_timing(tried: Sequence[Candidate], budget: float | None, tolerance: float | None) -> list[Candidate]:

@@ -74,7 +74,8 @@ def _steps(study: Study) -> list[tuple[float, float]]:
     best = study.front
     corners = [(best[0].cost, errors[best[0]])]
     for each in best[1:]:
-        corners += [(each.cost, corners[-1][1]), (each.cost, errors[each])]
+        if errors[each] < corners[-1][1]:  # not of a tie
+            corners += [(each.cost, corners[-1][1]), (each.cost, errors[each])]
     return corners
 
 

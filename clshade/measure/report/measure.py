@@ -17,7 +17,7 @@ from ...scene import adjust_camera
 from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
 from ..check.check import check
-from ..timing import Spread, in_turns, spread
+from ..timing import Spread, in_turns, median_interval, spread
 from .reference_image import Reference
 from .variants import Variant
 
@@ -30,14 +30,15 @@ STEP = 0.05  # degrees that the camera moves between frames
 class Measured:
     """Measurements of a variant on one scene and device, drawn with `settings`.
 
-    frame_ms: time per frame, with the scene resident on the device. build_ms, upload_ms: before the first frame:
-    building programs or loading them from the cache; packing and uploading the scene. arithmetic: errors against the
-    float64 oracle with the same settings. approximation: errors against the reference.
+    frame_ms: time per frame, with the scene resident on the device; interval: of its median, 95 %. build_ms, upload_ms:
+    before the first frame: building programs or loading them from the cache; packing and uploading the scene.
+    arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference.
     """
 
     variant: Variant
     settings: Settings
     frame_ms: Spread
+    interval: tuple[float, float]
     build_ms: float
     upload_ms: float
     arithmetic: Check
@@ -53,6 +54,11 @@ class Measured:
         return self.frame_ms.median
 
     @property
+    def quartiles(self) -> tuple[float, float]:
+        """Of the milliseconds per frame."""
+        return self.frame_ms.low, self.frame_ms.high
+
+    @property
     def error(self) -> float:
         """RMSE of the approximation."""
         return self.approximation.rmse
@@ -64,6 +70,7 @@ class Measured:
             "about": self.variant.about,
             "settings": self.variant.changes,
             "frame_ms": self.frame_ms._asdict(),
+            "frame_ms_95": self.interval,
             "build_ms": self.build_ms,
             "upload_ms": self.upload_ms,
             "arithmetic": self.arithmetic.stats(),
@@ -96,12 +103,13 @@ def measure(
             drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors))
         times = frame_times([each.renderer for each in drawn], frames)
         return [
-            Measured(each.variant, each.renderer.settings, ms, *each[2:]) for each, ms in zip(drawn, times, strict=True)
+            Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])
+            for each, ms in zip(drawn, times, strict=True)
         ]
 
 
-def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
-    """Time the frames of each renderer, in milliseconds, drawn in turns while the camera moves.
+def frame_times(renderers: Sequence[Renderer], frames: int) -> list[tuple[float, ...]]:
+    """Return the times of the frames of each renderer, in milliseconds, drawn in turns while the camera moves.
 
     Each renderer must have drawn one frame before, as runtimes may compile during it. frames: number per renderer;
     fewer if all of them take more than SECONDS.
@@ -109,12 +117,14 @@ def frame_times(renderers: Sequence[Renderer], frames: int) -> list[Spread]:
     if not renderers:
         return []
     cameras = [adjust_camera.adjusted(renderers[0].scene.camera, azimuth=STEP * (k + 1)) for k in range(frames)]
-    turns = in_turns([partial(_next_ms, each, cameras) for each in renderers], frames, SECONDS)
-    return [spread(ms) for ms in zip(*turns, strict=True)]
+    count = len(renderers)
 
+    def next_ms(place: int, number: int) -> float:
+        return frame_ms(renderers[(place + number) % count], cameras[number])
 
-def _next_ms(renderer: Renderer, cameras: Sequence[Camera], number: int) -> float:
-    return frame_ms(renderer, cameras[number])
+    # Each round begins with another renderer: which one was drawn before makes a difference.
+    turns = in_turns([partial(next_ms, place) for place in range(count)], frames, SECONDS)
+    return [tuple(turn[(k - number) % count] for number, turn in enumerate(turns)) for k in range(count)]
 
 
 def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:

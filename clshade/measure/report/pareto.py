@@ -1,20 +1,26 @@
-"""The Pareto front of variants by time and error, and the choice of one."""
+"""The Pareto front of variants by time and error, as far as measuring can tell them apart, and the choice of one."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 from ...errors import InputError
 
+NEARLY = 1.05  # times a budget that another measurement might find within it
+
 
 class Alternative(Protocol):
-    """Anything with a name, a time in milliseconds and an error."""
+    """Anything with a name, a time in milliseconds, the quartiles of the times it is the median of, and an error."""
 
     @property
     def name(self) -> str: ...
     @property
     def cost(self) -> float: ...
+    @property
+    def quartiles(self) -> tuple[float, float]: ...
     @property
     def error(self) -> float: ...
 
@@ -22,45 +28,92 @@ class Alternative(Protocol):
 A = TypeVar("A", bound=Alternative)
 
 
-def front(alternatives: Sequence[A]) -> list[A]:
-    """Return the Pareto front, fastest first: the alternatives that no other dominates. Of equal ones, keep the
-    first."""
-    found: list[A] = []
-    for each in sorted(alternatives, key=lambda each: (each.cost, each.error)):
-        if not found or each.error < found[-1].error:
-            found.append(each)
-    return found
+def tied_in_time(a: Alternative, b: Alternative) -> bool:
+    """Return whether one's median lies within the other's interquartile range."""
+    return any(one.quartiles[0] <= other.cost <= one.quartiles[1] for one, other in ((a, b), (b, a)))
 
 
-def within_budget(alternatives: Sequence[A], budget: float) -> A:
-    """Return the most accurate within `budget` milliseconds. Raises InputError, naming the fastest, if there is
-    none."""
-    affordable = [each for each in front(alternatives) if each.cost <= budget]
+def tied(a: Alternative, b: Alternative, known: float) -> bool:
+    """Return whether measuring cannot tell the two apart. known: uncertainty of the errors, that of the reference."""
+    return tied_in_time(a, b) and abs(a.error - b.error) <= known
+
+
+def dominates(a: Alternative, b: Alternative, known: float) -> bool:
+    """Return whether `a` is better than `b` by more than the uncertainty in time or error, and no worse in the other."""
+    faster = a.cost < b.cost and not tied_in_time(a, b)
+    slower = a.cost > b.cost and not tied_in_time(a, b)
+    closer, farther = a.error < b.error - known, a.error > b.error + known
+    return (faster and not farther) or (closer and not slower)
+
+
+def front(alternatives: Sequence[A], known: float = 0.0) -> list[A]:
+    """Return the Pareto front, fastest first: the alternatives that no other dominates. known: uncertainty of the
+    errors."""
+    kept = [each for each in alternatives if not any(dominates(other, each, known) for other in alternatives)]
+    return sorted(kept, key=lambda each: (each.cost, each.error))
+
+
+def ties(best: Sequence[A], known: float) -> list[list[A]]:
+    """Return the groups of a front's members that cannot be told apart, each with another of its group."""
+    groups: list[list[A]] = []
+    for each in best:
+        near = [group for group in groups if any(tied(each, other, known) for other in group)]
+        apart = [group for group in groups if not any(group is one for one in near)]
+        groups = [*apart, [*itertools.chain.from_iterable(near), each]]
+    return [group for group in groups if len(group) > 1]
+
+
+@dataclass(frozen=True)
+class Choice(Generic[A]):
+    """The alternative to use. doubt: why another measurement might choose differently; "" if nothing suggests it."""
+
+    used: A
+    doubt: str
+
+
+def within_budget(alternatives: Sequence[A], budget: float) -> Choice[A]:
+    """Choose the most accurate within `budget` milliseconds; one that keeps it in a quarter of its frames counts as within.
+    Raises InputError, naming the fastest, if there is none."""
+    affordable = [each for each in alternatives if each.quartiles[0] <= budget]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
         expected = f"a time that some variant keeps: the fastest, {fastest.name}, takes {fastest.cost:.3g} ms"
         raise InputError(f"--budget: expected {expected}, found {budget:g} ms")
-    return affordable[-1]
+    used = min(affordable, key=lambda each: (each.error, each.cost))
+    low, high = used.quartiles
+    if high > budget:
+        return Choice(used, f"{used.name} takes {low:.3g} to {high:.3g} ms in half of its frames, about the budget")
+    missed = [each for each in alternatives if each.error < used.error and each.quartiles[0] <= NEARLY * budget]
+    if missed:
+        closest = min(missed, key=lambda each: each.error)
+        return Choice(
+            used, f"{closest.name}, which is more accurate, takes {closest.cost:.3g} ms, just above the budget"
+        )
+    return Choice(used, "")
 
 
-def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float = 0.0) -> A:
-    """Return the fastest whose error is at most `tolerance`.
+def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float = 0.0) -> Choice[A]:
+    """Choose the fastest whose error is at most `tolerance`, or above it by at most `known`, the uncertainty of the errors;
+    of several as fast as measuring can tell, the most accurate.
 
-    Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `known`, the uncertainty
-    of the errors.
+    Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `known`.
     """
     best = min(alternatives, key=lambda each: each.error)
     if tolerance < known:
         expected = f"at least {known:.3g}, which is what the reference is good to (the best, {best.name}, has"
         raise InputError(f"--tolerance: expected {expected} {best.error:.3g}), found {tolerance:g}")
-    exact = [each for each in front(alternatives) if each.error <= tolerance]
+    exact = [each for each in alternatives if each.error <= tolerance + known]
     if not exact:
         expected = f"an error that some variant reaches: the best, {best.name}, has {best.error:.3g}"
         raise InputError(f"--tolerance: expected {expected}, found {tolerance:g}")
-    return exact[0]
+    fastest = min(exact, key=lambda each: each.cost)
+    used = min((each for each in exact if tied_in_time(each, fastest)), key=lambda each: each.error)
+    if abs(used.error - tolerance) <= known:
+        return Choice(used, f"the error of {used.name} is known to {known:.2g}, and is that near the tolerance")
+    return Choice(used, "")
 
 
-def chosen(alternatives: Sequence[A], budget: float | None, tolerance: float | None, known: float) -> A | None:
+def chosen(alternatives: Sequence[A], budget: float | None, tolerance: float | None, known: float) -> Choice[A] | None:
     """Choose by the budget or the tolerance, whichever is given; return None if neither is.
 
     known: uncertainty of the errors. Raises InputError as `within_budget` and `within_tolerance` do.

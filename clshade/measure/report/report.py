@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
-from ...base import text_tables
+from ...base import console, text_tables
 from ...base.atomic_files import shown
 from ...errors import InputError
 from ...pipeline.opencl.device import open_device
@@ -50,18 +50,20 @@ def run(
     variants = named(variants_for(scene, base_settings(scene), opened), names)
     folder = text_tables.create_folder(out)
     found = study(scene, opened, variants, frames)
-    used, unkept = None, None
+    choice, unkept = None, None
     try:
-        used = chosen(found.measured, budget, tolerance, found.reference.error)
+        choice = chosen(found.measured, budget, tolerance, found.reference.error)
     except InputError as error:
         unkept = error
     print("\n".join(tables.lines(found)), file=stream)
-    written = tables.write(found, used, folder)
+    written = tables.write(found, choice.used if choice else None, folder)
     written.append(folder / "report.png")
     figure.plot(found, written[-1])
     print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
     if unkept is not None:
         raise unkept
-    if used is not None:
-        print(tables.used_line(used, found.scene), file=stream)
+    if choice is not None:
+        print(tables.used_line(choice.used, found.scene), file=stream)
+        if choice.doubt:
+            console.warning(f"report: within noise: {choice.doubt}")
     return all(each.arithmetic.passed for each in found.measured)

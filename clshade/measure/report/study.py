@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...base import atomic_files
 from ...base.arrays import Array
-from ...base.atomic_files import shown
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.model import Scene
 from .format_errors import Kept, formats
 from .measure import Measured, measure
-from .pareto import front
+from .pareto import front, ties
 from .reference_image import Reference, reference
 from .tessellation import Tessellation, loglog_slope, tessellation
 from .variants import BASE, Variant, base_settings
@@ -40,8 +40,13 @@ class Study:
 
     @property
     def front(self) -> list[Measured]:
-        """Pareto front of the variants, fastest first."""
-        return front(self.measured)
+        """Pareto front of the variants, fastest first, as far as measuring can tell them apart."""
+        return front(self.measured, self.reference.error)
+
+    @property
+    def ties(self) -> list[list[Measured]]:
+        """Groups of variants on the front that measuring cannot tell apart."""
+        return ties(self.front, self.reference.error)
 
     def sampling(self) -> dict[str, tuple[float, float]]:
         """Return, for samples shaded once and for samples shaded each, the fitted power of the RMSE in the number of
@@ -66,7 +71,9 @@ class Study:
     @property
     def title(self) -> str:
         columns, rows = self.scene.camera.resolution
-        return f"{shown(self.scene.name or 'unnamed')}, {self.scene.face_count:,} triangles, {columns}x{rows}"
+        return (
+            f"{atomic_files.shown(self.scene.name or 'unnamed')}, {self.scene.face_count:,} triangles, {columns}x{rows}"
+        )
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -79,6 +86,7 @@ class Study:
             "reference": self.reference.stats(),
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
+            "ties": [[each.name for each in group] for group in self.ties],
             "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
             "tessellation": self.tessellation.stats(),
             "formats": [each.stats() for each in self.kept],
@@ -90,16 +98,18 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
     base = base_settings(scene)
     converged = reference(scene, base, device)
     measured = measure(scene, variants, base, device, converged, frames=frames)
-    pictures = {each.name: render(scene, settings=each.settings, device=device).rgb for each in worth_showing(measured)}
+    shown = worth_showing(measured, converged.error)
+    pictures = {each.name: render(scene, settings=each.settings, device=device).rgb for each in shown}
     kept = formats(render(scene, settings=base, device=device))
     return Study(
         scene, device.title, machine(), converged, tuple(measured), pictures, tessellation(device), tuple(kept)
     )
 
 
-def worth_showing(measured: Sequence[Measured]) -> list[Measured]:
-    """Return the first variant, the ends of the Pareto front and its middle, without duplicates, fastest first."""
-    best = front(measured)
+def worth_showing(measured: Sequence[Measured], known: float) -> list[Measured]:
+    """Return the first variant, the ends of the Pareto front and its middle, without duplicates, fastest first. known:
+    uncertainty of the errors."""
+    best = front(measured, known)
     middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
     picked = [*measured[:1], *best[:1], *best[-1:], *middle, *measured]
     return sorted(list(dict.fromkeys(picked))[:SHOWN], key=lambda each: each.cost)

@@ -22,11 +22,11 @@ NO_FLIP = (
 )
 
 
-def _variant(each: Measured, on_front: bool) -> text_tables.Row:
+def _variant(each: Measured, mark: str) -> text_tables.Row:
     low, median, high = each.frame_ms
     close, exact = each.approximation, each.arithmetic
     return (
-        f"{each.name}{' *' if on_front else ''}",
+        f"{each.name}{mark}",
         f"{median:.2f}",
         f"{low:.2f} to {high:.2f}",
         digits(close.rmse),
@@ -70,8 +70,8 @@ def _tessellation(study: Study) -> tuple[text_tables.Row, list[text_tables.Row]]
 
 
 def _variants(study: Study) -> list[text_tables.Row]:
-    best = study.front
-    return [_variant(each, each in best) for each in study.measured]
+    best, tied = study.front, [each for group in study.ties for each in group]
+    return [_variant(each, " *=" if each in tied else " *" if each in best else "") for each in study.measured]
 
 
 def _facts(study: Study) -> list[str]:
@@ -84,7 +84,8 @@ def _facts(study: Study) -> list[str]:
 
 
 NOTES = (
-    "* marks the Pareto front: nothing else is both as fast and as right",
+    "* marks the Pareto front: nothing else is measurably better in time or error, and no worse in the other; lower errors "
+    "are more accurate",
     "RMSE to FLIP: approximation, against the reference; display white is 1",
     "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
     "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
@@ -96,7 +97,15 @@ SPHERE = (
 
 
 def _notes(study: Study) -> list[str]:
-    return [*NOTES, *_sampling(study), *([] if has_flip() else [NO_FLIP])]
+    return [*NOTES, *_ties(study), *_sampling(study), *([] if has_flip() else [NO_FLIP])]
+
+
+def _ties(study: Study) -> list[str]:
+    return [
+        f"= {', '.join(each.name for each in group)} cannot be told apart: medians within the times' interquartile ranges, "
+        f"errors within {study.reference.error:.2g}"
+        for group in study.ties
+    ]
 
 
 def _sampling(study: Study) -> list[str]:
