@@ -105,7 +105,7 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
         Triangle triangle = {{rows->x[0][lane], rows->x[1][lane], rows->x[2][lane]},
                              {rows->y[0][lane], rows->y[1][lane], rows->y[2][lane]},
                              {rows->w[0][lane], rows->w[1][lane], rows->w[2][lane]},
-                             piece < 0 ? piece : piece + lane, turn[lane], face[lane], inverse_area[lane]};
+                             2 * (piece < 0 ? piece : piece + lane) + (turn[lane] < 0), face[lane], inverse_area[lane]};
         ulong box = left[lane] | bottom[lane] << 16 | (ulong)(right[lane] | top[lane] << 16) << 32;
         Bounds reach = {box, nearest[lane], only[lane]};
         triangles[index[lane]] = triangle;
@@ -283,14 +283,13 @@ INLINE Corners corners_of_faces(global const int *faces, global const Vertex *ve
 INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int first, global Triangle *triangles,
                            global Bounds *bounds, global uint *counts, global const Image *image)
 {
-    StoredRows box, row[4];
+    StoredRows box, row[3];
     int visible[LANES], slot_of[LANES], made = 0;
-    fixeds zero = (fixeds)(0);
     store_rows(&box, AS_REALS(t->left | t->bottom << 16), AS_REALS(t->right | t->top << 16), MOST(t->w), t->only);
     store_rows(row, AS_REALS(t->x[0]), AS_REALS(t->x[1]), AS_REALS(t->x[2]), AS_REALS(t->y[0]));
     store_rows(row + 1, AS_REALS(t->y[1]), AS_REALS(t->y[2]), t->w[0], t->w[1]);
-    store_rows(row + 2, t->w[2], AS_REALS((fixeds)(WHOLE_FACE)), AS_REALS(t->turn), AS_REALS(LOAD_LANES(face)));
-    store_rows(row + 3, t->inverse_area, AS_REALS(zero), AS_REALS(zero), AS_REALS(zero));
+    fixeds piece_and_turn = (fixeds)(2 * WHOLE_FACE) + (t->turn < 0 ? (fixeds)(1) : (fixeds)(0));
+    store_rows(row + 2, t->w[2], AS_REALS(piece_and_turn), AS_REALS(LOAD_LANES(face)), t->inverse_area);
     STORE_LANES(seen & 1, visible);
     NearTiles near = near_tiles(t->left, t->bottom, t->right, t->top, seen, image);
     for (int lane = 0; lane < LANES; ++lane) {
@@ -299,7 +298,6 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
         to[0] = stored_row(row, lane);
         to[1] = stored_row(row + 1, lane);
         to[2] = stored_row(row + 2, lane);
-        to[3] = stored_row(row + 3, lane);
         ((global float4 *)bounds)[slot] = stored_row(&box, lane);
         slot_of[lane] = slot;
         counts[near.tile[0][lane]] += 1;

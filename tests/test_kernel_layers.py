@@ -19,8 +19,8 @@ def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
     rows = np.zeros(len(xy), struct_layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
-    rows["inverse_area"], rows["orientation"] = 256.0 / np.abs(area), np.sign(area)
-    rows["face"], rows["piece"] = np.arange(len(xy)), -1
+    rows["inverse_area"], rows["piece_and_turn"] = 256.0 / np.abs(area), -2 + (area < 0)
+    rows["face"] = np.arange(len(xy))
     return rows
 
 

@@ -83,12 +83,11 @@ def test_areas_boxes_and_culls(device, cull):
     assert np.allclose(bounds["only"][one[visible]], depth, rtol=8 * 2.0**-24, atol=0.0)
     made = pipeline.made.triangles.to_host()[visible]
     assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
-    assert np.array_equal(made["orientation"], np.sign(expected.area[visible]))
+    assert np.array_equal(made["piece_and_turn"], -2 + (expected.area[visible] < 0))
     assert np.array_equal(made["inverse_area"], np.float32(256) / np.abs(expected.area[visible]).astype(np.float32))
     assert np.array_equal(made["w"], (1.0 / z[visible]).astype(np.float32))
     assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
     assert np.array_equal(made["face"], visible)
-    assert (made["piece"] == -1).all()
 
 
 @pytest.mark.parametrize("count", [2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
@@ -243,7 +242,7 @@ def test_setup_pieces(device):
     assert not expected.culled[visible].any()
     rows = made.triangles.to_host()[face_count + visible]
     assert np.array_equal(rows["face"], visible % face_count)
-    assert np.array_equal(rows["piece"], visible)
+    assert np.array_equal(rows["piece_and_turn"] >> 1, visible)
     boxes, _, _ = narrowed(xy, expected.box)
     assert np.array_equal(boxes_of(made.bounds.to_host()[face_count + visible]), boxes[visible])
     assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])
@@ -277,7 +276,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     )
     assert chunks.number > 2
     both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
-    for name in ("x", "y", "w", "piece", "orientation", "face", "inverse_area"):
+    for name in ("x", "y", "w", "piece_and_turn", "face", "inverse_area"):
         assert np.array_equal(both[0][name], both[1][name]), name
     bounds = made.bounds.to_host()[slots], ordered.made.bounds.to_host()[visible]
     assert np.array_equal(bounds[0], bounds[1])

@@ -64,11 +64,9 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "x", 3, "snapped corners, 1/256 px"),
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
         ("real", "w", 3, "1/depth of the corners, scaled"),
-        ("int", "piece", 1, "index of the clipped piece, -1 for a whole face"),
-        ("int", "orientation", 1, "+1 counter-clockwise, -1 clockwise"),
+        ("int", "piece_and_turn", 1, "twice the index of the clipped piece, -1 for a whole face; plus 1 if clockwise"),
         ("int", "face", 1, "index in the scene's face order"),
         ("real", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
-        ("int", "pad", 3, ""),
     ],
     "Bounds": [
         (
