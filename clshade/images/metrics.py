@@ -40,6 +40,11 @@ class ImageError:
         return figures
 
 
+def rms(difference: Array) -> float:
+    """Return the root mean square."""
+    return math.sqrt(float(np.mean(np.square(difference, dtype=np.float64))))
+
+
 def rmse(image: Array, reference: Array) -> float:
     return math.sqrt(float(np.mean(_squared(image, reference))))
 

@@ -17,8 +17,7 @@ from studies import SMALL, small_study, sphere
 
 from clshade.base import text_tables
 from clshade.errors import InputError
-from clshade.images import png
-from clshade.images.metrics import rmse
+from clshade.images import metrics, png
 from clshade.measure import timing
 from clshade.measure.report import figure, labels, report, study, tables, variants
 from clshade.measure.report.format_errors import formats
@@ -186,13 +185,6 @@ def test_the_tables_fit_a_terminal(found):
         assert any(word in line for line in lines)
 
 
-def test_pictures_are_the_ends_of_the_front_and_the_worst(found):
-    several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
-    assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
-    names = [each.name for each in study.worth_showing(several.measured, several.reference.error)]
-    assert names == ["variant-1", "variant-0", "variant-4", "variant-2"]
-
-
 def test_two_equal_ways_tie(device):
     """Frames enough that medians of equal distributions lie within each other's interquartile range."""
     scene = sphere()
@@ -216,14 +208,20 @@ def test_ties_are_marked_and_named(found):
     assert tied_ones.stats()["ties"] == [["variant-1", "variant-2"]]
 
 
-def test_pictures_are_those_of_the_variants(found):
-    scene = sphere()
-    for each in found.measured:
-        drawn = render(scene, settings=each.settings).rgb
-        assert rmse(found.pictures[each.name], found.reference.rgb) == each.error
-        assert (found.pictures[each.name] == drawn).all()
-    off = figure.difference(found.reference.rgb + [0.0, 0.25, -0.5], found.reference.rgb)
-    assert off == pytest.approx(np.full(SMALL[::-1], 0.5))
+def test_the_front_of_a_study(found):
+    several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
+    assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
+
+
+def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
+    standard, gouraud = found.measured
+    assert list(found.pictures) == [f"{BASE}, off by", "gouraud, its model off by"]
+    off, model = found.pictures.values()
+    drawn = render(sphere(), settings=standard.settings).rgb
+    assert (off == drawn - found.reference.rgb).all()
+    assert metrics.rms(off) == standard.error
+    assert metrics.rms(model) == gouraud.model
+    assert figure.size(np.full((3, 4, 3), [0.0, 0.25, -0.5])) == pytest.approx(np.full((3, 4), 0.5))
 
 
 def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_for(found):
@@ -276,7 +274,7 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
     rows = list(csv.DictReader((folder / "report.csv").open()))
     assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
     assert float(rows[0]["rmse"]) == found.measured[0].error
-    assert {row["study"] for row in rows} == {"variant", "format", "tessellation"}
+    assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation"}
     shown = text.getvalue()
     for part in (found.device, found.machine, f"use {figures['use']}: ", "PNG 8 bit srgb", "5,120"):
         assert part in shown

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PICTURES = 1 + SHOWN  # the reference and the differences from it
+CAUSE_COLORS = (
+    *("#4c72b0", "#dd8452", "#55a868", "#c44e52", "#8172b3"),
+    *("#937860", "#da8bc3", "#ccb974", "#64b5cd", figures.MUTED),
+)
 LEAST, MOST = 1e-3, 1.0  # differences drawn black and in the brightest color
 
 
@@ -25,12 +29,14 @@ def plot(study: Study, path: Path) -> None:
     """Draw and save the figure. Raises OutputError."""
     from matplotlib.colors import LogNorm
 
-    figure = figures.blank(11.0, 7.6, dpi=100)
-    rows = figure.add_gridspec(2, 1, height_ratios=(2.4, 1.0))
+    figure = figures.blank(11.0, 9.0, dpi=100)
+    rows = figure.add_gridspec(2, 1, height_ratios=(3.2, 1.0))
     plots, row = rows[0].subgridspec(1, 2, width_ratios=(1.7, 1.0)), rows[1].subgridspec(1, PICTURES)
     scatter = figure.add_subplot(plots[0])
     _errors_against_time(scatter, study)
-    _errors_against_triangles(figure.add_subplot(plots[1]), study)
+    right = plots[1].subgridspec(3, 1, height_ratios=(0.35, 1.0, 1.3))
+    for place, draw in enumerate((_shares, _causes, _errors_against_triangles)):
+        draw(figure.add_subplot(right[place]), study)
     pictures = [figure.add_subplot(row[k]) for k in range(PICTURES)]
     for axes in pictures:
         axes.set_axis_off()
@@ -38,10 +44,8 @@ def plot(study: Study, path: Path) -> None:
     pictures[0].set_title("reference", fontsize=9)
     shown = None
     for axes, (name, picture) in zip(pictures[1:], study.pictures.items(), strict=False):
-        shown = axes.imshow(
-            difference(picture, study.reference.rgb), cmap="magma", norm=LogNorm(LEAST, MOST, clip=True)
-        )
-        axes.set_title(f"{name}, off by", fontsize=9)
+        shown = axes.imshow(size(picture), cmap="magma", norm=LogNorm(LEAST, MOST, clip=True))
+        axes.set_title(name, fontsize=8)
     if shown is not None:
         figure.colorbar(shown, ax=pictures, shrink=0.8, pad=0.01, aspect=12)
     figure.suptitle(f"Error against run time: {study.title}\n{study.device}\n{study.machine}", fontsize=9)
@@ -56,9 +60,9 @@ def plot(study: Study, path: Path) -> None:
     figures.save(figure, path, colors=256)
 
 
-def difference(picture: Array, reference: Array) -> Floats:
-    """Return the largest difference of the channels, (M, N), clamped to at least LEAST."""
-    apart = np.abs(np.asarray(picture, np.float64) - reference).max(axis=2)
+def size(difference: Array) -> Floats:
+    """Return the largest absolute difference of the channels, (M, N), clamped to at least LEAST."""
+    apart = np.abs(np.asarray(difference, np.float64)).max(axis=2)
     shown: Floats = np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
     return shown
 
@@ -92,13 +96,49 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     axes.axhline(
         study.reference.error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error, estimated"
     )
-    axes.set(xscale="log", yscale="log", xlabel="time of a frame, ms", ylabel="RMSE against the reference")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="time of a frame, ms (bars: half of them)",
+        ylabel="RMSE against the reference (lower is more accurate)",
+    )
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     axes.xaxis.set_minor_formatter("{x:g}")
     axes.margins(0.16, 0.12)
     axes.grid(True, which="both", alpha=0.2)
     axes.legend(fontsize=8, loc="lower left")
+
+
+def _shares(axes: Axes, study: Study) -> None:
+    """Stack the shares of the causes in the error of the image and of its PNG; negative ones to the left."""
+    ends = {(bar, positive): 0.0 for bar in range(2) for positive in (False, True)}
+    for part, color in zip(study.decomposition.parts, CAUSE_COLORS, strict=False):
+        for bar, share in enumerate((part.png_share, part.share or 0.0)):
+            axes.barh(bar, share, left=ends[bar, share > 0.0], color=color, height=0.7)
+            ends[bar, share > 0.0] += share
+    axes.set_yticks(range(2), ("its PNG", "image"), fontsize=8)
+    axes.xaxis.set_major_formatter(lambda share, _: f"{100.0 * share:.0f} %")
+    axes.tick_params(labelsize=8)
+    axes.set_title("where the error of the image comes from", fontsize=9)
+
+
+def _causes(axes: Axes, study: Study) -> None:
+    """Plot the causes' errors, in the colors of their shares, and the total."""
+    found = study.decomposition
+    errors = {part.cause: part.rmse for part in found.parts}
+    errors["total, as a PNG"] = found.png_total
+    least = min((error for error in errors.values() if error > 0.0), default=1.0) / 2.0
+    axes.barh(
+        range(len(errors)),
+        [max(error, least) for error in errors.values()],
+        color=[*CAUSE_COLORS[: len(errors) - 1], "k"],
+    )
+    axes.set_yticks(range(len(errors)), list(errors), fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xscale="log", xlabel="RMSE (lower is more accurate)")
+    axes.tick_params(axis="x", labelsize=8)
+    axes.grid(True, axis="x", alpha=0.2)
 
 
 def _errors_against_triangles(axes: Axes, study: Study) -> None:

@@ -71,6 +71,12 @@ def formats(frame: Frame) -> list[Kept]:
         raise OutputError(f"report: temporary folder: expected one that can be written to, found: {error}") from None
 
 
+def png_radiance(frame: Frame) -> Array:
+    """Return the image as its PNG holds it, (M, N, 3) float64."""
+    operator = default_tonemap(frame.scene)
+    return radiance(frame.to_png8(operator), operator)
+
+
 def _write_exr(image: Array, options: dict[str, Any], path: Path) -> None:
     exr.write(path, image, **options)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
-from ...images.metrics import ImageError, image_error
+from ...images.metrics import ImageError, image_error, rms, rmse
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
 from ...pipeline.opencl.device import Device
@@ -18,6 +18,7 @@ from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
 from ..check.check import check
 from ..timing import Spread, in_turns, median_interval, spread
+from .model_errors import ModelErrors
 from .reference_image import Reference
 from .variants import Variant
 
@@ -32,7 +33,9 @@ class Measured:
 
     frame_ms: time per frame, with the scene resident on the device; interval: of its median, 95 %. build_ms, upload_ms:
     before the first frame: building programs or loading them from the cache; packing and uploading the scene.
-    arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference.
+    arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference,
+    from all causes. model: RMSE of its model alone, in images of equal and many samples; sampling: RMSE of its sampling
+    alone, against the converged image of the same model.
     """
 
     variant: Variant
@@ -43,6 +46,8 @@ class Measured:
     upload_ms: float
     arithmetic: Check
     approximation: ImageError
+    model: float
+    sampling: float
 
     @property
     def name(self) -> str:
@@ -75,6 +80,8 @@ class Measured:
             "upload_ms": self.upload_ms,
             "arithmetic": self.arithmetic.stats(),
             "approximation": self.approximation.stats(),
+            "model": self.model,
+            "sampling": self.sampling,
         }
 
 
@@ -87,12 +94,23 @@ class _Drawn(NamedTuple):
     upload_ms: float
     arithmetic: Check
     approximation: ImageError
+    model: float
+    sampling: float
 
 
 def measure(
-    scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, reference: Reference, *, frames: int
+    scene: Scene,
+    variants: Sequence[Variant],
+    base: Settings,
+    device: Device,
+    reference: Reference,
+    models: ModelErrors | None = None,
+    *,
+    frames: int,
 ) -> list[Measured]:
-    """Measure the costs and both errors of all variants. base: settings that they change. frames: see `frame_times`."""
+    """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
+    settings. frames: see `frame_times`."""
+    models = models or ModelErrors(scene, reference.settings, device)
     with ExitStack() as stack:
         drawn = []
         for variant in variants:
@@ -100,7 +118,9 @@ def measure(
             image = renderer.render()
             once, build_ms = image.stats["times_ms"], image.stats["build_ms"]
             errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
-            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors))
+            model = models.difference(renderer.settings)
+            by_cause = rms(model), rmse(image.rgb, reference.rgb + model)
+            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause))
         times = frame_times([each.renderer for each in drawn], frames)
         return [
             Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])

@@ -12,22 +12,24 @@ from ...base import atomic_files
 from ...base.arrays import Array
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
-from ...scene.model import Scene
+from ...scene.model import Scene, Settings
+from .decomposition import Decomposition, decompose
 from .format_errors import Kept, formats
 from .measure import Measured, measure
+from .model_errors import ModelErrors
 from .pareto import front, ties
 from .reference_image import Reference, reference
 from .tessellation import Tessellation, loglog_slope, tessellation
 from .variants import BASE, Variant, base_settings
 
-SHOWN = 4  # variants whose images are kept
+SHOWN = 4  # differences that are kept as pictures
 FAMILIES = ("samples-", "shaded-")  # prefixes of variants that differ only in the number of samples
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Measurements of one scene. device, machine: descriptions. pictures: images (M, N, 3) of SHOWN variants, by
-    name."""
+    """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN
+    images, by what they show. decomposition: of the error of the image that `render` draws."""
 
     scene: Scene
     device: str
@@ -37,6 +39,7 @@ class Study:
     pictures: dict[str, Array]
     tessellation: Tessellation
     kept: tuple[Kept, ...]
+    decomposition: Decomposition
 
     @property
     def front(self) -> list[Measured]:
@@ -88,31 +91,47 @@ class Study:
             "pareto_front": [each.name for each in self.front],
             "ties": [[each.name for each in group] for group in self.ties],
             "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
+            "decomposition": self.decomposition.stats(),
             "tessellation": self.tessellation.stats(),
             "formats": [each.stats() for each in self.kept],
         }
 
 
 def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int) -> Study:
-    """Measure the variants (see `measure`), the file formats, and the sphere."""
+    """Measure the variants (see `measure`), the file formats, the causes of the image's error, and the sphere."""
     base = base_settings(scene)
     converged = reference(scene, base, device)
-    measured = measure(scene, variants, base, device, converged, frames=frames)
-    shown = worth_showing(measured, converged.error)
-    pictures = {each.name: render(scene, settings=each.settings, device=device).rgb for each in shown}
+    models = ModelErrors(scene, converged.settings, device)
+    measured = measure(scene, variants, base, device, converged, models, frames=frames)
     kept = formats(render(scene, settings=base, device=device))
     return Study(
-        scene, device.title, machine(), converged, tuple(measured), pictures, tessellation(device), tuple(kept)
+        scene,
+        device.title,
+        machine(),
+        converged,
+        tuple(measured),
+        pictures(scene, device, measured, converged, models),
+        tessellation(device),
+        tuple(kept),
+        decompose(scene, Settings.from_preset(scene.preset), device, converged, models),
     )
 
 
-def worth_showing(measured: Sequence[Measured], known: float) -> list[Measured]:
-    """Return the first variant, the ends of the Pareto front and its middle, without duplicates, fastest first. known:
-    uncertainty of the errors."""
-    best = front(measured, known)
-    middle = sorted(best, key=lambda each: abs(best.index(each) - len(best) // 2))
-    picked = [*measured[:1], *best[:1], *best[-1:], *middle, *measured]
-    return sorted(list(dict.fromkeys(picked))[:SHOWN], key=lambda each: each.cost)
+def pictures(
+    scene: Scene, device: Device, measured: Sequence[Measured], converged: Reference, models: ModelErrors
+) -> dict[str, Array]:
+    """Return what the first and the most accurate image are off by, and between them the models that are off most."""
+    ends = list(dict.fromkeys([*measured[:1], *sorted(measured, key=lambda each: each.error)[:1]]))
+    off = {
+        f"{each.name}, off by": render(scene, settings=each.settings, device=device).rgb - converged.rgb
+        for each in ends
+    }
+    alone = {each.name: each for each in measured if len(models.approximated(each.settings)) == 1 and each.model > 0.0}
+    distinct = {tuple(models.approximated(each.settings)): each for each in reversed(list(alone.values()))}
+    worst = sorted(distinct.values(), key=lambda each: -each.model)[: SHOWN - len(ends)]
+    between = {f"{each.name}, its model off by": models.difference(each.settings) for each in worst}
+    (first, picture), *last = off.items()
+    return {first: picture, **between, **dict(last)}
 
 
 def machine() -> str:

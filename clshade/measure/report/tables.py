@@ -11,10 +11,11 @@ from ...images.metrics import has_flip
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from .measure import Measured
+from .model_errors import SAMPLES as MODEL_SAMPLES
 from .study import Study
 
 VARIANTS = (
-    *("variant", "ms", "half of them", "RMSE", "relMSE", "PSNR", "FLIP"),
+    *("variant", "ms", "half of them", "RMSE", "sampling", "model", "relMSE", "PSNR", "FLIP"),
     *("arithmetic", "its RMS", "bounds", "wrong", "build ms", "upload ms"),
 )
 NO_FLIP = (
@@ -30,6 +31,8 @@ def _variant(each: Measured, mark: str) -> text_tables.Row:
         f"{median:.2f}",
         f"{low:.2f} to {high:.2f}",
         digits(close.rmse),
+        digits(each.sampling),
+        digits(each.model) if each.model > 0.0 else "-",
         digits(close.relmse),
         f"{close.psnr:.1f}",
         digits(close.flip),
@@ -40,6 +43,23 @@ def _variant(each: Measured, mark: str) -> text_tables.Row:
         f"{each.build_ms:.0f}",
         f"{each.upload_ms:.0f}",
     )
+
+
+CAUSES = ("cause", "RMSE", "share", "of the PNG's")
+WHERE_FROM = (
+    "Error of the image that `render` draws, by cause: RMSE of each alone; share of the total's mean square, negative where "
+    "it makes up for others"
+)
+
+
+def _causes(study: Study) -> list[text_tables.Row]:
+    def percent(share: float | None) -> str:
+        return "-" if share is None else f"{round(100.0 * share, 1) + 0.0:.1f} %"
+
+    return [
+        (part.cause, digits(part.rmse), percent(part.share), percent(part.png_share))
+        for part in study.decomposition.parts
+    ]
 
 
 FORMATS = ("format", "write ms", "half of them", "kB", "RMSE", "largest")
@@ -86,7 +106,8 @@ def _facts(study: Study) -> list[str]:
 NOTES = (
     "* marks the Pareto front: nothing else is measurably better in time or error, and no worse in the other; lower errors "
     "are more accurate",
-    "RMSE to FLIP: approximation, against the reference; display white is 1",
+    "RMSE to FLIP: approximation, against the reference; display white is 1; sampling: of that, what finer sampling of the "
+    f"same model would cure; model: what it would not, against the best model with the same {MODEL_SAMPLES} samples",
     "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
     "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
     "sample, the smaller the more samples each pixel has, so that largest and RMS of two variants may be of other pixels",
@@ -124,6 +145,10 @@ def lines(study: Study) -> list[str]:
         *text_tables.as_lines(VARIANTS, _variants(study)),
         *(text_tables.wrapped(note, 2) for note in _notes(study)),
         "",
+        text_tables.wrapped(WHERE_FROM, 2),
+        *text_tables.as_lines(CAUSES, _causes(study)),
+        *(text_tables.wrapped(line, 2) for line in study.decomposition.lines()),
+        "",
         text_tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
         *text_tables.as_lines(header, rows),
         "",
@@ -143,6 +168,14 @@ def markdown(study: Study, used: str) -> str:
             *text_tables.as_markdown(VARIANTS, _variants(study)),
             "",
             *(f"- {note}" for note in _notes(study)),
+            "",
+            "## Where the error comes from",
+            "",
+            f"{WHERE_FROM}.",
+            "",
+            *text_tables.as_markdown(CAUSES, _causes(study)),
+            "",
+            *(f"- {line}" for line in study.decomposition.lines()),
             "",
             "## Tessellation",
             "",
@@ -169,6 +202,10 @@ CSV = (
         "build_ms",
         "upload_ms",
         "rmse",
+        "sampling",
+        "model",
+        "share",
+        "png_share",
         "relmse",
         "psnr",
         "flip",
@@ -188,7 +225,7 @@ CSV = (
 
 
 def csv_rows(study: Study) -> list[text_tables.Row]:
-    """Return one row per variant, format, and sphere and shader, in full precision; fields that do not apply are
+    """Return one row per variant, cause, format, and sphere and shader, in full precision; fields that do not apply are
     empty."""
     rows: list[dict[str, object]] = []
     for each in study.measured:
@@ -201,6 +238,7 @@ def csv_rows(study: Study) -> list[text_tables.Row]:
                 "settings": each.variant.changed(),
                 **{"ms": median, "ms_low": low, "ms_high": high},
                 **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
+                **{"sampling": each.sampling, "model": each.model},
                 **{
                     "arithmetic": exact.error,
                     "arithmetic_rms": exact.rms,
@@ -209,6 +247,10 @@ def csv_rows(study: Study) -> list[text_tables.Row]:
                 },
                 **{"wrong": exact.wrong, "pixels_checked": exact.pixels},
             }
+        )
+    for part in study.decomposition.parts:
+        rows.append(
+            {"study": "cause", "name": part.cause, "rmse": part.rmse, "share": part.share, "png_share": part.png_share}
         )
     for kept in study.kept:
         low, median, high = kept.write_ms

@@ -1,24 +1,35 @@
-"""Error of Gouraud and Phong shading of a sphere against its number of triangles."""
+"""Error of Gouraud and Phong shading of a sphere against its number of triangles; finer versions of built-in shapes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from ...images.metrics import rmse
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
+from ...scene.model import Scene
 from ...scene.settings import Shader
 
 SHADERS: tuple[Shader, ...] = ("gouraud", "phong")
 LEVELS = range(7)  # subdivision levels: 20 to 81,920 triangles
 FINEST = 7  # level of the reference: 327,680 triangles, phong
+FINER = 16  # times as many triangles: edges are a quarter as long, and errors of second order a sixteenth
+MOST_FINER = 1 << 22  # triangles
+# Built-in shapes: the option that makes them finer, its value from the number of triangles, and the value for FINER as many.
+SHAPES: dict[str, tuple[str, Callable[[int], float], Callable[[int], int]]] = {
+    "teapot": ("level", lambda faces: math.sqrt(max(faces - 4248, 0) / 64), lambda level: 4 * level),
+    "course": ("level", lambda faces: math.sqrt(faces / 64), lambda level: 4 * level),
+    "icosphere": ("level", lambda faces: math.log(faces / 20, 4), lambda level: level + 2),
+    "torus_knot": ("triangles", float, lambda triangles: FINER * triangles),
+}
 
 
 @dataclass(frozen=True)
@@ -66,3 +77,21 @@ def tessellation(
 def _shading_error(frame: Frame, truth: Frame) -> float:
     both = (frame.alpha == 1.0) & (truth.alpha == 1.0)
     return rmse(frame.rgb[both], truth.rgb[both]) if both.any() else math.nan
+
+
+def finer_builtin(scene: Scene) -> Scene | None:
+    """Return the scene with FINER times as many triangles, if its meshes are those of a built-in scene; else None."""
+    if scene.name not in SHAPES or not 0 < FINER * scene.face_count <= MOST_FINER:
+        return None
+    option, value_of, finer_value = SHAPES[scene.name]
+    value = round(value_of(scene.face_count))
+    try:
+        same, finer = (builtin(scene.name, **{option: each}) for each in (value, finer_value(value)))
+    except InputError:
+        return None
+    if len(same.meshes) != len(scene.meshes):
+        return None
+    if not all(np.array_equal(one.verts, other.verts) for one, other in zip(same.meshes, scene.meshes, strict=True)):
+        return None
+    meshes = (replace(one, material=own.material) for one, own in zip(finer.meshes, scene.meshes, strict=True))
+    return replace(scene, meshes=tuple(meshes))

@@ -1,0 +1,146 @@
+"""Where an image's error comes from: its parts by cause, each against an image in which only that cause differs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.arrays import Array
+from ...images.metrics import rms
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import render
+from ...scene.model import Scene, Settings
+from .format_errors import png_radiance
+from .model_errors import APPROXIMATIONS, ModelErrors
+from .reference_image import Reference
+from .tessellation import finer_builtin
+
+
+class Part(NamedTuple):
+    """The error of one cause.
+
+    rmse: of this cause alone. share, png_share: of the mean square of the image's total error, and of its PNG's: the mean of
+    the products of both over that. The shares of all causes add up to 1; one that makes up for others has a negative share.
+    share is None for the PNG's own part.
+    """
+
+    cause: str
+    rmse: float
+    share: float | None
+    png_share: float
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The error of the image that `settings` draw, by cause.
+
+    Each part is the difference of two consecutive images, from the best image of the shape to this one and its PNG, so that
+    their sum is the total error in every pixel. total, png_total: its RMSE. unknown: causes that are not measured, with the
+    reason. known: what RMSE the reference is good to.
+    """
+
+    settings: Settings
+    parts: tuple[Part, ...]
+    total: float
+    png_total: float
+    unknown: dict[str, str]
+    known: float
+
+    @property
+    def together(self) -> float:
+        """The root of the sum of the parts' mean squares, without the PNG's: the total if they were independent."""
+        return math.sqrt(sum(part.rmse**2 for part in self.parts if part.share is not None))
+
+    def lines(self) -> list[str]:
+        """Return what the parts do not say, as sentences."""
+        ratio = self.total / self.together if self.together > 0.0 else 1.0
+        how = "as much as if they were independent"
+        if ratio > 1.0 + SIMILAR:
+            how = f"{ratio:.2f} times what independent ones would be: some add to each other"
+        elif ratio < 1.0 - SIMILAR:
+            how = f"{ratio:.2f} times what independent ones would be: some make up for others"
+        unresolved = [part.cause for part in self.parts if part.cause == SAMPLING and part.rmse <= 2.0 * self.known]
+        return [
+            f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}; all causes but the PNG together are {how}",
+            *(f"{cause}: about as small as the reference's own error, {self.known:.2g}" for cause in unresolved),
+            *(f"{cause}: not known: {why}" for cause, why in self.unknown.items()),
+        ]
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "parts": [part._asdict() for part in self.parts],
+            "total": self.total,
+            "png_total": self.png_total,
+            "if_independent": self.together,
+            "unknown": self.unknown,
+        }
+
+
+SIMILAR = 0.05  # ratios to 1 that are not worth a word
+TESSELLATION, SAMPLING, ARITHMETIC, OUTPUT = "tessellation", "sampling", "arithmetic", "8-bit PNG"
+NO_FINER = "the triangles are the shape: only built-in scenes can be made finer"
+NO_FLOAT64 = "the device has no float64 to compare with"
+
+
+def decompose(
+    scene: Scene, settings: Settings, device: Device, converged: Reference, models: ModelErrors
+) -> Decomposition:
+    """Decompose the error of the image drawn with `settings`, and of its PNG.
+
+    converged: reference of the scene, drawn with the best model. models: of the same model.
+    """
+    unknown: dict[str, str] = {}
+    *steps, (output, lost) = _steps(scene, settings, device, converged, models, unknown)
+    total = np.sum([difference for _, difference in steps], axis=0)
+    png_total = total + lost
+    parts = [
+        Part(cause, rms(difference), _share(difference, total), _share(difference, png_total))
+        for cause, difference in steps
+    ]
+    parts.append(Part(output, rms(lost), None, _share(lost, png_total)))
+    return Decomposition(settings, tuple(parts), rms(total), rms(png_total), unknown, converged.error)
+
+
+def _share(part: Array, total: Array) -> float:
+    square = float(np.mean(total * total))
+    return float(np.mean(part * total)) / square if square > 0.0 else 0.0
+
+
+def _steps(
+    scene: Scene,
+    settings: Settings,
+    device: Device,
+    converged: Reference,
+    models: ModelErrors,
+    unknown: dict[str, str],
+) -> Iterator[tuple[str, Array]]:
+    """Yield each cause and its error, (M, N, 3) float64; note causes that are not measured in `unknown`."""
+    finer = finer_builtin(scene)
+    if finer is None:
+        unknown[TESSELLATION] = NO_FINER
+    else:
+        fine = ModelErrors(finer, converged.settings, device)
+        yield TESSELLATION, models.best_image.astype(np.float64) - fine.best_image
+    approximated: list[str] = []
+    before = np.zeros_like(converged.rgb)
+    for name in models.approximated(settings):
+        approximated.append(name)
+        model = models.difference(settings, approximated)
+        yield APPROXIMATIONS[name], model - before
+        before = model
+    drawn = render(scene, settings=settings, device=device)
+    image = exact = np.asarray(drawn.rgb, np.float64)
+    if not device.has_fp64:
+        unknown[ARITHMETIC] = NO_FLOAT64
+    elif settings.precision != "float64":
+        best = replace(settings, precision="float64")
+        exact = np.asarray(render(scene, settings=best, device=device).rgb, np.float64)
+    yield SAMPLING, exact - (converged.rgb + before)
+    if device.has_fp64:
+        yield ARITHMETIC, image - exact
+    yield OUTPUT, png_radiance(drawn) - image
