@@ -83,7 +83,7 @@ class Decomposition:
 
 SIMILAR = 0.05  # ratios to 1 that are not worth a word
 TESSELLATION, SAMPLING, ARITHMETIC, OUTPUT = "tessellation", "sampling", "arithmetic", "8-bit PNG"
-NO_FINER = "the triangles are the shape: only built-in scenes can be made finer"
+NO_FINER = "no finer version of the shape is at hand"
 NO_FLOAT64 = "the device has no float64 to compare with"
 
 
