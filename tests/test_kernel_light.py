@@ -140,7 +140,7 @@ def test_light_at_random_points(device, n):
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
         budget=shade.budget(c, np.zeros(3), kd, ks, l_int)[None],
-        kappa=shade.conditioning(p, *around, EYE, l_pos)[None],
+        conditions=shade.conditions(p, *around, EYE, l_pos)[None],
         jump=(np.abs(c * ks) * shade.jumps(p, m, *around, np.float64(n), EYE, l_pos, l_int))[None],
         exponent=np.full((1, count), n),
     )

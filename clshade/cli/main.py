@@ -25,7 +25,7 @@ COMMANDS = {
     "devices": "what OpenCL devices were found, and which work",
     "report": "error against run time: which way of drawing a scene is worth its time",
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
-    "stability": "stiff and extreme cases, each with its measured error",
+    "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",

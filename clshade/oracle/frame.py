@@ -31,11 +31,12 @@ class OracleFrame:
     id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
     budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
         its own absolute value.
+    conditions: (M, N, 4) the terms of kappa, see `shade.conditions`; 1 where nothing is lit.
     kappa: (M, N) condition number of the light's geometry: how far it amplifies rounding errors.
     jump: (M, N, 3) how much highlights that rounding may open or close can change the color, see `shade.jumps`.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
-    those of the sample nearest the center, kappa and exponent the worst of all, budget and jump the mean.
+    those of the sample nearest the center, kappa, its terms and the exponent the worst of all, budget and jump the mean.
     """
 
     rgb: Floats
@@ -43,9 +44,13 @@ class OracleFrame:
     id: UInt32s
     Z: Floats
     budget: Floats
-    kappa: Floats
+    conditions: Floats
     jump: Floats
     exponent: Floats
+
+    @property
+    def kappa(self) -> Floats:
+        return shade.condition_number(self.conditions)
 
     @property
     def gate(self) -> Bools:
@@ -260,12 +265,14 @@ def _resolved(
     rgb /= whole[:, None]
     shared = [(lit, weight / whole[lit], part) for (lit, _, part), weight in zip(parts, weights, strict=True)]
     budget, jump = _mean_budgets(shared, rgb, settings.resolve)
-    measures = {name: getattr(total, name).copy() for name in ("kappa", "exponent")}
+    conditions, exponent = total.conditions.copy(), total.exponent.copy()
     for lit, _, part in parts:
-        for name, worst in measures.items():
-            worst[lit] = np.maximum(worst[lit], getattr(part, name))
+        worse = part.kappa > shade.condition_number(conditions[lit])
+        conditions[lit[worse]] = part.conditions[worse]
+        exponent[lit] = np.maximum(exponent[lit], part.exponent)
     nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
-    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, budget=budget, jump=jump, **measures)
+    measures = {"budget": budget, "conditions": conditions, "jump": jump, "exponent": exponent}
+    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, **measures)
 
 
 def _mean_budgets(
@@ -319,7 +326,7 @@ def _background(scene: Scene, count: int) -> OracleFrame:
         id=np.zeros(count, np.uint32),
         Z=np.full(count, np.inf),
         budget=np.tile(np.abs(color), (count, 1)),
-        kappa=np.ones(count),
+        conditions=np.ones((count, 4)),
         jump=np.zeros((count, 3)),
         exponent=np.ones(count),
     )

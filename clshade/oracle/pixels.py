@@ -16,11 +16,12 @@ from .vectors import length
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Colors and measures per pixel: rgb, budget and jump (K, 3); kappa and exponent (K,). See frame.OracleFrame."""
+    """Colors and measures per pixel: rgb, budget and jump (K, 3); conditions (K, 4); exponent (K,). See
+    frame.OracleFrame."""
 
     rgb: Floats
     budget: Floats
-    kappa: Floats
+    conditions: Floats
     jump: Floats
     exponent: Floats
 
@@ -141,8 +142,8 @@ def _nolight(batch: Batch) -> Shaded:
     """Return the colors themselves."""
     rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
     worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most
-    budget, ones = np.maximum(worst_color, 1.0), np.ones(len(rgb))
-    return Shaded(rgb, budget, ones, np.zeros_like(rgb), ones)
+    budget = np.maximum(worst_color, 1.0)
+    return Shaded(rgb, budget, np.ones((len(rgb), 4)), np.zeros_like(rgb), np.ones(len(rgb)))
 
 
 def _gouraud(batch: Batch) -> Shaded:
@@ -160,13 +161,15 @@ def _gouraud(batch: Batch) -> Shaded:
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
-    kappa = shade.conditioning(*place, eye, lights.positions, parallel)
-    kappa = (kappa * shade.steepness(points, normals, n, eye, lights.positions)).max(axis=1)
+    steepness = shade.steepness(points, normals, n, eye, lights.positions)
+    conditions = shade.conditions(*place, eye, lights.positions, parallel, steepness)
+    worst = shade.condition_number(conditions).argmax(axis=1)
+    conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
     jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate)
     jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, kappa[where], jump * worst_color, pixel.n)
+    return Shaded(rgb, budget, conditions[where], jump * worst_color, pixel.n)
 
 
 def _phong(batch: Batch) -> Shaded:
@@ -183,11 +186,11 @@ def _phong(batch: Batch) -> Shaded:
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
     extent, parallel = batch.extent[where], batch.view is not None
-    kappa = shade.conditioning(point, extent, normal_length, eye, lights.positions, parallel)
-    kappa = kappa * shade.steepness(point, normal, surface.n, eye, lights.positions)
+    steepness = shade.steepness(point, normal, surface.n, eye, lights.positions)
+    conditions = shade.conditions(point, extent, normal_length, eye, lights.positions, parallel, steepness)
     gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel, batch.gate
     # Corners whose colors differ in sign are each rounded separately.
     most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most
     jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most
     budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, kappa, jump, surface.n)
+    return Shaded(rgb, budget, conditions, jump, surface.n)

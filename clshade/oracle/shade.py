@@ -142,21 +142,40 @@ def conditioning(
     that P is interpolated from; s is that, and for a light also that light's own largest one. parallel: the directions to
     the eye are the same everywhere, hence exact; coordinates are relative to the origin.
     """
-    kappa = _conditioning(point, extent, normal_length, eye, parallel)
-    for position in light_positions:
-        kappa = np.fmax(kappa, _light_conditioning(point, extent, eye, position, parallel))
-    return kappa
+    return condition_number(conditions(point, extent, normal_length, eye, light_positions, parallel))
 
 
-def _conditioning(point: Floats, extent: Floats, normal_length: Floats, eye: Floats, parallel: bool) -> Floats:
-    """Return the part of kappa that depends on normal and eye."""
+CONDITIONS = ("normals", "eye", "light", "steepness")  # the last axis of `conditions`
+
+
+def conditions(
+    point: Floats,
+    extent: Floats,
+    normal_length: Floats,
+    eye: Floats,
+    light_positions: Floats,
+    parallel: bool = False,
+    steepness: Floats | float = 1.0,
+) -> Floats:
+    """Return the terms of kappa, (..., 4): 1/|N|, s/|P-eye|, s/|P-L| of the worst light (0 without lights), and
+    `steepness`. Arguments as of `conditioning`."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        of_normal = np.fmax(1.0, 1.0 / normal_length)
-        return of_normal if parallel else np.fmax(of_normal, extent / length(eye - point))
+        of_normal = 1.0 / np.asarray(normal_length, np.float64)
+        of_eye = np.zeros(()) if parallel else extent / length(eye - point)
+    of_light = np.zeros(np.shape(point)[:-1])
+    for position in light_positions:
+        of_light = np.fmax(of_light, _light_condition(point, extent, eye, position, parallel))
+    return np.stack(np.broadcast_arrays(of_normal, of_eye, of_light, steepness), axis=-1)
 
 
-def _light_conditioning(point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
-    """Return the part of kappa that depends on a light."""
+def condition_number(terms: Floats) -> Floats:
+    """Return kappa (...) of its terms (..., 4): the largest of 1 and the first three, times the last."""
+    worst: Floats = np.fmax.reduce(terms[..., :3], axis=-1, initial=1.0) * terms[..., 3]
+    return worst
+
+
+def _light_condition(point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
+    """Return the term of kappa that depends on a light."""
     s = np.maximum(extent, np.abs(position if parallel else position - eye).max())
     with np.errstate(divide="ignore", invalid="ignore"):
         amplified: Floats = s / length(position - point)
@@ -199,9 +218,9 @@ def jumps(
     """
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
-    common = _conditioning(point, extent, normal_length, eye, parallel)
+    common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
     for position, intensity in zip(light_positions, light_intensities, strict=True):
-        reach = gate * np.fmax(common, _light_conditioning(point, extent, eye, position, parallel))
+        reach = gate * np.fmax(common, _light_condition(point, extent, eye, position, parallel))
         n_l, r_v, distance2 = angles(point, normal, eye, position)
         near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
         most = np.clip(r_v + reach, 0.0, 1.0)

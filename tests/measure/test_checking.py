@@ -224,7 +224,7 @@ def test_a_highlights_gate_may_be_decided_either_way():
     for highlight, excepted in ((1e-3, True), (9e-4, False)):
         jump = expected.jump.copy()
         jump[30 * 80 + 40] = highlight
-        found = check._Found(frame, replace(expected, jump=jump), rows, columns)
+        found = check.Comparison(frame, replace(expected, jump=jump), rows, columns)
         assert found.gates.sum() == int(excepted)
         assert bool(found.counted.max() <= 1.0) is excepted
 

@@ -177,7 +177,7 @@ def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inp
     return {
         "rgb": color * light,
         "budget": shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, intensities),
-        "kappa": shade.conditioning(point, extent, length, eye, positions),
+        "conditions": shade.conditions(point, extent, length, eye, positions),
         "jump": np.abs(color * surface.ks) * shade.jumps(*place, surface.n, eye, positions, intensities),
         "exponent": surface.n,
     }
@@ -215,7 +215,7 @@ def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[st
     whole = {
         "rgb": np.zeros((*shape, 3)),
         "budget": np.zeros((*shape, 3)),
-        "kappa": np.ones(shape),
+        "conditions": np.ones((*shape, 4)),
         "jump": np.zeros((*shape, 3)),
         "exponent": np.ones(shape),
     }

@@ -22,18 +22,22 @@ LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # argu
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
-def scene_options(parser: argparse.ArgumentParser, *, several: bool = False, required: bool = False) -> None:
+def scene_options(
+    parser: argparse.ArgumentParser, *, several: bool = False, required: bool = False, default: str | None = "teapot"
+) -> None:
     """Add `arguments.scene`, or with `several` the list `arguments.scenes`, and the options that change scenes.
 
-    required: the scene is mandatory, so that another positional argument may follow.
+    required: the scene is mandatory, so that another positional argument may follow. default: None, or the scene used
+    without one.
     """
     group = parser.add_argument_group("scene")
     group.add_argument(
         "scenes" if several else "scene",
         nargs=None if required else "*" if several else "?",
-        default=["teapot"] if several else "teapot",
+        default=[default] if several else default,
         metavar="SCENE",
-        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene (default: teapot)",
+        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene"
+        + ("" if default is None else f" (default: {default})"),
     )
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
     group.add_argument("--focal", type=float, metavar="F", help="focal length of a course file, scene units")

@@ -75,22 +75,32 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
         if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 1:
             raise value_error("check", "pixels", 'a whole number from 1 on, or "all"', pixels)
         count = min(int(pixels), count)
-    strata = _strata(frame)
-    index = np.arange(frame.alpha.size) if count == frame.alpha.size else _sample(strata.ravel(), count, seed)
+    found = compare(frame, sample(frame, count, seed))
+    frame.check = summary(found, time.perf_counter() - start)
+    return frame.check
+
+
+def compare(frame: Frame, index: Array) -> Comparison:
+    """Compare the pixels of these indices (K,), in reading order, with the oracle."""
     rows, columns = np.divmod(index, frame.alpha.shape[1])
-    expected = oracle.sample(frame.scene, frame.settings, rows, columns)
-    found = _Found(frame, expected, rows, columns)
-    worst = int(np.argmax(found.counted)) if len(index) else 0
+    return Comparison(frame, oracle.sample(frame.scene, frame.settings, rows, columns), rows, columns)
+
+
+def summary(found: Comparison, seconds: float) -> Check:
+    """Return the result of comparing pixels, in reading order if they are all; seconds: what that took."""
+    frame, rows, columns, expected = found.frame, found.rows, found.columns, found.oracle
+    strata = _strata(frame)[rows, columns]
+    worst = int(np.argmax(found.counted)) if len(rows) else 0
     per_stratum = {}
     for number, name in enumerate(STRATA):
-        mine = strata[rows, columns] == number
+        mine = strata == number
         per_stratum[name] = (int(mine.sum()), float(found.counted[mine].max(initial=0.0)))
     image = None
-    if count == frame.alpha.size:
+    if len(rows) == frame.alpha.size:
         with np.errstate(over="ignore"):
             image = np.where(found.wrong, np.inf, found.error).astype(np.float32).reshape(frame.alpha.shape)
-    frame.check = Check(
-        pixels=len(index),
+    return Check(
+        pixels=len(rows),
         of=frame.alpha.size,
         bounds=float(found.counted.max(initial=0.0)),
         allowed=found.allowed,
@@ -106,21 +116,22 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
         depth_allowed=oracle_bounds.depth_roundings(frame.alpha),
         ids="id" in frame.layers,
         precision=frame.settings.precision,
-        seconds=time.perf_counter() - start,
+        seconds=seconds,
         image=image,
     )
-    return frame.check
 
 
-class _Found:
-    """Comparison of sampled pixels with the oracle; arrays are (K,).
+class Comparison:
+    """Comparison of pixels (rows from the top, columns), (K,), with the oracle; arrays are (K,).
 
-    wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or tied. counted: the same, and 0
-    at gates. relative: `counted` as |value - oracle| / B. depth: the largest of all pixels, see `Check`.
+    oracle: what they should be. wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or
+    tied. counted: the same, and 0 at gates. relative: `counted` as |value - oracle| / B. found: the same, also at gates,
+    infinite where wrong. expected: the most that is allowed of `found`. depth: the largest of all pixels, see `Check`.
     """
 
     def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
         scene, settings, where = frame.scene, frame.settings, (rows, columns)
+        self.frame, self.rows, self.columns, self.oracle = frame, rows, columns, expected
         rgb, alpha = frame.rgb[where], frame.alpha[where]
         self.wrong = (alpha != expected.alpha.astype(alpha.dtype)) | ~np.isfinite(rgb).all(axis=-1)
         precision = settings.precision
@@ -141,7 +152,10 @@ class _Found:
         self.counted = np.where(self.gates, 0.0, self.error)
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.where(absolute > 0.0, absolute / expected.budget, 0.0).max(axis=-1)
+            jump = np.where(expected.jump > 0.0, expected.jump / expected.budget, 0.0).max(axis=-1)
+        self.found = np.where(self.wrong, np.inf, np.where(compared, relative, 0.0))
         self.relative = np.where(compared & ~self.gates, relative, 0.0)
+        self.expected = self.allowed * oracle_bounds.rounding(expected, precision) + jump
         self.depth: float | None = None
         if "Z" in frame.layers:
             depth = oracle_bounds.depth_errors(frame["Z"][where], expected)
@@ -183,6 +197,13 @@ def _differs(values: Array) -> Array:
     found[1:] |= down
     found[:-1] |= down
     return found
+
+
+def sample(frame: Frame, count: int, seed: int) -> Array:
+    """Return the ascending indices, in reading order, of `count` pixels of a frame, of all if it has no more."""
+    if count >= frame.alpha.size:
+        return np.arange(frame.alpha.size)
+    return _sample(_strata(frame).ravel(), count, seed)
 
 
 def _sample(strata: Array, count: int, seed: int) -> Array:

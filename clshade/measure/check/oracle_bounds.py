@@ -7,7 +7,6 @@ The functions `assert_...` raise AssertionError with the first bad pixel. A fram
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import usable_uvs
-from ...scene.model import Scene, Settings
+from ...scene.model import Mesh, Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
 FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -152,25 +151,31 @@ def allowed(scene: Scene, settings: Settings) -> float:
 
     A sum over samples rounds once per sample, to 2^-24 of the partial sum, which is half of the total on average.
     """
-    precision, more = settings.precision, 0.0
-    if settings.samples > 1 and precision != "float64":
-        more += settings.samples / 2
-    if precision == "fast":
-        more += FAST_PER_TEXEL * max((texels for texels, _ in _textures(scene)), default=0)
-    elif precision == "float64":
-        more += FLOAT64_PER_TEXEL * max((texels * reach for texels, reach in _textures(scene)), default=0.0)
-    else:
-        reach = max((texels * reach for texels, reach in _textures(scene)), default=0.0)
-        more += max(reach / TEXELS_PER_BOUND - 1.0, 0.0)
-    return ALLOWED[precision] + more
-
-
-def _textures(scene: Scene) -> Iterator[tuple[int, float]]:
-    """Yield, for each mesh with a texture, the texels along its larger side and the largest texture coordinate."""
+    precision = settings.precision
+    of_samples = settings.samples / 2 if settings.samples > 1 and precision != "float64" else 0.0
+    of_textures = 0.0
     for mesh in scene.meshes:
-        if mesh.uvs is not None and mesh.material.texture is not None:
-            reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0))
-            yield max(mesh.material.texture.image.shape[:2]), reach
+        if mesh.uvs is not None and texture_side(mesh):
+            reach = np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)
+            of_textures = max(of_textures, float(texture_bounds(texture_side(mesh), reach, precision)))
+    return ALLOWED[precision] + of_samples + of_textures
+
+
+def texture_side(mesh: Mesh) -> int:
+    """Return the texels along the larger side of a mesh's texture; 0 if none is looked up."""
+    texture = mesh.material.texture
+    return max(texture.image.shape[:2]) if texture is not None and mesh.uvs is not None else 0
+
+
+def texture_bounds(side: Array | int, reach: Array | float, precision: str) -> Floats:
+    """Return the bounds allowed on top of ALLOWED, (...), for textures of `side` texels and coordinates up to `reach`."""
+    texels = np.asarray(side) * np.asarray(reach, np.float64)
+    if precision == "fast":
+        return FAST_PER_TEXEL * np.asarray(side, np.float64)
+    if precision == "float64":
+        return FLOAT64_PER_TEXEL * texels
+    more: Floats = np.maximum(texels / TEXELS_PER_BOUND - 1.0, 0.0)
+    return more
 
 
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
@@ -180,12 +185,22 @@ def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
     errors of positions and normals are amplified. The number of these units allowed is the number of roundings that may
     add up. Beyond n = 1e4 the oracle's own power is not accurate to 1e-12: float64 is allowed n/1e4 times as much.
     """
-    if precision == "float64":
-        scale = np.maximum(oracle.exponent / 1e4, 1.0) * oracle.kappa * 1e-12
-    else:
-        scale = np.sqrt(np.maximum(oracle.exponent, 1.0)) * oracle.kappa * HALF_ULP
+    scale = rounding(oracle, precision)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where(oracle.budget > 0.0, scale[..., None] * oracle.budget, 0.0)
+
+
+def rounding(oracle: OracleFrame, precision: str = "float32") -> Floats:
+    """Return `color_bound` relative to the light budget B, (M, N)."""
+    unit = 1e-12 if precision == "float64" else HALF_ULP
+    return exponent_condition(oracle.exponent, precision) * oracle.kappa * unit
+
+
+def exponent_condition(exponent: Floats, precision: str = "float32") -> Floats:
+    """Return how much specular exponents (...) amplify errors, see `color_bound`."""
+    if precision == "float64":
+        return np.maximum(exponent / 1e4, 1.0)
+    return np.sqrt(np.maximum(exponent, 1.0))
 
 
 def color_errors(rgb: Reals, oracle: OracleFrame, precision: str = "float32") -> tuple[Floats, Floats]:

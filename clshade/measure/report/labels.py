@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -78,14 +78,16 @@ def label_points(
     names: Sequence[str],
     lines: Sequence[Sequence[tuple[float, float]]] = (),
     size: float = 8.0,
+    **style: Any,
 ) -> None:
     """Label the points of axes whose place in the figure is final; a thin line leads to labels not next to their point.
 
-    lines: the corners of lines of horizontal and vertical segments, which labels avoid.
+    lines: the corners of lines of horizontal and vertical segments, which labels avoid. style: further properties of the
+    texts.
     """
     renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     points = [tuple(map(float, axes.transData.transform(point))) for point in zip(x, y, strict=True)]
-    texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5) for name in names]
+    texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5, **style) for name in names]
     extents = [text.get_window_extent(renderer) for text in texts]
     inside = Box(*axes.get_window_extent(renderer).extents)
     pieces = [

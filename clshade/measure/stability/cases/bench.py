@@ -221,7 +221,7 @@ def expected_light(
         budget=np.broadcast_to(
             shade.budget(np.ones(3), np.zeros(3), np.full(3, kd), np.full(3, ks), intensities), (1, count, 3)
         ),
-        kappa=shade.conditioning(p, np.abs(p).max(axis=1), np.ones(count), eye, positions)[None],
+        conditions=shade.conditions(p, np.abs(p).max(axis=1), np.ones(count), eye, positions)[None],
         jump=ks
         * shade.jumps(p, m, np.abs(p).max(axis=1), np.ones(count), np.float64(n), eye, positions, intensities)[None],
         exponent=np.full((1, count), n),

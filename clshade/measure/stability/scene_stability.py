@@ -1,0 +1,42 @@
+"""`python -m clshade stability SCENE`: where and why a scene amplifies rounding, and what that does to its image."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TextIO
+
+from ...base import text_tables
+from ...base.atomic_files import shown
+from ...images import exr
+from ...pipeline.opencl.device import open_device
+from ...scene.model import Scene, Settings
+from . import scene_figure, scene_tables
+from .scene_study import study
+
+
+def run(
+    scene: Scene,
+    settings: Settings,
+    device: str | None = None,
+    *,
+    out: str | Path = "stability",
+    stream: TextIO | None = None,
+) -> bool:
+    """Study the scene, print the tables and write all files. Returns True if every pixel is within its bounds.
+
+    Raises DeviceError, InputError and OutputError.
+    """
+    stream = stream or sys.stdout
+    opened = open_device(device)
+    folder = text_tables.create_folder(out)
+    found = study(scene, settings, opened)
+    print("\n".join(scene_tables.lines(found)), file=stream, flush=True)
+    written = scene_tables.write(found, folder)
+    for name, draw in (("stability.png", scene_figure.plot), ("kappa.png", scene_figure.plot_kappa)):
+        written.append(folder / name)
+        draw(found, written[-1])
+    written.append(folder / "stability.exr")
+    exr.write(written[-1], found.channels(), metadata=found.frame.metadata())
+    print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
+    return found.passed
