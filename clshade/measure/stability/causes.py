@@ -109,9 +109,9 @@ def factors(found: Comparison, seen: Faces, scene: Scene, settings: Settings) ->
     terms = expected.conditions[covered]
     kappa = np.fmax.reduce(terms[:, :3], axis=1, initial=1.0)
     worst = np.where(kappa > 1.0, np.nan_to_num(terms[:, :3]).argmax(axis=1), -1)
-    needle = np.where(
-        worst >= 1, np.clip(_reach_beyond(terms, worst, scene, seen.extent[at]), 1.0, seen.aspect[at]), 1.0
-    )
+    # If the corners were no farther away than the point, s would be so much smaller; no term knows that in parallel
+    # projection. kappa is at least the eye's term.
+    needle = np.where(worst >= 1, np.clip(terms[:, CONDITIONS.index("eye")], 1.0, seen.aspect[at]), 1.0)
     for k, name in enumerate(CONDITIONS[:3]):
         result[name][covered] = np.where(worst == k, kappa / needle, 1.0)
     result["needle"][covered] = needle
@@ -125,17 +125,6 @@ def factors(found: Comparison, seen: Faces, scene: Scene, settings: Settings) ->
     with np.errstate(divide="ignore", invalid="ignore"):
         result["grazing"] = np.where(expected.gate, found.expected / without, 1.0)
     return result
-
-
-def _reach_beyond(terms: Floats, worst: Integers, scene: Scene, extent: Floats) -> Floats:
-    """Return how much smaller the worst term (K,) would be if the face's corners were no farther away than the point: s of a
-    light is also the light's own distance. 0 in parallel projection, where the point's distance is in no term."""
-    lights = np.abs(scene_lights(scene).positions).max(initial=0.0)
-    of_eye = terms[:, CONDITIONS.index("eye")]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        away = extent / of_eye
-        of_light: Floats = extent / np.maximum(away, lights)
-    return np.where(worst == CONDITIONS.index("light"), of_light, of_eye)
 
 
 def amplification(of: Mapping[str, Floats]) -> Floats:
