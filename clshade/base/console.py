@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, TextIO
 
 QUIET, NORMAL, VERBOSE = range(3)
@@ -47,6 +47,12 @@ def progress(text: str) -> None:
     """Print a line about slow work, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
         _print(text)
+
+
+def table(lines: Sequence[str]) -> None:
+    """Print a table, unless quiet or in a worker."""
+    if _level >= NORMAL and not _is_worker():
+        print(printable("\n".join(lines)), file=sys.stderr, flush=True)
 
 
 def detail(text: str) -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+
+from ..base.arrays import Floats
 
 T = TypeVar("T")
 FEWEST = 5  # rounds, however long they take
@@ -38,6 +42,33 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
     return found
 
 
+class Waiting:
+    """How long this process's threads waited for a processor while other programs had it, within a `with` block.
+
+    share: the longest wait of a thread, of the time of the block; 0 where the system does not tell (Linux does).
+    """
+
+    share = 0.0
+
+    def __enter__(self) -> Waiting:
+        self._start, self._before = time.perf_counter(), _waits()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        seconds = time.perf_counter() - self._start
+        waits = [wait - self._before.get(thread, 0.0) for thread, wait in _waits().items()]
+        self.share = max(waits, default=0.0) / seconds
+
+
+def _waits() -> dict[str, float]:
+    """Return the seconds that each thread of this process was ready to run, but did not."""
+    found = {}
+    for path in Path("/proc/self/task").glob("*/schedstat"):
+        with contextlib.suppress(OSError):  # the thread has ended
+            found[path.parent.name] = int(path.read_text().split()[1]) / 1e9
+    return found
+
+
 def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
     """Return a draw for `in_turns` that draws so many frames in a row. If there are several, one more is drawn first and
     dropped: after another program's frames it finds cold caches and sleeping threads."""
@@ -51,17 +82,28 @@ def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the median, by bootstrap as in `ratio_interval`."""
+    return _interval(np.median(_resampled(values), axis=1))
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the 95 % interval of the mean, by bootstrap as in `ratio_interval`."""
+    return _interval(np.mean(_resampled(values), axis=1))
+
+
+def _resampled(values: Sequence[float]) -> Floats:
+    """Return RESAMPLES rows of as many values, drawn with replacement; the same places for all values of one number."""
     found = np.array(values, np.float64)
-    drawn = np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))
-    low, high = np.percentile(np.median(found[drawn], axis=1), COVERAGE)
+    drawn: Floats = found[np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))]
+    return drawn
+
+
+def _interval(statistics: Floats) -> tuple[float, float]:
+    low, high = np.percentile(statistics, COVERAGE)
     return float(low), float(high)
 
 
 def ratio_interval(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the ratio of two medians of as many rounds, by bootstrap: rounds are drawn again with
     replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993)."""
-    pairs = np.array([numerator, denominator], np.float64)
-    drawn = np.random.default_rng(0).integers(0, pairs.shape[1], (RESAMPLES, pairs.shape[1]))
-    medians = np.median(pairs[:, drawn], axis=2)
-    low, high = np.percentile(medians[0] / medians[1], COVERAGE)
-    return float(low), float(high)
+    above, below = (np.median(_resampled(values), axis=1) for values in (numerator, denominator))
+    return _interval(above / below)

@@ -122,8 +122,9 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     if arguments.budget is not None or arguments.tolerance is not None:
         from ...measure.report.auto_settings import select
 
-        found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
-        options = {**{name: options[name] for name in ("device", "resolution")}, "settings": found["chosen"].settings}
+        selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
+        console.table(selected.table())
+        options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
     frame = renderer.render(scene, **options)
     if arguments.check is not None:
         from ...measure.check.check import check

@@ -21,7 +21,7 @@ from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES, BENCH_TURN
 from ..report.study import machine
 from ..timing import in_turns, ratio_interval, spread, turns_of
-from . import starting, tables
+from . import choices, starting, tables
 from .children import draw_apart
 from .device_peaks import best, peaks
 from .frame_timing import PATH, SECONDS, FrameTiming, cameras, draw, warm_renderer
@@ -34,12 +34,13 @@ from .workloads import WORKLOADS, Workload, pick
 
 T = TypeVar("T")
 SLOW = 500.0  # ms, of a peer's frame, from which on turns are of single frames
-NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
+PROCESSES = (starting, choices)  # measured in processes of their own
+NAMES = (*(each.name for each in WORKLOADS), *(each.NAME for each in PROCESSES))
 
 
 def listing() -> str:
     """Return the list of all workloads and peers with their descriptions."""
-    rows = [(each.name, each.about) for each in WORKLOADS] + [(starting.NAME, starting.ABOUT)]
+    rows = [(each.name, each.about) for each in WORKLOADS] + [(each.NAME, each.ABOUT) for each in PROCESSES]
     peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
     return "\n".join([*(text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
 
@@ -116,12 +117,25 @@ def measure_all(
         started = start_up(device.index) if starting.NAME in names else None
     except ClshadeError as error:
         failed.append(f"{starting.NAME}: {error}")
+    chosen: tuple[choices.Choices, ...] = ()
+    try:
+        chosen = choices.choices(device.index, say) if choices.NAME in names else ()
+    except ClshadeError as error:
+        failed.append(f"{choices.NAME}: {error}")
     try:
         series = scaling(draw_point) if with_scaling else ()
     except ClshadeError as error:
         failed.append(f"scaling: {error}")
     most = best(found.peaks, peaks(device))
-    return replace(found, peaks=most, results=tuple(results), started=started, series=series, failed=tuple(failed))
+    return replace(
+        found,
+        peaks=most,
+        results=tuple(results),
+        started=started,
+        choices=chosen,
+        series=series,
+        failed=tuple(failed),
+    )
 
 
 def measure(workload: Workload, device: Device, names: Sequence[str], frames: int, turn: int = BENCH_TURN) -> Result:

@@ -3,71 +3,71 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from ...base import console
-from ...images.metrics import rmse
+from ...base import console, text_tables
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
-from ...pipeline.renderer import Renderer
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
-from ..timing import spread
-from .measure import frame_ms, frame_times
-from .pareto import chosen
-from .reference_image import Reference, reference
-from .variants import BASE, SHORT, Variant, variants_for
+from .reference_image import Reference
+from .short_study import Candidate, Limit, ShortStudy, row
+from .thinned_image import Thinned
+from .variants import BASE, SHORT, variants_for
 
-FRAMES = 5  # of each variant
-SLACK = 2.0  # a single frame may take this many times as long as the median
-
-
-class Candidate(NamedTuple):
-    """A variant with its measured cost, milliseconds per frame, the quartiles of that, and error, RMSE against the
-    reference."""
-
-    variant: Variant
-    cost: float
-    quartiles: tuple[float, float]
-    error: float
-
-    @property
-    def name(self) -> str:
-        """Name of the variant; `standard` would be misleading if the given settings differ from it."""
-        return self.variant.name if self.variant.changes else "unchanged"
+HEADER = ("way", "outcome", "ms a frame", "95 %", "RMSE", "95 %")
+BUSY = 0.15  # share of the time waiting for processors from which on times are in doubt
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
     """The settings to render with.
 
-    kept: fields of Settings that were given, or the scene's own. tried: the variants drawn. seconds: duration of the
-    study.
+    kept: fields of Settings that were given, or the scene's own. tried: the figures of all variants, those that were
+    drawn first. thinned: the pixels that errors were measured at. seconds: duration of the study. doubt: why another
+    measurement might choose differently; "" if nothing suggests it.
     """
 
     used: Candidate
     settings: Settings
     kept: tuple[str, ...]
-    tried: tuple[str, ...]
+    tried: tuple[dict[str, Any], ...]
     reference: Reference
+    thinned: Thinned
     seconds: float
+    doubt: str
 
     passed = True  # a limit that no variant meets raises an error instead
 
     def lines(self) -> list[str]:
         """Return the choice as lines for the terminal."""
-        used = self.used
-        changed = f" ({used.variant.changed()})" if used.variant.changes else ""
+        used, variant = self.used, self.used.variant
+        changed = f" ({variant.changed()})" if variant.changes else ""
         kept = ", ".join(f"{name}={getattr(self.settings, name)}" for name in self.kept)
+        drawn = sum("frame_ms" in each for each in self.tried)
+        within = "" if used.estimate is None else f", {_range(used.estimate[1:])}"
         return [
-            f"{used.name}{changed}: {used.cost:.3g} ms a frame after the first, RMSE {used.error:.3g}",
+            f"{used.name}{changed}: {used.cost:.3g} ms a frame after the first, RMSE {used.error:.3g}{within}",
             *([f"kept as they are: {kept}"] if kept else []),
-            f"of {len(self.tried)} ways tried in {self.seconds:.1f} s: {', '.join(self.tried)}",
+            f"of {len(self.tried)} ways {drawn} drawn, in {self.seconds:.1f} s; errors of {self.thinned.about()}",
             f"reference: {self.reference.about()}",
         ]
+
+    def table(self) -> list[str]:
+        """Return what was tried, and what was not and why, as a table for the terminal."""
+        rows = [
+            (
+                each["variant"],
+                each["outcome"],
+                text_tables.digits(each.get("frame_ms")),
+                _range(each.get("frame_ms_95")),
+                text_tables.digits(each.get("rmse")),
+                _range(each.get("rmse_95")),
+            )
+            for each in self.tried
+        ]
+        return text_tables.as_lines(HEADER, rows, left=2)
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -77,11 +77,18 @@ class Selection:
             "settings": used.variant.changes,
             "frame_ms": used.cost,
             "rmse": used.error,
+            "rmse_95": None if used.estimate is None else used.estimate[1:],
             "kept": {name: getattr(self.settings, name) for name in self.kept},
             "reference": self.reference.stats(),
+            "thinned": self.thinned.stats(),
             "tried": self.tried,
+            "doubt": self.doubt,
             "seconds": self.seconds,
         }
+
+
+def _range(interval: tuple[float, float] | None) -> str:
+    return "-" if interval is None else " to ".join(map(text_tables.digits, interval))
 
 
 def select(
@@ -108,48 +115,35 @@ def select(
     variants = [
         each for each in variants_for(scene, base, opened) if each.name in SHORT and not fixed & set(each.changes)
     ]
-    converged = reference(scene, base, opened, fixed)
-    tried = [_tried(scene, each, base, opened, converged) for each in variants]
-    candidates = _timed(scene, worth_timing(tried, budget, tolerance), base, opened)
-    choice = chosen(candidates, budget, tolerance, converged.error)
-    assert choice is not None, "either budget or tolerance"
+    study = ShortStudy(scene, base, opened, Limit(budget, tolerance), fixed)
+    choice = study.choose(variants)
     used = choice.used
-    if choice.doubt:
-        console.warning(f"within noise: {choice.doubt}")
-    kept, names = tuple(sorted(fixed - {"layers"})), tuple(each.name for each in tried)
-    return Selection(used, used.variant.settings(base), kept, names, converged, time.perf_counter() - start)
+    doubt = choice.doubt or thinning_doubt(used, tolerance) or busy_doubt(study.waiting.share)
+    if doubt:
+        console.warning(f"within noise: {doubt}")
+    rows = (*(row(each, study.outcome(each, used)) for each in study.drawn), *(row(each) for each in study.dropped))
+    return Selection(
+        used,
+        used.variant.settings(base),
+        tuple(sorted(fixed - {"layers"})),
+        rows,
+        study.reference,
+        study.thinned,
+        time.perf_counter() - start,
+        doubt,
+    )
 
 
-def _tried(scene: Scene, variant: Variant, base: Settings, device: Device, converged: Reference) -> Candidate:
-    """Measure a variant; the cost is that of its second frame, as runtimes may compile during the first."""
-    with Renderer(scene, settings=variant.settings(base), device=device) as renderer:
-        error = rmse(renderer.render().rgb, converged.rgb)
-        cost = frame_ms(renderer)
-        return Candidate(variant, cost, (cost, cost), error)
+def thinning_doubt(used: Candidate, tolerance: float | None) -> str:
+    """Return the doubt about an error that was estimated from a part of the image; "" if there is none."""
+    if tolerance is None or used.estimate is None or used.estimate.high <= tolerance:
+        return ""
+    return f"the error of {used.name} is {_range(used.estimate[1:])}, about the tolerance"
 
 
-def _timed(scene: Scene, candidates: Sequence[Candidate], base: Settings, device: Device) -> list[Candidate]:
-    """Return the candidates with the median time of further frames as cost."""
-    with ExitStack() as stack:
-        renderers = []
-        for each in candidates:
-            renderer = stack.enter_context(Renderer(scene, settings=each.variant.settings(base), device=device))
-            renderer.render()
-            renderers.append(renderer)
-        times = frame_times(renderers, FRAMES)
-    spreads = [spread(ms) for ms in times]
-    return [
-        each._replace(cost=ms.median, quartiles=(ms.low, ms.high)) for each, ms in zip(candidates, spreads, strict=True)
-    ]
-
-
-def worth_timing(tried: Sequence[Candidate], budget: float | None, tolerance: float | None) -> list[Candidate]:
-    """Return the candidates that may meet the limit, judged by one frame, or else the nearest one."""
-    if tolerance is not None:
-        exact = [each for each in tried if each.error <= tolerance]
-        tried = exact or [min(tried, key=lambda each: each.error)]
-    limit = SLACK * max(budget or 0.0, min(each.cost for each in tried))
-    return [each for each in tried if each.cost <= limit]
+def busy_doubt(share: float) -> str:
+    """Return the doubt about times in which a thread waited for other programs for this share; "" if there is none."""
+    return f"other programs kept this one waiting for {share:.0%} of the time" if share > BUSY else ""
 
 
 def preset_fields() -> set[str]:

@@ -128,11 +128,11 @@ def measure(
         ]
 
 
-def frame_times(renderers: Sequence[Renderer], frames: int) -> list[tuple[float, ...]]:
+def frame_times(renderers: Sequence[Renderer], frames: int, seconds: float = SECONDS) -> list[tuple[float, ...]]:
     """Return the times of the frames of each renderer, in milliseconds, drawn in turns while the camera moves.
 
     Each renderer must have drawn one frame before, as runtimes may compile during it. frames: number per renderer;
-    fewer if all of them take more than SECONDS.
+    fewer if all of them take more than `seconds`.
     """
     if not renderers:
         return []
@@ -143,7 +143,7 @@ def frame_times(renderers: Sequence[Renderer], frames: int) -> list[tuple[float,
         return frame_ms(renderers[(place + number) % count], cameras[number])
 
     # Each round begins with another renderer: which one was drawn before makes a difference.
-    turns = in_turns([partial(next_ms, place) for place in range(count)], frames, SECONDS)
+    turns = in_turns([partial(next_ms, place) for place in range(count)], frames, seconds)
     return [tuple(turn[(k - number) % count] for number, turn in enumerate(turns)) for k in range(count)]
 
 

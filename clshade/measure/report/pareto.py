@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 from ...errors import InputError
 
-NEARLY = 1.05  # times a budget that another measurement might find within it
+NEARLY = 1.1  # ratio of times that another measurement might find equal
 
 
 class Alternative(Protocol):
@@ -71,19 +71,34 @@ class Choice(Generic[A]):
     doubt: str
 
 
-def within_budget(alternatives: Sequence[A], budget: float) -> Choice[A]:
-    """Choose the most accurate within `budget` milliseconds; one that keeps it in a quarter of its frames counts as within.
-    Raises InputError, naming the fastest, if there is none."""
-    affordable = [each for each in alternatives if each.quartiles[0] <= budget]
+def fits(alternative: Alternative, budget: float) -> bool:
+    """Return whether `within_budget` counts it as within."""
+    return alternative.quartiles[0] <= NEARLY * budget
+
+
+def most_accurate(alternatives: Sequence[A], known: float) -> A:
+    """Return the first of those whose errors are the least, as far as they are known: the choice then does not change with
+    the times."""
+    least = min(each.error for each in alternatives)
+    return next(each for each in alternatives if each.error <= least + known)
+
+
+def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) -> Choice[A]:
+    """Choose the most accurate within `budget` milliseconds. One that nearly keeps it in a quarter of its frames counts as
+    within; other load on the machine changes their time least. known: uncertainty of the errors.
+
+    Raises InputError, naming the fastest, if there is none.
+    """
+    affordable = [each for each in alternatives if fits(each, budget)]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
         expected = f"a time that some variant keeps: the fastest, {fastest.name}, takes {fastest.cost:.3g} ms"
         raise InputError(f"--budget: expected {expected}, found {budget:g} ms")
-    used = min(affordable, key=lambda each: (each.error, each.cost))
+    used = most_accurate(affordable, known)
     low, high = used.quartiles
     if high > budget:
         return Choice(used, f"{used.name} takes {low:.3g} to {high:.3g} ms in half of its frames, about the budget")
-    missed = [each for each in alternatives if each.error < used.error and each.quartiles[0] <= NEARLY * budget]
+    missed = [each for each in alternatives if each.error < used.error - known and fits(each, NEARLY * budget)]
     if missed:
         closest = min(missed, key=lambda each: each.error)
         return Choice(
@@ -94,7 +109,7 @@ def within_budget(alternatives: Sequence[A], budget: float) -> Choice[A]:
 
 def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float = 0.0) -> Choice[A]:
     """Choose the fastest whose error is at most `tolerance`, or above it by at most `known`, the uncertainty of the errors;
-    of several as fast as measuring can tell, the most accurate.
+    of several that are nearly as fast in a quarter of their frames, the most accurate.
 
     Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `known`.
     """
@@ -106,10 +121,13 @@ def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float =
     if not exact:
         expected = f"an error that some variant reaches: the best, {best.name}, has {best.error:.3g}"
         raise InputError(f"--tolerance: expected {expected}, found {tolerance:g}")
-    fastest = min(exact, key=lambda each: each.cost)
-    used = min((each for each in exact if tied_in_time(each, fastest)), key=lambda each: each.error)
+    least = min(each.quartiles[0] for each in exact)
+    used = most_accurate([each for each in exact if each.quartiles[0] <= NEARLY * least], known)
     if abs(used.error - tolerance) <= known:
         return Choice(used, f"the error of {used.name} is known to {known:.2g}, and is that near the tolerance")
+    others = [each for each in exact if each.cost < used.cost or (each is not used and tied_in_time(each, used))]
+    if others:
+        return Choice(used, f"{min(others, key=lambda each: each.cost).name} takes about as long as {used.name}")
     return Choice(used, "")
 
 
@@ -119,5 +137,5 @@ def chosen(alternatives: Sequence[A], budget: float | None, tolerance: float | N
     known: uncertainty of the errors. Raises InputError as `within_budget` and `within_tolerance` do.
     """
     if budget is not None:
-        return within_budget(alternatives, budget)
+        return within_budget(alternatives, budget, known)
     return None if tolerance is None else within_tolerance(alternatives, tolerance, known)

@@ -6,8 +6,9 @@ mean of many samples, each of them shaded: the limit of increasing sample counts
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.model import Scene, Settings
 from ...scene.settings import Precision
+from .thinned_image import Thinned, Window
 
 MOST = 1 << 27  # samples of the whole reference, at most: some seconds
 # Subpixels along a pixel's side, which are pixels of a larger image, and samples in each. The reference uses one step;
@@ -31,9 +33,10 @@ CONVERGING = frozenset({"precision", "samples", "sample_shading", "resolve", "te
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged image.
+    """A converged image, or some windows of it.
 
-    rgb: (M, N, 3) float64. samples: number per pixel. settings: those that it was drawn with.
+    rgb: float64; (M, N, 3), or (K, 3) of the windows' pixels, see `thinned_image.Thinned`. samples: number per pixel.
+    settings: those that it was drawn with.
     error: estimate of its RMSE: half of the RMSE between it and the image with a quarter of the samples, because errors
     fall at least with the square root of the number of samples.
     """
@@ -61,17 +64,41 @@ def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[st
     base: its ambient term, culling and near plane, and whether there is lighting at all, belong to the scene and are
     kept, as are the fields named in `fixed`, except those that decide how accurately the image converges.
     """
-    best = best_settings(base, device, fixed)
-    affordable = [_fits(scene, *step) for step in STEPS[:-2]]
-    first = affordable.index(True) if any(affordable) else len(affordable)
-    fine, coarse = (averaged(scene, device, best, *step) for step in STEPS[first : first + 2])
-    scale, samples = STEPS[first]
-    return Reference(fine, scale * scale * samples, best, rmse(coarse, fine) / 2.0)
-
-
-def _fits(scene: Scene, scale: int, samples: int) -> bool:
     columns, rows = scene.camera.resolution
-    return scale * scale * samples * columns * rows <= MOST
+    return _converged(columns * rows, best_settings(base, device, fixed), partial(averaged, scene, device), rmse)
+
+
+def reference_windows(
+    scene: Scene, base: Settings, device: Device, thinned: Thinned, fixed: Collection[str] = ()
+) -> Reference:
+    """Render the same as `reference`, but only the pixels of a thinned image."""
+
+    def draw(settings: Settings, scale: int, samples: int) -> Array:
+        found = window_means(scene, device, settings, scale, samples, thinned.windows)
+        return np.concatenate([means.reshape(-1, 3) for _, means in found])
+
+    def error(coarse: Array, fine: Array) -> float:
+        return thinned.estimate(coarse, fine).rmse
+
+    return _converged(thinned.count, best_settings(base, device, fixed), draw, error)
+
+
+def _converged(
+    pixels: int,
+    best: Settings,
+    draw: Callable[[Settings, int, int], Array],
+    error: Callable[[Array, Array], float],
+) -> Reference:
+    """Return the reference of so many pixels. draw: takes settings and a step. error: returns an RMSE."""
+    affordable = [_fits(pixels, *step) for step in STEPS[:-2]]
+    first = affordable.index(True) if any(affordable) else len(affordable)
+    fine, coarse = (draw(best, *step) for step in STEPS[first : first + 2])
+    scale, samples = STEPS[first]
+    return Reference(fine, scale * scale * samples, best, error(coarse, fine) / 2.0)
+
+
+def _fits(pixels: int, scale: int, samples: int) -> bool:
+    return scale * scale * samples * pixels <= MOST
 
 
 def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -> Settings:
@@ -85,31 +112,26 @@ def averaged(scene: Scene, device: Device, settings: Settings, scale: int, sampl
     """Return the means of scale x scale pixels of a larger image, each with `samples` samples, (M, N, 3) float64."""
     columns, rows = scene.camera.resolution
     image = np.empty((rows, columns, 3))
-    with Renderer(scene, settings=replace(settings, samples=samples), device=device) as renderer:
-        for left, top, camera in tiles(scene.camera, scale):
-            width, height = (side // scale for side in camera.resolution)
-            found = np.asarray(renderer.render(camera=camera).rgb, np.float64)
-            blocks = found.reshape(height, scale, width, scale, 3)
-            image[top : top + height, left : left + width] = blocks.mean(axis=(1, 3))
+    for window, means in window_means(scene, device, settings, scale, samples, tiles(scene.camera, scale)):
+        image[window.place] = means
     return image
 
 
-def tiles(camera: Camera, scale: int) -> Iterator[tuple[int, int, Camera]]:
-    """Yield the tiles of an image `scale` times as large: first column and row in the image, and the tile's camera."""
+def window_means(
+    scene: Scene, device: Device, settings: Settings, scale: int, samples: int, windows: Iterable[Window]
+) -> Iterator[tuple[Window, Array]]:
+    """Yield each window with its part of what `averaged` returns, (height, width, 3) float64."""
+    with Renderer(scene, settings=replace(settings, samples=samples), device=device) as renderer:
+        for window in windows:
+            found = np.asarray(renderer.render(camera=window.camera(scene.camera, scale)).rgb, np.float64)
+            blocks = found.reshape(window.height, scale, window.width, scale, 3)
+            yield window, blocks.mean(axis=(1, 3))
+
+
+def tiles(camera: Camera, scale: int) -> Iterator[Window]:
+    """Yield the tiles of an image to draw `scale` times as large, one after another."""
     columns, rows = camera.resolution
-    (height, width), (right, up) = camera.plane, camera.principal
     side = TILE // scale
     for top in range(0, rows, side):
         for left in range(0, columns, side):
-            across, down = min(side, columns - left), min(side, rows - top)
-            below = rows - top - down
-            yield (
-                left,
-                top,
-                replace(
-                    camera,
-                    resolution=(scale * across, scale * down),
-                    plane=(height * down / rows, width * across / columns),
-                    principal=((right * columns - left) / across, (up * rows - below) / down),
-                ),
-            )
+            yield Window(left, top, min(side, columns - left), min(side, rows - top))

@@ -23,6 +23,11 @@ class Variant:
     about: str
     changes: dict[str, Any]
 
+    @property
+    def shown(self) -> str:
+        """Its name where the base may be other than the preset `standard`."""
+        return self.name if self.changes else "unchanged"
+
     def settings(self, base: Settings) -> Settings:
         return replace(base, **self.changes)
 
@@ -65,6 +70,8 @@ SHORT = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
 )
+# Those that only save time, at the cost of accuracy.
+SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene) -> Settings:
