@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ...measure.defaults import FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options, output_name
+from .arguments import device_option, limit_options, numbers, output_name
 from .scene_options import camera_options, load_scene, scene_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
@@ -26,6 +26,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
+    study.add_argument(
+        "--sizes",
+        type=numbers(int, None, "whole numbers such as 480,960,1920"),
+        nargs="?",
+        const=(),
+        metavar="W,...",
+        help="times and errors at growing sizes, the scene's shape with so many columns (default: 480,960,1920)",
+    )
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
     device_option(parser)
@@ -39,6 +47,6 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     scene = load_scene(arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
-    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance")}
+    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes")}
     options = {name: value for name, value in given.items() if value is not None}
     return DONE if report.run(scene, arguments.device, names=arguments.only, **options) else FAILED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -15,6 +16,7 @@ from ...scene.model import Scene
 from ..defaults import FRAMES
 from . import figure, tables
 from .pareto import chosen
+from .sizes import growths, resolutions
 from .study import study
 from .variants import VARIANTS, base_settings, named, variants_for
 
@@ -33,6 +35,7 @@ def run(
     frames: int = FRAMES,
     budget: float | None = None,
     tolerance: float | None = None,
+    sizes: Sequence[int] | None = None,
     stream: TextIO | None = None,
 ) -> bool:
     """Measure the variants, print the tables, write the files, and name the variant to use.
@@ -40,16 +43,21 @@ def run(
     Returns True if every variant's arithmetic is within its bounds.
 
     names: variants; default: all that change the image of this scene. frames: number per variant. budget: milliseconds.
-    tolerance: RMSE. Raises DeviceError, OutputError and InputError; the last also if no variant meets the budget or
-    tolerance, but only after all files are written.
+    tolerance: RMSE. sizes: columns of growing images, empty for the usual ones; None for none. Raises DeviceError,
+    OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all files are
+    written.
     """
     stream = stream or sys.stdout
     if frames < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
-    variants = named(variants_for(scene, base_settings(scene), opened), names)
+    base = base_settings(scene)
+    variants = named(variants_for(scene, base, opened), names)
+    growing = [] if sizes is None else resolutions(scene, sizes)
     folder = text_tables.create_folder(out)
     found = study(scene, opened, variants, frames)
+    if growing:
+        found = replace(found, growths=tuple(growths(scene, variants, base, opened, growing)))
     choice, unkept = None, None
     try:
         choice = chosen(found.measured, budget, tolerance, found.reference.error)

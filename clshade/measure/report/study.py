@@ -19,6 +19,7 @@ from .measure import Measured, measure
 from .model_errors import ModelErrors
 from .pareto import front, ties
 from .reference_image import Reference, reference
+from .sizes import Growth
 from .tessellation import Tessellation, loglog_slope, tessellation
 from .variants import BASE, Variant, base_settings
 
@@ -29,7 +30,8 @@ FAMILIES = ("samples-", "shaded-")  # prefixes of variants that differ only in t
 @dataclass(frozen=True, eq=False)
 class Study:
     """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN
-    images, by what they show. decomposition: of the error of the image that `render` draws."""
+    images, by what they show. decomposition: of the error of the image that `render` draws.
+    growths: at several sizes, if asked for."""
 
     scene: Scene
     device: str
@@ -40,6 +42,7 @@ class Study:
     tessellation: Tessellation
     kept: tuple[Kept, ...]
     decomposition: Decomposition
+    growths: tuple[Growth, ...] = ()
 
     @property
     def front(self) -> list[Measured]:
@@ -93,6 +96,7 @@ class Study:
             "sampling": {name: {"slope": slope, "gain": gain} for name, (slope, gain) in self.sampling().items()},
             "decomposition": self.decomposition.stats(),
             "tessellation": self.tessellation.stats(),
+            "sizes": [each.stats() for each in self.growths],
             "formats": [each.stats() for each in self.kept],
         }
 

@@ -10,6 +10,7 @@ from ...base.text_tables import digits
 from ...images.metrics import has_flip
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
+from . import sizes
 from .measure import Measured
 from .model_errors import SAMPLES as MODEL_SAMPLES
 from .study import Study
@@ -136,6 +137,24 @@ def _sampling(study: Study) -> list[str]:
     ]
 
 
+SIZES = (
+    "Growing images: times and errors against the converged image of the same size; power: of the number of pixels, with "
+    "its 95 % interval"
+)
+
+
+def _sizes(study: Study, *, markdown: bool) -> list[str]:
+    found = study.growths
+    if not found:
+        return []
+    said = sizes.statements(found)
+    if markdown:
+        table = text_tables.as_markdown(sizes.header(found), sizes.rows(found))
+        return ["", "## Sizes", "", f"{SIZES}.", "", *table, "", *(f"- {line}" for line in said)]
+    table = text_tables.as_lines(sizes.header(found), sizes.rows(found))
+    return ["", text_tables.wrapped(SIZES, 2), *table, *(text_tables.wrapped(line, 2) for line in said)]
+
+
 def lines(study: Study) -> list[str]:
     """Return the tables as lines for the terminal."""
     header, rows = _tessellation(study)
@@ -153,6 +172,7 @@ def lines(study: Study) -> list[str]:
         *text_tables.as_lines(header, rows),
         "",
         *text_tables.as_lines(FORMATS, _formats(study)),
+        *_sizes(study, markdown=False),
     ]
 
 
@@ -186,6 +206,7 @@ def markdown(study: Study, used: str) -> str:
             "## Output formats",
             "",
             *text_tables.as_markdown(FORMATS, _formats(study)),
+            *_sizes(study, markdown=True),
             "",
         ]
     )
@@ -220,13 +241,15 @@ CSV = (
         "bytes",
         "largest",
         "triangles",
+        "columns",
+        "rows",
     ),
 )
 
 
 def csv_rows(study: Study) -> list[text_tables.Row]:
-    """Return one row per variant, cause, format, and sphere and shader, in full precision; fields that do not apply are
-    empty."""
+    """Return one row per variant, cause, format, variant and size, and sphere and shader, in full precision; fields that do
+    not apply are empty."""
     rows: list[dict[str, object]] = []
     for each in study.measured:
         low, median, high = each.frame_ms
@@ -256,6 +279,20 @@ def csv_rows(study: Study) -> list[text_tables.Row]:
         low, median, high = kept.write_ms
         times = {"ms": median, "ms_low": low, "ms_high": high}
         rows.append({"study": "format", **vars(kept), **times})
+    for growth in study.growths:
+        for point in growth.points:
+            low, median, high = point.ms
+            columns, height = point.resolution
+            times = {"ms": median, "ms_low": low, "ms_high": high}
+            rows.append(
+                {
+                    "study": "size",
+                    "name": growth.variant.name,
+                    "settings": growth.variant.changed(),
+                    **times,
+                    **{"rmse": point.error.rmse, "columns": columns, "rows": height},
+                }
+            )
     found = study.tessellation
     for shader, errors in found.errors.items():
         rows += [
