@@ -21,9 +21,9 @@ from .reference_image import Reference, reference_windows
 from .thinned_image import Estimate, Thinned, thinned
 from .variants import SAVINGS, Variant
 
-FIRST_FRAMES, FIRST_MS = 3, 60.0  # of each variant: no further frame once they took so long
+FIRST_FRAMES, FIRST_MS = (2, 3), 60.0  # of each variant: fewest, and most unless they take so long
 FRAMES, SECONDS = 15, 0.6  # of each that may be chosen, in turns: fewer once all took so long
-SLACK = 1.5  # the first frames may take this many times as long as later ones
+SLACK = 2.0  # the first frames may take this many times as long as later ones
 CAUTION = 0.75  # what is predicted may be off by this
 
 
@@ -172,7 +172,7 @@ class ShortStudy:
         with Renderer(self.scene, settings=variant.settings(self.base), device=self.device) as renderer:
             image = renderer.render().rgb
             times: list[float] = []
-            while not times or (len(times) < FIRST_FRAMES and sum(times) < FIRST_MS):
+            while len(times) < FIRST_FRAMES[0] or (len(times) < FIRST_FRAMES[1] and sum(times) < FIRST_MS):
                 times.append(frame_ms(renderer))
         if self._thinned is None:
             self._thinned = thinned(image, self.scene.face_count)
