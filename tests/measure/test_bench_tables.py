@@ -83,8 +83,17 @@ def test_verdicts():
     assert [least.kept, least._replace(value=149.0).kept, least._replace(value=None).kept] == [True, False, None]
 
 
+def test_targets_are_said_if_asked_for():
+    asked, plain = (tables.lines(small_speed(), targets=targets) for targets in (True, False))
+    start = next(k for k, line in enumerate(asked) if line.startswith("target  "))
+    count = len(small_speed().verdicts()) + 2  # a header, and an empty line
+    assert asked[:start] + asked[start + count :] == plain
+    assert not any(word in line for line in plain for word in ("asked for", "target"))
+    assert any(line.startswith("phong-triangles ") and "0.9" in line for line in plain)
+
+
 def test_the_tables_hold_what_was_found():
-    lines = tables.lines(small_speed())
+    lines = tables.lines(small_speed(), targets=True)
     # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second and take as long at the
     # fill's 5e8; 1e7 operations half of 1e10.
     expected = "w 10x10 100 100.0 % 2.00 1.80 to 2.20 5 0.05 0.05 0.5 50.0 % 5 50.0 % 2 1 -"
@@ -94,7 +103,7 @@ def test_the_tables_hold_what_was_found():
         if line.startswith("w  ") and "llvmpipe" not in line and "numpy" not in line and "%" in line
     )
     assert f"{first} {second.removeprefix('w ')}" == expected
-    for block in tables.markdown(small_speed()).split("\n\n"):
+    for block in tables.markdown(small_speed(), targets=True).split("\n\n"):
         if block.startswith("|"):
             assert len({line.count("|") for line in block.splitlines()}) == 1, block
     rows = list(csv.DictReader(io.StringIO(text_tables.as_csv(tables.CSV, tables.csv_rows(small_speed())))))
@@ -176,13 +185,15 @@ def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
     assert (code, list(tmp_path.iterdir())) == (0, [])
     assert "quads" in out
     assert "its ms" not in out
-    code, out, _ = run(capsys, "bench", "empty", "--device", opened.index, "--frames", "1", "--peers", "numpy")
+    code, out, _ = run(
+        capsys, "bench", "empty", "--device", opened.index, "--frames", "1", "--peers", "numpy", "--targets"
+    )
     assert code == 0
     assert "times as fast as write" in out  # writing is measured with any peers
     monkeypatch.setattr(bench, "draw_apart", lambda name, device, frames: drawn_with(len(name), frames))
     code, out, _ = run(capsys, "bench", "--scaling", "--frames", "3", "--device", opened.index)
     assert code == 0
-    assert "scaling-phong-pixels" in out
+    assert "phong-pixels" in out
     assert "object" not in out.split("bar ")[0].split("grows")[0]
     code, out, err = run(capsys, "bench", "--list")
     assert (code, err) == (0, [])

@@ -32,6 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="renderers to draw in turns with, such as llvmpipe,numpy, or none (default: all but opengl)",
     )
     parser.add_argument("--scaling", action="store_true", help="time and memory against triangles and pixels")
+    parser.add_argument("--targets", action="store_true", help="also say which of the project's targets are met")
     parser.add_argument(
         "--workers",
         type=numbers(int, None, "whole numbers such as 2,4"),
@@ -61,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         turn=arguments.turn,
         with_scaling=arguments.scaling,
+        targets=arguments.targets,
         out=arguments.out,
     )
     return DONE if passed else FAILED

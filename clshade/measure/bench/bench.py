@@ -53,6 +53,7 @@ def run(
     frames: int = BENCH_FRAMES,
     turn: int = BENCH_TURN,
     with_scaling: bool = False,
+    targets: bool = False,
     out: str | None = None,
     stream: TextIO | None = None,
 ) -> bool:
@@ -61,7 +62,8 @@ def run(
     Returns True if every workload was drawn, and every available peer draws the same images.
 
     names: workloads; by default all. peers_named: empty for none. frames: number per workload; fewer if they take
-    more than frame_timing.SECONDS. with_scaling: also draw growing scenes and images. out: prefix of the files' names;
+    more than frame_timing.SECONDS. with_scaling: also draw growing scenes and images. targets: also
+    say what each figure should be at least or at most. out: prefix of the files' names;
     None: no files. Raises InputError, DeviceError and OutputError.
     """
     stream = stream or sys.stdout
@@ -78,12 +80,12 @@ def run(
     opened = open_device(device, profiling=True)
     say = partial(print, file=stream, flush=True)
     found = measure_all(opened, chosen, others, frames, with_scaling, say, turn)
-    say("\n".join(["", *tables.lines(found)]))
+    say("\n".join(["", *tables.lines(found, targets=targets)]))
     if out is not None:
         from . import figure
 
-        written = tables.write(found, out)
-        figure.plot(found, written[-1])
+        written = tables.write(found, out, targets=targets)
+        figure.plot(found, written[-1], targets=targets)
         say("\n".join(["", *(f"wrote {path}" for path in written)]))
     return found.passed
 

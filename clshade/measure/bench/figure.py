@@ -17,8 +17,8 @@ WAY_COLORS = (figures.OURS, figures.OTHER, "#7a5195")
 COLORS = {"llvmpipe": figures.OURS, "opengl": "#2e8b57", "numpy": figures.OTHER, "scanline": "#7a5195"}
 
 
-def plot(speed: Speed, path: Path) -> None:
-    """Draw and save the figure. Raises OutputError."""
+def plot(speed: Speed, path: Path, *, targets: bool = False) -> None:
+    """Draw and save the figure. targets: mark the ratios asked for. Raises OutputError."""
     panels = [_ratios] if any(result.compared for result in speed.results) else []
     panels = panels or ([] if speed.series else [_times])
     kinds = list(dict.fromkeys(series.kind for series in speed.series))
@@ -26,15 +26,15 @@ def plot(speed: Speed, path: Path) -> None:
     figure = figures.blank(5.6 * count, 5.0)
     axes = figure.subplots(1, count, squeeze=False)[0]
     for draw, where in zip(panels, axes, strict=False):
-        draw(where, speed)
+        draw(where, speed, targets)
     for kind, where in zip(kinds, axes[len(panels) :], strict=True):
         _growth(where, [series for series in speed.series if series.kind == kind])
     figure.suptitle(f"{speed.device}\n{speed.machine}", fontsize=8)
     figures.save(figure, path, colors=64)
 
 
-def _ratios(axes: Axes, speed: Speed) -> None:
-    """Plot ratios on a logarithmic axis, a row per workload; a required bar is a tick across its row."""
+def _ratios(axes: Axes, speed: Speed, targets: bool) -> None:
+    """Plot ratios on a logarithmic axis, a row per workload; a target is a tick across its row."""
     results = [each for each in speed.results if each.compared]
     labeled: set[str] = set()
     for row, result in enumerate(results):
@@ -46,10 +46,10 @@ def _ratios(axes: Axes, speed: Speed) -> None:
             labeled.add(each.peer)
             axes.plot(each.ratio, row, "o", color=color, ms=6, label=label)
             bar = result.workload.ratios.get(each.peer)
-            if bar is not None:
+            if targets and bar is not None:
                 axes.plot([bar, bar], [row - 0.35, row + 0.35], color=color, lw=1.5)
     axes.axvline(1.0, color=figures.MUTED, lw=0.8)
-    axes.set(xscale="log", xlabel="times as fast (ticks: what is asked for)")
+    axes.set(xscale="log", xlabel="times as fast" + (" (ticks: targets)" if targets else ""))
     axes.set_yticks(range(len(results)), [each.workload.name for each in results])
     axes.invert_yaxis()
     axes.xaxis.set_major_formatter("{x:g}")
@@ -57,7 +57,7 @@ def _ratios(axes: Axes, speed: Speed) -> None:
     axes.legend(fontsize=8)
 
 
-def _times(axes: Axes, speed: Speed) -> None:
+def _times(axes: Axes, speed: Speed, targets: bool) -> None:
     """Plot frame times alone, if no peer was drawn."""
     drawn = [(each.workload.name, each.drawn.ms) for each in speed.results if each.drawn]
     axes.barh([name for name, _ in drawn], [ms for _, ms in drawn], color=figures.OURS)

@@ -23,13 +23,13 @@ PEERS = (
     "turns",
     "times as fast",
     "95 %",
-    "bar",
     "inside",
     "off by",
     "others",
     "same picture",
 )
-BARS = ("bar", "what", "found", "asked for", "kept")
+TARGETS = ("target", "what", "found", "asked for", "kept")
+EXPONENTS = ("grows", "power of time", "beyond the fixed cost", "of memory beyond it")
 NOTES = (
     "ms: median of frames, from the call to the float32 RGBA image in NumPy memory that is used again; the camera moves a "
     "little before every frame",
@@ -96,7 +96,6 @@ def _stages(speed: Speed) -> tuple[text_tables.Row, list[text_tables.Row]]:
 
 def _peer(result: Result, each: Compared) -> text_tables.Row:
     same = each.agreement
-    bar = result.workload.ratios.get(each.peer)
     return (
         result.workload.name,
         each.peer,
@@ -105,7 +104,6 @@ def _peer(result: Result, each: Compared) -> text_tables.Row:
         f"{each.rounds} of {each.turn}",
         _large(each.ratio),
         _interval(each),
-        _large(bar),
         f"{100.0 * same.interior:.1f} %",
         f"{digits(same.largest, 2)} of {digits(same.tolerance, 2)}",
         f"{100.0 * same.others:.3f} %",
@@ -150,7 +148,7 @@ def progress(result: Result) -> str:
     return "; ".join(parts)
 
 
-def _tables(speed: Speed) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
+def _tables(speed: Speed, targets: bool) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
     """Return title, number of text columns, header and rows of each table that is not empty."""
     stages, stage_rows = _stages(speed)
     found: list[tuple[str, int, text_tables.Row, list[text_tables.Row]]] = [
@@ -158,7 +156,8 @@ def _tables(speed: Speed) -> list[tuple[str, int, text_tables.Row, list[text_tab
         ("Stages", 1, stages, stage_rows),
         ("Peers", 2, PEERS, [_peer(result, each) for result in speed.results for each in result.compared]),
         ("Scaling", 1, ("grows", "size", "ms", "peak MiB"), _series(speed)),
-        ("Bars", 2, BARS, [_verdict(each) for each in speed.verdicts()]),
+        ("Exponents", 1, EXPONENTS, [(each.name, *map(digits, each.exponents().values())) for each in speed.series]),
+        ("Targets", 2, TARGETS, [_verdict(each) for each in speed.verdicts()] if targets else []),
     ]
     return [each for each in found if each[3]]
 
@@ -178,17 +177,17 @@ def _notes(speed: Speed) -> list[str]:
     return [*notes, *titles, *speed.missing(), *failed, *speed.failed]
 
 
-def lines(speed: Speed) -> list[str]:
-    """Return the tables as lines for the terminal."""
+def lines(speed: Speed, *, targets: bool = False) -> list[str]:
+    """Return the tables as lines for the terminal. targets: also what was asked for."""
     found: list[str] = []
-    for _, left, header, rows in _tables(speed):
+    for _, left, header, rows in _tables(speed, targets):
         found += [*text_tables.as_lines(header, rows, left), ""]
     return [*found, *(text_tables.wrapped(note, 2) for note in _notes(speed))]
 
 
-def markdown(speed: Speed) -> str:
+def markdown(speed: Speed, *, targets: bool = False) -> str:
     found = ["# Speed", "", *(f"- {line}" for line in facts(speed)), ""]
-    for title, _, header, rows in _tables(speed):
+    for title, _, header, rows in _tables(speed, targets):
         found += [f"## {title}", "", *text_tables.as_markdown(header, rows), ""]
     return "\n".join([*found, *(f"- {note}" for note in _notes(speed)), ""])
 
@@ -266,9 +265,13 @@ def paths(prefix: str) -> list[Path]:
     return [Path(f"{prefix}.{extension}") for extension in ("csv", "json", "md", "png")]
 
 
-def write(speed: Speed, prefix: str) -> list[Path]:
-    """Write the first three of `paths`; return all four."""
-    texts = (text_tables.as_csv(CSV, csv_rows(speed)), json.dumps(speed.stats(), indent=2) + "\n", markdown(speed))
+def write(speed: Speed, prefix: str, *, targets: bool = False) -> list[Path]:
+    """Write the first three of `paths`; return all four. targets: as for `lines`."""
+    texts = (
+        text_tables.as_csv(CSV, csv_rows(speed)),
+        json.dumps(speed.stats(), indent=2) + "\n",
+        markdown(speed, targets=targets),
+    )
     found = paths(prefix)
     for path, text in zip(found, texts, strict=False):
         atomic_files.write_bytes(path, text.encode())
