@@ -78,6 +78,33 @@ def test_notes_of_the_runtime_and_missing_files_are_no_damage(sealed):
     assert (sealed / "pocl/AB/program.bc").exists()
 
 
+def test_a_large_folder_loses_what_was_not_used_for_longest(sealed, monkeypatch):
+    """It is not taken for damaged, then or later."""
+    slot = take(sealed)
+    for k, name in enumerate(("OLD", "NEW", "MID")):
+        program = slot.pocl / "CD" / name
+        program.mkdir(parents=True)
+        for file in ("program.bc", "phong.so", "last_accessed"):
+            (program / file).write_bytes(bytes(100_000))
+        os.utime(program / "last_accessed", ns=(0, 10**18 * (1, 3, 2)[k] // 10))
+    (slot.folder / "binaries" / "4567").write_bytes(bytes(100_000))
+    os.utime(slot.folder / "binaries" / "4567", ns=(0, 0))
+    slot.release()
+    before = files(sealed)
+    take(sealed).release()
+    assert files(sealed) == before
+    others = {name for name in before if not name.startswith("pocl/CD/") and name != "binaries/4567"}
+    room = sum((sealed / name).stat().st_size for name in others - {SEAL}) + 250_000  # for one of the programs
+    monkeypatch.setattr(cache_slots, "MOST_BYTES", 2 * room)
+    for kept in range(2):  # the rest is small enough
+        slot = take(sealed)
+        assert slot.emptied == ""
+        assert {name.split("/")[2] for name in files(sealed) if name.startswith("pocl/CD/")} == {"NEW"}
+        assert files(sealed) >= others, kept
+        assert "binaries/4567" not in files(sealed)
+        slot.release()
+
+
 def test_what_a_killed_process_left_goes_alone(sealed):
     """They were not yet marked as complete."""
     for name in ("pocl/AB/setup.so", "pocl/tempfile_x", f"{SEAL}.new", "programs/lock"):

@@ -24,6 +24,7 @@ from ...base import interrupts
 from ...errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a temporary one
+MOST_BYTES = 128 << 20  # of a folder: beyond, what was not used for longest goes, until half of that is left
 LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a process that was killed
 LOCK, SEAL, MARK = "lock", "seal", "in-use"
 _OWN = {LOCK, SEAL, MARK}
@@ -112,6 +113,22 @@ class Slot:
         self.emptied = self._fault()
         if self.emptied:
             _empty(self.folder)
+        elif sum(size for _, size, _ in self._sealed.values()) > MOST_BYTES:
+            self._shrink()
+
+    def _shrink(self) -> None:
+        """Remove the programs that were not used for longest: every file is read when a process takes the folder."""
+        programs: dict[str, list[str]] = {}
+        for name in self._sealed:
+            programs.setdefault(_program(name), []).append(name)
+        left = 0
+        for program in sorted(programs, key=lambda each: _last_use(self.folder / each), reverse=True):
+            left += sum(self._sealed[name][1] for name in programs[program])
+            if left > MOST_BYTES // 2:
+                _remove(self.folder / program)
+                for name in programs[program]:
+                    del self._sealed[name]
+        _write_seal(self.folder, {name: digest for name, (digest, *_) in self._sealed.items()})
 
     def _fault(self) -> str:
         if os.path.lexists(self.folder / MARK):
@@ -151,6 +168,25 @@ def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
                 yield relative, os.lstat(path)
 
 
+def _program(name: str) -> str:
+    """Return the name of PoCL's folder of a program, or of another runtime's file, that a file belongs to."""
+    parts = name.split("/")
+    return "/".join(parts[: min(3, len(parts) - 1)]) if parts[0] == "pocl" and len(parts) > 2 else name
+
+
+def _last_use(path: Path) -> float:
+    """Return when a program was used last, as far as its runtime notes it, or made."""
+    noted = path / _CHANGING
+    return (noted if noted.exists() else path).stat().st_mtime
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -180,12 +216,8 @@ def _read_seal(folder: Path) -> dict[str, str] | None:
 
 def _empty(folder: Path) -> None:
     for path in folder.iterdir():
-        if path.name == LOCK:
-            continue
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
+        if path.name != LOCK:
+            _remove(path)
 
 
 # Taking a folder
