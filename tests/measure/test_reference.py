@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from clshade.images.metrics import rmse
+from clshade.measure.report import power_law, variants
 from clshade.measure.report import reference_image as reference_module
-from clshade.measure.report import variants
 from clshade.measure.report.measure import measure
 from clshade.measure.report.reference_image import STEPS, _fits, averaged, reference, tiles
-from clshade.measure.report.tessellation import loglog_slope
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
 from clshade.pipeline.renderer import render
@@ -55,7 +54,7 @@ def test_more_samples_are_nearer_to_the_reference(device):
     measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
     errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
-    assert loglog_slope((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
+    assert power_law.exponent((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
     assert errors[0] > 12 * errors[-1]
     assert all(each.arithmetic.passed for each in measured)
 

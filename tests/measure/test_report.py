@@ -24,8 +24,9 @@ from clshade.measure.report.format_errors import formats
 from clshade.measure.report.labels import Box, placed
 from clshade.measure.report.measure import measure
 from clshade.measure.report.pareto import tied, ties
+from clshade.measure.report.power_law import exponent, fitted
 from clshade.measure.report.reference_image import reference
-from clshade.measure.report.tessellation import loglog_slope, tessellation
+from clshade.measure.report.tessellation import tessellation
 from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.renderer import render
@@ -92,7 +93,17 @@ def test_the_interval_of_a_ratio():
 
 def test_power_laws():
     x = np.array([1.0, 10.0, 40.0, 1000.0])
-    assert loglog_slope(x, 7.0 * x**-1.5) == pytest.approx(-1.5)
+    assert exponent(x, 7.0 * x**-1.5) == pytest.approx(-1.5)
+    assert fitted(x, 7.0 * x**-1.5) == pytest.approx((-1.5, -1.5, -1.5))
+
+
+def test_the_interval_of_a_power_holds_it():
+    """In 95 of 100 samples of points that scatter about a power law."""
+    rng = np.random.default_rng(3)
+    x = np.array([1.0, 4.0, 16.0, 64.0, 256.0])
+    held = [fitted(x, x**-0.75 * np.exp(rng.normal(0.0, 0.2, 5))).contains(-0.75) for _ in range(1000)]
+    assert np.mean(held) == pytest.approx(0.95, abs=0.03)
+    assert str(fitted(x, x**-0.75)) == "-0.75 (-0.75 to -0.75)"
 
 
 def test_tessellation(device):
@@ -104,8 +115,8 @@ def test_tessellation(device):
     assert found.finest == 20 * 4**7
     assert all(p < g for p, g in zip(phong, gouraud, strict=True))
     assert all(b < a for each in (gouraud, phong) for a, b in itertools.pairwise(each))
-    assert loglog_slope(found.triangles[3:], phong[3:]) == pytest.approx(-1.0, abs=0.25)
-    assert found.slope("gouraud") == pytest.approx(-0.9, abs=0.25)
+    assert exponent(found.triangles[3:], phong[3:]) == pytest.approx(-1.0, abs=0.25)
+    assert found.slope("gouraud").exponent == pytest.approx(-0.9, abs=0.25)
 
 
 def test_formats(device):
@@ -233,8 +244,11 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
         replace(each, variant=replace(each.variant, name=name, changes={"samples": count}))
         for each, name, count in zip(made.measured, names, errors, strict=True)
     )
-    slope, gain = replace(made, measured=measured).sampling()["samples"]
-    assert (slope, gain) == (pytest.approx(-1.0), pytest.approx(16.0))
+    fall = replace(made, measured=measured).sampling()["samples"]
+    assert (fall.by_samples.exponent, fall.gain) == (pytest.approx(-1.0), pytest.approx(16.0))
+    assert fall.by_time == pytest.approx(fall.by_samples)  # a millisecond a sample
+    (line,) = tables._sampling(replace(made, measured=measured))
+    assert "expected -0.75, that of edges in each pixel; it differs where textures" in line
     assert replace(made, measured=measured[2:]).sampling() == {}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..report.tessellation import loglog_slope
+from ..report import power_law
 from .frame_timing import FrameTiming
 from .workloads import SCALING, WAYS
 
@@ -64,7 +64,7 @@ class Series:
 
 def power(sizes: Sequence[float], values: Sequence[float]) -> float | None:
     """Return the exponent of the power law fitted in logarithms."""
-    return loglog_slope(sizes, values) if len(sizes) >= FEWEST_POINTS else None
+    return power_law.exponent(sizes, values) if len(sizes) >= FEWEST_POINTS else None
 
 
 def power_beyond(

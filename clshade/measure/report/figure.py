@@ -144,7 +144,7 @@ def _causes(axes: Axes, study: Study) -> None:
 def _errors_against_triangles(axes: Axes, study: Study) -> None:
     found = study.tessellation
     for (shader, errors), color in zip(found.errors.items(), (figures.OTHER, figures.OURS), strict=True):
-        label = f"{shader}: slope {found.slope(shader):.2f}"
+        label = f"{shader}: power {found.slope(shader)}"
         axes.loglog(found.triangles, errors, "o-", ms=4, color=color, label=label)
     axes.set(xlabel="triangles of a sphere", ylabel=f"RMSE against {found.finest:,} triangles")
     axes.grid(True, which="both", alpha=0.2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ...pipeline.renderer import Renderer
 from ...scene.model import Scene, Settings
 from ..timing import COVERAGE, RESAMPLES, Spread, resampled, spread
 from .measure import frame_times
+from .power_law import NORMAL, Power
 from .reference_image import reference_windows
 from .thinned_image import Estimate, thinned
 from .variants import BASE, Variant
@@ -29,18 +30,6 @@ WAYS = (
     *("gouraud", "gouraud-4", "vertex-texture", "trilinear", "course"),
 )
 FRAMES, SECONDS = 11, 10.0  # of each way at each size, in turns
-NORMAL_95 = 1.96  # standard deviations to each side that hold 95 %
-
-
-class Power(NamedTuple):
-    """An exponent fitted in logarithms, with its 95 % interval."""
-
-    exponent: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.exponent:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +68,7 @@ class Growth:
             return None
         middle, low, high = np.log(errors).T
         noise = np.random.default_rng(0).normal(size=(RESAMPLES, len(middle)))
-        return self._power(errors[:, 0], np.exp(middle + noise * (high - low) / (2.0 * NORMAL_95)))
+        return self._power(errors[:, 0], np.exp(middle + noise * (high - low) / (2.0 * NORMAL)))
 
     def _power(self, values: Floats, samples: Floats) -> Power:
         """Return the fit of the values, (K,), with the interval of the fits of samples of them, (RESAMPLES, K)."""

@@ -13,6 +13,7 @@ from ...scene.settings import PRESETS, Preset
 from . import sizes
 from .measure import Measured
 from .model_errors import SAMPLES as MODEL_SAMPLES
+from .power_law import Power
 from .study import Study
 
 VARIANTS = (
@@ -86,7 +87,7 @@ def _tessellation(study: Study) -> tuple[text_tables.Row, list[text_tables.Row]]
     rows: list[text_tables.Row] = [
         (f"{count:,}", *map(digits, each)) for count, each in zip(found.triangles, errors, strict=True)
     ]
-    rows.append(("slope", *(f"{found.slope(shader):.2f}" for shader in found.errors)))
+    rows.append(("slope", *(str(found.slope(shader)) for shader in found.errors)))
     return ("triangles", *found.errors), rows
 
 
@@ -132,9 +133,31 @@ def _ties(study: Study) -> list[str]:
 
 def _sampling(study: Study) -> list[str]:
     return [
-        f"{name}: RMSE falls as the number of samples to the power {slope:.2f}, to 1/{gain:.3g} altogether"
-        for name, (slope, gain) in study.sampling().items()
+        f"{name}: RMSE falls as the number of samples to the power {each.by_samples}, as the time of a frame to "
+        f"{each.by_time}, to 1/{each.gain:.3g} altogether; {expected(each.by_samples, *EDGES[name])}"
+        for name, each in study.sampling().items()
     ]
+
+
+# The exponents that theory gives, and why a scene may have others.
+EDGES = {
+    "samples": (-0.75, "of edges in each pixel: textures and light are looked up once, and their aliasing stays"),
+    "shaded": (-0.75, "of edges in each pixel: light and textures vary smoothly there, and their errors fall faster"),
+}
+SMOOTH = (-1.0, "of second order in the length of edges: coarse spheres miss the highlight")
+
+
+def _order(study: Study) -> list[str]:
+    found = study.tessellation
+    return [f"{shader}: {expected(found.slope(shader), *SMOOTH)}" for shader in found.errors]
+
+
+def expected(found: Power, exponent: float, why: str) -> str:
+    """Return whether the exponent is the expected one; if not, with why that may be."""
+    law, reason = why.split(": ")
+    if found.contains(exponent):
+        return f"expected {exponent:g}, that {law}"
+    return f"expected {exponent:g}, that {law}; it differs where {reason}"
 
 
 SIZES = (
@@ -170,6 +193,7 @@ def lines(study: Study) -> list[str]:
         "",
         text_tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
         *text_tables.as_lines(header, rows),
+        *(text_tables.wrapped(line, 2) for line in _order(study)),
         "",
         *text_tables.as_lines(FORMATS, _formats(study)),
         *_sizes(study, markdown=False),
@@ -202,6 +226,8 @@ def markdown(study: Study, used: str) -> str:
             SPHERE.format(study.tessellation.finest) + ".",
             "",
             *text_tables.as_markdown(header, rows),
+            "",
+            *(f"- {line}" for line in _order(study)),
             "",
             "## Output formats",
             "",

@@ -17,6 +17,7 @@ from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
 from ...scene.model import Scene
 from ...scene.settings import Shader
+from .power_law import Power, fitted
 
 SHADERS: tuple[Shader, ...] = ("gouraud", "phong")
 LEVELS = range(7)  # subdivision levels: 20 to 81,920 triangles
@@ -44,18 +45,13 @@ class Tessellation:
     finest: int
     errors: dict[str, tuple[float, ...]]
 
-    def slope(self, shader: str) -> float:
+    def slope(self, shader: str) -> Power:
         """Return the fitted power of the error in the number of triangles: -1 is second order."""
-        return loglog_slope(self.triangles, self.errors[shader])
+        return fitted(self.triangles, self.errors[shader])
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        return {**vars(self), "slopes": {shader: self.slope(shader) for shader in self.errors}}
-
-
-def loglog_slope(x: Any, y: Any) -> float:
-    """Return the exponent of the power law fitted in logarithms."""
-    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+        return {**vars(self), "slopes": {shader: self.slope(shader)._asdict() for shader in self.errors}}
 
 
 def tessellation(

@@ -1,0 +1,41 @@
+"""Power laws fitted in logarithms, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+# Student's t for 95 % by the number of points less two, up to ten; the normal distribution's beyond.
+STUDENT = (12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
+NORMAL = 1.96
+
+
+class Power(NamedTuple):
+    """An exponent with its 95 % interval."""
+
+    exponent: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.exponent:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+    def contains(self, exponent: float) -> bool:
+        return self.low <= exponent <= self.high
+
+
+def exponent(x: Sequence[float], y: Sequence[float]) -> float:
+    """Return the exponent of y as a power of x, by least squares of the logarithms."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def fitted(x: Sequence[float], y: Sequence[float]) -> Power:
+    """Return the exponent with the interval that the scatter about the line gives, for three points or more."""
+    u, v = np.log(x), np.log(y)
+    slope, offset = np.polyfit(u, v, 1)
+    free = len(u) - 2
+    variance = np.square(v - (slope * u + offset)).sum() / free / np.square(u - u.mean()).sum()
+    half = (STUDENT[free - 1] if free <= len(STUDENT) else NORMAL) * float(np.sqrt(variance))
+    return Power(float(slope), float(slope) - half, float(slope) + half)
