@@ -90,10 +90,11 @@ def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     return _interval(np.mean(resampled(values), axis=1))
 
 
-def resampled(values: Sequence[float]) -> Floats:
-    """Return RESAMPLES rows of as many values, drawn with replacement; the same places for all values of one number."""
+def resampled(values: Sequence[float], seed: int = 0) -> Floats:
+    """Return RESAMPLES rows of as many values, drawn with replacement; the same places for all values
+    of one number and seed."""
     found = np.array(values, np.float64)
-    drawn: Floats = found[np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))]
+    drawn: Floats = found[np.random.default_rng(seed).integers(0, len(found), (RESAMPLES, len(found)))]
     return drawn
 
 

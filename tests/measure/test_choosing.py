@@ -67,7 +67,7 @@ def test_a_front_under_uncertainty(some, known):
     found = front(some, known)
     assert found
     for each in some:
-        assert (each in found) != any(dominates(other, each, known) for other in some)
+        assert (each in found) != any(dominates(other, each, known) for other in found)
         assert not dominates(each, each, known)
     for group in ties(found, known):
         assert len(group) > 1
@@ -75,6 +75,15 @@ def test_a_front_under_uncertainty(some, known):
             assert any(tied(each, other, known) for other in group if other is not each)
     grouped = [each for group in ties(found, known) for each in group]
     assert len(grouped) == len(set(grouped))
+
+
+def test_a_front_keeps_what_nothing_on_it_beats():
+    """B, slower than A and faster than C within their spreads, beats A and is beaten by C in error."""
+    a, b, c = Alternative("a", 10.0, 0.10, 0.2), Alternative("b", 10.9, 0.09, 1.0), Alternative("c", 11.8, 0.08, 0.1)
+    assert dominates(b, a, 0.001)
+    assert dominates(c, b, 0.001)
+    assert not dominates(c, a, 0.001)
+    assert front([a, b, c], 0.001) == [a, c]
 
 
 def test_ties():

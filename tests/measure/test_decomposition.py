@@ -47,9 +47,11 @@ def test_model_errors_hold_no_aliasing(device):
     scene = sphere()
     best = Settings.from_preset("standard", precision="float64", samples=4)
     models = ModelErrors(scene, best, device)
-    for same in (best, replace(best, samples=1), replace(best, precision="fast"), replace(best, resolve="weighted")):
+    for same in (best, replace(best, samples=1), replace(best, precision="fast")):
         assert models.approximated(same) == []
         assert not models.difference(same).any()
+    assert models.approximated(replace(best, resolve="weighted")) == ["resolve"]
+    assert models.difference(replace(best, resolve="weighted")).any()
     gouraud = replace(best, samples=1, shader="gouraud")
     assert models.approximated(gouraud) == ["shader"]
     expected = [
@@ -170,6 +172,11 @@ def test_other_shapes_cannot():
     scene = sphere()
     mesh = scene.meshes[0]
     moved = replace(scene, meshes=(replace(mesh, verts=mesh.verts + 1.0),))
-    for other in (moved, replace(scene, name="own"), replace(scene, meshes=()), builtin("quads", count=2)):
+    flat = replace(scene, meshes=(replace(mesh, normals=-mesh.normals),))
+    there = replace(
+        scene,
+        meshes=(replace(mesh, instances=np.eye(4)[None] + [[0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]),),
+    )
+    for other in (moved, flat, there, replace(scene, name="own"), replace(scene, meshes=()), builtin("quads", count=2)):
         assert finer_builtin(other) is None
     assert finer_builtin(replace(scene, meshes=(mesh, mesh))) is None

@@ -19,7 +19,7 @@ from clshade.base import text_tables
 from clshade.errors import InputError
 from clshade.images import metrics, png
 from clshade.measure import timing
-from clshade.measure.report import figure, labels, report, study, tables, variants
+from clshade.measure.report import figure, labels, power_law, report, study, tables, variants
 from clshade.measure.report.format_errors import formats
 from clshade.measure.report.labels import Box, placed
 from clshade.measure.report.measure import measure
@@ -215,7 +215,7 @@ def test_ties_are_marked_and_named(found):
     lines = tables.lines(tied_ones)
     for name, mark in (("variant-0", "*"), ("variant-1", "*="), ("variant-2", "*=")):
         assert {line.split()[1] for line in lines if line.startswith(name)} == {mark}
-    assert any(line.startswith("= variant-1, variant-2 cannot be told apart") for line in lines)
+    assert any(line.startswith("= variant-1, variant-2 are ties") for line in lines)
     assert tied_ones.stats()["ties"] == [["variant-1", "variant-2"]]
 
 
@@ -248,7 +248,15 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
     assert (fall.by_samples.exponent, fall.gain) == (pytest.approx(-1.0), pytest.approx(16.0))
     assert fall.by_time == pytest.approx(fall.by_samples)  # a millisecond a sample
     (line,) = tables._sampling(replace(made, measured=measured))
-    assert "expected -0.75, that of edges in each pixel; it differs where textures" in line
+    assert line.endswith("expected -0.75, that of edges in each pixel; it falls faster")
+    slower = power_law.Power(-0.4, -0.5, -0.3)
+    assert tables.expected(slower, tables.LAWS["samples"]).endswith(
+        "falls slower: textures and light are looked up once, and their aliasing stays"
+    )
+    assert tables.expected(slower, tables.LAWS["shaded"]).endswith("; it falls slower")
+    assert tables.expected(slower._replace(low=-0.8), tables.SMOOTH._replace(exponent=-0.75)).endswith(
+        "length of edges"
+    )
     assert replace(made, measured=measured[2:]).sampling() == {}
 
 

@@ -188,6 +188,26 @@ def test_the_maps_are_those_of_the_oracle(device):
     assert known[-1] == pytest.approx(found.worst[0].kappa)
 
 
+def test_a_light_exactly_at_a_visible_point(device):
+    """There kappa and what is expected are infinite; it is the worst pixel, and the light's doing."""
+    mesh = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]], material=CALM)
+    scene = scene_of(mesh, lamp=replace(LAMP, position=np.zeros(3)), eye=(0.0, 0.0, 4.0), lookat=(0.0, 0.0, 0.0))
+    odd = replace(scene, camera=scene.camera.with_resolution((33, 25)))
+    found = scene_study.study(odd, STANDARD, device)
+    worst = found.worst[0]
+    assert (worst.row, worst.column) == (12, 16)
+    assert np.isinf([worst.kappa, worst.expected]).all()
+    assert worst.cause == "light"
+
+
+def test_no_light_is_another_picture(device):
+    """Not an approximation that another setting would better."""
+    found, _ = scene_study.alternatives(replace(STANDARD, shader="nolight"), device)
+    assert "standard" not in found
+    found, _ = scene_study.alternatives(replace(STANDARD, shader="gouraud"), device)
+    assert found["standard"].shader == "phong"
+
+
 def test_the_worst_pixels_are_spread(device):
     found = scene_study.study(light_on_the_surface(), STANDARD, device)
     assert len(found.worst) == scene_study.WORST

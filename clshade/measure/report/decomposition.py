@@ -63,7 +63,9 @@ class Decomposition:
             how = f"{ratio:.2f} times what independent ones would be: some add to each other"
         elif ratio < 1.0 - SIMILAR:
             how = f"{ratio:.2f} times what independent ones would be: some make up for others"
-        unresolved = [part.cause for part in self.parts if part.cause == SAMPLING and part.rmse <= 2.0 * self.known]
+        unresolved = [
+            part.cause for part in self.parts if part.cause == SAMPLING and 0.0 < part.rmse <= 2.0 * self.known
+        ]
         return [
             f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}; all causes but the PNG together are {how}",
             *(f"{cause}: about as small as the reference's own error, {self.known:.2g}" for cause in unresolved),

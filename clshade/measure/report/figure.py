@@ -128,15 +128,15 @@ def _causes(axes: Axes, study: Study) -> None:
     found = study.decomposition
     errors = {part.cause: part.rmse for part in found.parts}
     errors["total, as a PNG"] = found.png_total
-    least = min((error for error in errors.values() if error > 0.0), default=1.0) / 2.0
-    axes.barh(
-        range(len(errors)),
-        [max(error, least) for error in errors.values()],
-        color=[*CAUSE_COLORS[: len(errors) - 1], "k"],
-    )
+    some = [error for error in errors.values() if error > 0.0] or [1.0]
+    axes.set(xscale="log", xlim=(min(some) / 2.0, max(some) * 2.0))
+    axes.barh(range(len(errors)), list(errors.values()), color=[*CAUSE_COLORS[: len(errors) - 1], "k"])
+    for place, error in enumerate(errors.values()):
+        if error == 0.0:
+            axes.text(0.01, place, "0", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     axes.set_yticks(range(len(errors)), list(errors), fontsize=8)
     axes.invert_yaxis()
-    axes.set(xscale="log", xlabel="RMSE (lower is more accurate)")
+    axes.set_xlabel("RMSE (lower is more accurate)")
     axes.tick_params(axis="x", labelsize=8)
     axes.grid(True, axis="x", alpha=0.2)
 

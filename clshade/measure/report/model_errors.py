@@ -20,6 +20,7 @@ APPROXIMATIONS = {
     "texture_at": "texture at vertices",
     "texture_filter": "mip maps",
     "shader": "Gouraud shading",
+    "resolve": "weighted mean",
 }
 SAMPLES = 64  # of each pixel, each of them shaded
 

@@ -47,9 +47,17 @@ def dominates(a: Alternative, b: Alternative, known: float) -> bool:
 
 
 def front(alternatives: Sequence[A], known: float = 0.0) -> list[A]:
-    """Return the Pareto front, fastest first: the alternatives that no other dominates. known: uncertainty of the
-    errors."""
-    kept = [each for each in alternatives if not any(dominates(other, each, known) for other in alternatives)]
+    """Return the Pareto front, fastest first: the alternatives that no other of the front dominates. known: uncertainty of
+    the errors.
+
+    Ties are not transitive: one that is dominated only by others off the front is on it.
+    """
+    kept: list[A] = []
+    left = list(alternatives)
+    while left:
+        best = [each for each in left if not any(dominates(other, each, known) for other in left)] or left
+        kept += best
+        left = [each for each in left if each not in best and not any(dominates(one, each, known) for one in best)]
     return sorted(kept, key=lambda each: (each.cost, each.error))
 
 

@@ -16,7 +16,7 @@ from ...scene.model import Scene
 from ..defaults import FRAMES
 from . import figure, tables
 from .pareto import chosen
-from .sizes import growths, resolutions
+from .sizes import WAYS, growths, resolutions
 from .study import study
 from .variants import VARIANTS, base_settings, named, variants_for
 
@@ -57,7 +57,8 @@ def run(
     folder = text_tables.create_folder(out)
     found = study(scene, opened, variants, frames)
     if growing:
-        found = replace(found, growths=tuple(growths(scene, variants, base, opened, growing)))
+        ways = variants if names else [each for each in variants if each.name in WAYS]
+        found = replace(found, growths=tuple(growths(scene, ways, base, opened, growing)))
     choice, unkept = None, None
     try:
         choice = chosen(found.measured, budget, tolerance, found.reference.error)

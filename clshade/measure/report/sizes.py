@@ -58,11 +58,14 @@ class Growth:
 
     def time_power(self) -> Power:
         """Return the power of the number of pixels that times follow; the interval is a bootstrap over the frames."""
-        medians = np.stack([np.median(resampled(point.times), axis=1) for point in self.points], axis=1)
+        found = [np.median(resampled(point.times, seed), axis=1) for seed, point in enumerate(self.points)]
+        medians = np.stack(found, axis=1)
         return self._power(np.array([point.ms.median for point in self.points]), medians)
 
     def error_power(self) -> Power | None:
-        """Return the power that errors follow; the interval is theirs. None if there is an image without error."""
+        """Return the power that errors at these sizes follow, as far as they are known: windows are a sample, and the
+        reference has an error of its own. At sizes in between edges lie otherwise on the pixels. None if there is an
+        image without error."""
         errors = np.array([point.error for point in self.points])
         if not (errors > 0.0).all():
             return None
@@ -109,10 +112,9 @@ def resolutions(scene: Scene, widths: Sequence[int] = ()) -> list[tuple[int, int
 def growths(
     scene: Scene, variants: Sequence[Variant], base: Settings, device: Device, sizes: Sequence[tuple[int, int]]
 ) -> list[Growth]:
-    """Measure the variants among WAYS at these sizes. base: settings that they change."""
-    ways = [each for each in variants if each.name in WAYS]
-    found = [_at(replace(scene, camera=scene.camera.with_resolution(size)), ways, base, device) for size in sizes]
-    return [Growth(way, tuple(points)) for way, points in zip(ways, zip(*found, strict=True), strict=True)]
+    """Measure the variants at these sizes. base: settings that they change."""
+    found = [_at(replace(scene, camera=scene.camera.with_resolution(size)), variants, base, device) for size in sizes]
+    return [Growth(way, tuple(points)) for way, points in zip(variants, zip(*found, strict=True), strict=True)]
 
 
 def _at(scene: Scene, ways: Sequence[Variant], base: Settings, device: Device) -> list[Point]:
@@ -152,7 +154,7 @@ def rows(found: Sequence[Growth]) -> list[Row]:
 
 
 def statements(found: Sequence[Growth]) -> list[str]:
-    """Return, for each way but the base, its time and error relative to the base's, size by size."""
+    """Return, for each way but the first, its time and error relative to the first's, size by size."""
     base, *others = found
     said = []
     for each in others:

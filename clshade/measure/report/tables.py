@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
@@ -125,8 +126,8 @@ def _notes(study: Study) -> list[str]:
 
 def _ties(study: Study) -> list[str]:
     return [
-        f"= {', '.join(each.name for each in group)} cannot be told apart: medians within the times' interquartile ranges, "
-        f"errors within {study.reference.error:.2g}"
+        f"= {', '.join(each.name for each in group)} are ties: medians within the middle half of the other's frames, errors "
+        f"within {study.reference.error:.2g}"
         for group in study.ties
     ]
 
@@ -134,35 +135,45 @@ def _ties(study: Study) -> list[str]:
 def _sampling(study: Study) -> list[str]:
     return [
         f"{name}: RMSE falls as the number of samples to the power {each.by_samples}, as the time of a frame to "
-        f"{each.by_time}, to 1/{each.gain:.3g} altogether; {expected(each.by_samples, *EDGES[name])}"
+        f"{each.by_time}, to 1/{each.gain:.3g} altogether; {expected(each.by_samples, LAWS[name])}"
         for name, each in study.sampling().items()
     ]
 
 
-# The exponents that theory gives, and why a scene may have others.
-EDGES = {
-    "samples": (-0.75, "of edges in each pixel: textures and light are looked up once, and their aliasing stays"),
-    "shaded": (-0.75, "of edges in each pixel: light and textures vary smoothly there, and their errors fall faster"),
+class Law(NamedTuple):
+    """An exponent that theory gives, of what, and why errors may fall slower or faster; "" if nothing suggests it."""
+
+    exponent: float
+    of: str
+    slower: str = ""
+    faster: str = ""
+
+
+LAWS = {
+    "samples": Law(-0.75, "edges in each pixel", "textures and light are looked up once, and their aliasing stays"),
+    "shaded": Law(-0.75, "edges in each pixel", faster="light and textures vary smoothly in a pixel"),
 }
-SMOOTH = (-1.0, "of second order in the length of edges: coarse spheres miss the highlight")
+SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
 
 
 def _order(study: Study) -> list[str]:
     found = study.tessellation
-    return [f"{shader}: {expected(found.slope(shader), *SMOOTH)}" for shader in found.errors]
+    return [f"{shader}: {expected(found.slope(shader), SMOOTH)}" for shader in found.errors]
 
 
-def expected(found: Power, exponent: float, why: str) -> str:
-    """Return whether the exponent is the expected one; if not, with why that may be."""
-    law, reason = why.split(": ")
-    if found.contains(exponent):
-        return f"expected {exponent:g}, that {law}"
-    return f"expected {exponent:g}, that {law}; it differs where {reason}"
+def expected(found: Power, law: Law) -> str:
+    """Return the exponent expected; if the one found differs, that it does, and why that may be."""
+    said = f"expected {law.exponent:g}, that of {law.of}"
+    if found.contains(law.exponent):
+        return said
+    slower = found.exponent > law.exponent
+    why = law.slower if slower else law.faster
+    return f"{said}; it falls {'slower' if slower else 'faster'}{f': {why}' if why else ''}"
 
 
 SIZES = (
     "Growing images: times and errors against the converged image of the same size; power: of the number of pixels, with "
-    "its 95 % interval"
+    "what 95 % of resampled frames, windows and the reference leave open at these sizes"
 )
 
 

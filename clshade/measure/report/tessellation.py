@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
-from ...scene.model import Scene
+from ...scene.model import Mesh, Scene
 from ...scene.settings import Shader
 from .power_law import Power, fitted
 
@@ -87,7 +87,13 @@ def finer_builtin(scene: Scene) -> Scene | None:
         return None
     if len(same.meshes) != len(scene.meshes):
         return None
-    if not all(np.array_equal(one.verts, other.verts) for one, other in zip(same.meshes, scene.meshes, strict=True)):
+    if not all(_same_shape(one, other) for one, other in zip(same.meshes, scene.meshes, strict=True)):
         return None
     meshes = (replace(one, material=own.material) for one, own in zip(finer.meshes, scene.meshes, strict=True))
     return replace(scene, meshes=tuple(meshes))
+
+
+def _same_shape(one: Mesh, other: Mesh) -> bool:
+    """Return whether two meshes differ in name and material at most."""
+    names = [field.name for field in fields(Mesh) if field.name not in ("name", "material")]
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)

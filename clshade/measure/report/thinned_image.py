@@ -69,7 +69,8 @@ class Thinned:
     chances. So window i is drawn n p_i times on average, whatever the chances p, and the mean over the draws of its squared
     error / p_i is an unbiased estimate of the sum over the image (Hansen and Hurwitz, On the Theory of Sampling from Finite
     Populations, 1943). The RMSE is the square root of the estimated mean, too small by its squared relative standard
-    error / 2 on average. Its interval is a bootstrap over the draws; because they are stratified, it is rather too wide.
+    error / 2 on average. Its interval is a bootstrap over the draws; because they are stratified, it is rather too wide,
+    but where the error is in few windows it may miss them all, and be too narrow.
     """
 
     pixels: int

@@ -123,7 +123,8 @@ def factors(found: Comparison, seen: Faces, scene: Scene, settings: Settings) ->
         result["origin"][covered] = np.maximum(seen.rounding / (half_ulp(settings) * seen.size), 1.0)[at]
     without = found.allowed * oracle_bounds.rounding(expected, precision)
     with np.errstate(divide="ignore", invalid="ignore"):
-        result["grazing"] = np.where(expected.gate, found.expected / without, 1.0)
+        # Where kappa is infinite, so is all that is expected.
+        result["grazing"] = np.where(expected.gate & np.isfinite(without), found.expected / without, 1.0)
     return result
 
 

@@ -202,6 +202,7 @@ def worst_pixels(found: Comparison, score: Floats, count: int = WORST) -> Intege
     if not len(alive):
         return alive
     rows, columns = found.rows, found.columns
+    score = np.where(np.isnan(score), np.inf, score)
     apart = max(np.ptp(rows[alive]), np.ptp(columns[alive])) / SPREAD
     chosen: list[int] = []
     while len(alive) and len(chosen) < count:
@@ -249,7 +250,9 @@ def alternatives(settings: Settings, device: Device) -> tuple[dict[str, Settings
     notes: list[str] = []
     base = replace(settings, layers=("Z", "id"))
     standard = Settings.from_preset("standard")
-    pieces = ("shader", "visibility", "lighting_at", "interpolation", "texture_at")
+    pieces = ["visibility", "lighting_at", "interpolation", "texture_at"]
+    if base.shader != "nolight":  # no approximation, but another picture
+        pieces.append("shader")
     if base.precision == "fast":
         found["float32"] = replace(base, precision="float32")
     changes = {name: getattr(standard, name) for name in pieces}
