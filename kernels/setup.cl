@@ -259,7 +259,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     add_culled(counters, &culled);
 }
 
-#if !SORTED && HAS_ROWS
+#if !SORTED && HAS_ROWS && HAS_NEAR_TILES
 // The corners of faces, one in each lane; which of them lie behind the near plane.
 INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
 {

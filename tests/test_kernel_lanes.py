@@ -14,11 +14,13 @@ kernel void across(global const int *values, global const int *masks, global int
     int i = get_global_id(0) * LANES;
     ints v = TO_INTS(LOAD_LANES(values + i)), mask = TO_INTS(LOAD_LANES(masks + i)) != 0;
     int any = any_lane(mask), count = lanes_count(mask), one = any ? lane_of(v, mask) : 0;
-    for (int lane = 0; lane < LANES; ++lane) {
-        out[3 * (i + lane)] = any != 0;
-        out[3 * (i + lane) + 1] = count;
-        out[3 * (i + lane) + 2] = one;
-    }
+#if LANES > 1
+    uint set = mask_bits(mask);
+#else
+    uint set = mask != 0;
+#endif
+    for (int lane = 0; lane < LANES; ++lane)
+        vstore4((int4)(any != 0, count, one, (int)set), i + lane, out);
 }
 
 kernel void picked(global const float *row, global const int *columns, global float *out)
@@ -56,11 +58,12 @@ def test_masks(ways):
     lanes, probe = ways
     values = RNG.integers(-(2**31), 2**31, COUNT, dtype=np.int64).astype(np.int32)
     masks = (RNG.random(COUNT) < np.repeat(RNG.choice([0.0, 0.1, 0.6, 1.0], COUNT // 16), 16)).astype(np.int32)
-    any_lane, count, one = probe("across", values, masks, width=3, dtype=np.int32).T
+    any_lane, count, one, set_bits = probe("across", values, masks, width=4, dtype=np.int32).T
     blocks = masks.reshape(-1, lanes)
     assert {0, lanes} <= set(blocks.sum(axis=1))
     assert np.array_equal(any_lane.reshape(-1, lanes)[:, 0], blocks.any(axis=1))
     assert np.array_equal(count.reshape(-1, lanes)[:, 0], blocks.sum(axis=1))
+    assert np.array_equal(set_bits.reshape(-1, lanes)[:, 0], (blocks != 0) @ (1 << np.arange(lanes)))
     for row, mask, found in zip(values.reshape(-1, lanes), blocks, one.reshape(-1, lanes)[:, 0], strict=True):
         assert found in row[mask != 0] if mask.any() else found == 0
 

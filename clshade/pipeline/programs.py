@@ -178,6 +178,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         with first_use(device, stored=stored):
             program = _load(device, path) if stored and not device.keeps_programs else None
             stored = stored and (device.keeps_programs or program is not None)
+            if stored:
+                with contextlib.suppress(OSError):
+                    os.utime(path)  # the cache loses what was not used for longest
             if program is None:
                 try:
                     program = _without_log(cl.Program(device.context, source), options)

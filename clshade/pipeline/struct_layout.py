@@ -64,7 +64,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "x", 3, "snapped corners, 1/256 px"),
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
         ("real", "w", 3, "1/depth of the corners, scaled"),
-        ("int", "piece_and_turn", 1, "twice the index of the clipped piece, -1 for a whole face; plus 1 if clockwise"),
+        (
+            "int",
+            "piece_and_turn",
+            1,
+            "2 * p + 1 if clockwise, else 2 * p; p: index of the clipped piece, -1 for a whole face",
+        ),
         ("int", "face", 1, "index in the scene's face order"),
         ("real", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
     ],

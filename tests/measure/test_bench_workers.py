@@ -54,7 +54,7 @@ def test_bits_that_change_from_turn_to_turn_fail(monkeypatch):
 def test_refusals(tmp_path, capsys):
     with pytest.raises(InputError, match="above 0"):
         workers.run((0,))
-    for further in (("quads",), ("--scaling",), ("--peers", "none")):
+    for further in (("quads",), ("--targets",), ("--scaling",), ("--peers", "none")):
         assert main(["bench", *further, "--workers", "2"]) == 2
         assert "either --workers" in capsys.readouterr().err
     assert main(["bench", "--workers", "two"]) == 2

@@ -165,7 +165,7 @@ def test_threads_are_pinned_where_each_processor_has_one(tmp_path: Path) -> None
     """Not if there are fewer threads or processors, and not against the user's will; a parent's choice is not taken for
     the user's."""
     code = (
-        "import os; from clshade.pipeline.opencl import environment; {}environment.prepare(); "
+        "import os; from clshade.pipeline.opencl import environment; environment.prepare(); {}environment.starting(); "
         "print(os.environ.get('POCL_AFFINITY'))"
     )
     unset = {"POCL_AFFINITY": "", "CLSHADE_SET_POCL_AFFINITY": "", **dict.fromkeys(environment.THREADS, "")}

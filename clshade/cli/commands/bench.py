@@ -71,9 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_crews(arguments: argparse.Namespace) -> int:
     from ...measure.bench import workers
 
-    if arguments.workloads or arguments.scaling or arguments.peers:
+    if arguments.workloads or arguments.scaling or arguments.targets or arguments.peers:
         raise InputError(
-            "bench: expected either --workers and --scheduler, or workloads, --scaling and --peers, found both"
+            "bench: expected either --workers and --scheduler, or workloads, --scaling, --targets and --peers, found both"
         )
     passed = workers.run(
         arguments.workers or (1,),

@@ -29,12 +29,16 @@ class Choices:
     seconds: tuple[float, ...]
     doubts: tuple[str, ...]
 
-    def line(self) -> str:
-        """Return a line for the terminal."""
+    def row(self) -> tuple[str, str, str, str]:
+        """Return the limit, what was chosen how often, the seconds, and how many choices lay within noise."""
         counted = ", ".join(f"{name} {times} times" for name, times in Counter(self.names).most_common())
         doubtful = sum(map(bool, self.doubts))
-        seconds = f"{min(self.seconds):.1f} to {max(self.seconds):.1f} s"
-        return f"{NAME} {self.limit}: {counted}, in {seconds}; within noise {doubtful} times"
+        return self.limit, counted, f"{min(self.seconds):.1f} to {max(self.seconds):.1f}", str(doubtful)
+
+    def line(self) -> str:
+        """Return a line for the terminal."""
+        limit, counted, seconds, doubtful = self.row()
+        return f"{NAME} {limit}: {counted}, in {seconds} s; within noise {doubtful} times"
 
     def stats(self) -> dict[str, Any]:
         return dict(vars(self))

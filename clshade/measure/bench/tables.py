@@ -29,6 +29,8 @@ PEERS = (
     "same picture",
 )
 TARGETS = ("target", "what", "found", "asked for", "kept")
+STARTS = ("start-up, kernel cache", "s", "half of them", "rounds")
+CHOICES = ("choices", "chosen", "s", "within noise")
 EXPONENTS = ("grows", "power of time", "beyond the fixed cost", "of memory beyond it")
 NOTES = (
     "ms: median of frames, from the call to the float32 RGBA image in NumPy memory that is used again; the camera moves a "
@@ -157,6 +159,8 @@ def _tables(speed: Speed, targets: bool) -> list[tuple[str, int, text_tables.Row
         ("Peers", 2, PEERS, [_peer(result, each) for result in speed.results for each in result.compared]),
         ("Scaling", 1, ("grows", "size", "ms", "peak MiB"), _series(speed)),
         ("Exponents", 1, EXPONENTS, [(each.name, *map(digits, each.exponents().values())) for each in speed.series]),
+        ("Start-up", 1, STARTS, _starts(speed)),
+        ("Choices", 1, CHOICES, [each.row() for each in speed.choices]),
         ("Targets", 2, TARGETS, [_verdict(each) for each in speed.verdicts()] if targets else []),
     ]
     return [each for each in found if each[3]]
@@ -168,6 +172,16 @@ def _series(speed: Speed) -> list[text_tables.Row]:
         points = zip(("fixed", *(f"{size:,}" for size in series.sizes)), (series.fixed, *series.points), strict=True)
         rows += [(series.name, size, f"{each.ms:.2f}", digits(each.peak_mib, 4)) for size, each in points]
     return rows
+
+
+def _starts(speed: Speed) -> list[text_tables.Row]:
+    if speed.started is None:
+        return []
+    found = speed.started
+    return [
+        (name, f"{s.median:.2f}", f"{s.low:.2f} to {s.high:.2f}", str(found.rounds))
+        for name, s in (("warm", found.warm), ("empty", found.empty))
+    ]
 
 
 def _notes(speed: Speed) -> list[str]:

@@ -123,12 +123,16 @@ class Slot:
             programs.setdefault(_program(name), []).append(name)
         left = 0
         for program in sorted(programs, key=lambda each: _last_use(self.folder / each), reverse=True):
-            left += sum(self._sealed[name][1] for name in programs[program])
-            if left > MOST_BYTES // 2:
-                _remove(self.folder / program)
-                for name in programs[program]:
-                    del self._sealed[name]
-        _write_seal(self.folder, {name: digest for name, (digest, *_) in self._sealed.items()})
+            size = sum(self._sealed[name][1] for name in programs[program])
+            if left and left + size > MOST_BYTES // 2:
+                with contextlib.suppress(OSError):  # too large a folder serves as well
+                    _remove(self.folder / program)
+                    for name in programs[program]:
+                        del self._sealed[name]
+            else:
+                left += size
+        with contextlib.suppress(OSError):  # the old seal names files that are gone, which is no damage
+            _write_seal(self.folder, {name: digest for name, (digest, *_) in self._sealed.items()})
 
     def _fault(self) -> str:
         if os.path.lexists(self.folder / MARK):

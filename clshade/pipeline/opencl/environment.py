@@ -272,7 +272,7 @@ def _pin_threads() -> None:
     wake two on one processor, and moves neither during a short frame.
 
     Threads that are fewer than the processors are left alone, for PoCL would put those of all processes on the first
-    ones; so are those of a process that may not use all processors, for PoCL ends it if it cannot pin them.
+    ones; so are those of a process that may not use all processors, for PoCL would take the others too.
     """
     if is_users("POCL_AFFINITY"):
         return
@@ -291,7 +291,6 @@ def prepare(name: str = "") -> Slot:
         slot = _slot or _adopt(cache_slots.claim(cache_root()))
         if not _prepared:
             expose_runtimes()
-            _pin_threads()
             # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
             os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
             if "rusticl" in name.lower():
@@ -310,6 +309,8 @@ def starting() -> None:
         raise DeviceError(
             "this process was forked after OpenCL had started: start workers with multiprocessing's `spawn` method"
         )
+    if _started_in is None:
+        _pin_threads()
     _started_in = os.getpid()
 
 
