@@ -259,7 +259,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     add_culled(counters, &culled);
 }
 
-#if !SORTED && HAS_ROWS && HAS_NEAR_TILES
+#if !SORTED && HAS_ROWS
 // The corners of faces, one in each lane; which of them lie behind the near plane.
 INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
 {
@@ -291,7 +291,9 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
     fixeds piece_and_turn = (fixeds)(2 * WHOLE_FACE) + (t->turn < 0 ? (fixeds)(1) : (fixeds)(0));
     store_rows(row + 2, t->w[2], AS_REALS(piece_and_turn), AS_REALS(LOAD_LANES(face)), t->inverse_area);
     STORE_LANES(seen & 1, visible);
+#if HAS_NEAR_TILES
     NearTiles near = near_tiles(t->left, t->bottom, t->right, t->top, seen, image);
+#endif
     for (int lane = 0; lane < LANES; ++lane) {
         int slot = first + made;  // what a lane that is not seen writes, the next one overwrites, or nobody reads
         global float4 *to = (global float4 *)(triangles + slot);
@@ -300,9 +302,15 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
         to[2] = stored_row(row + 2, lane);
         ((global float4 *)bounds)[slot] = stored_row(&box, lane);
         slot_of[lane] = slot;
+#if HAS_NEAR_TILES
         counts[near.tile[0][lane]] += 1;
+#else
+        if (visible[lane])
+            count_tiles(counts, bounds[slot], triangles + slot, image);
+#endif
         made += visible[lane];
     }
+#if HAS_NEAR_TILES
     for (ulong todo = (near.touched & ~FIRST_TILES) | spread_bits(near.wide); todo; todo &= todo - 1) {
         int i = LOWEST_BIT(todo), lane = i >> 2, slot = slot_of[lane];
         if (near.wide >> lane & 1)
@@ -310,6 +318,7 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
         else
             counts[near.tile[i & 3][lane]] += 1;
     }
+#endif
     return made;
 }
 
