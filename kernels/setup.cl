@@ -284,7 +284,7 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
                            global Bounds *bounds, global uint *counts, global const Image *image)
 {
     StoredRows box, row[3];
-    int visible[LANES], slot_of[LANES], made = 0;
+    int visible[LANES], made = 0;
     store_rows(&box, AS_REALS(t->left | t->bottom << 16), AS_REALS(t->right | t->top << 16), MOST(t->w), t->only);
     store_rows(row, AS_REALS(t->x[0]), AS_REALS(t->x[1]), AS_REALS(t->x[2]), AS_REALS(t->y[0]));
     store_rows(row + 1, AS_REALS(t->y[1]), AS_REALS(t->y[2]), t->w[0], t->w[1]);
@@ -292,6 +292,7 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
     store_rows(row + 2, t->w[2], AS_REALS(piece_and_turn), AS_REALS(LOAD_LANES(face)), t->inverse_area);
     STORE_LANES(seen & 1, visible);
 #if HAS_NEAR_TILES
+    int slot_of[LANES];
     NearTiles near = near_tiles(t->left, t->bottom, t->right, t->top, seen, image);
 #endif
     for (int lane = 0; lane < LANES; ++lane) {
@@ -301,8 +302,8 @@ INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int f
         to[1] = stored_row(row + 1, lane);
         to[2] = stored_row(row + 2, lane);
         ((global float4 *)bounds)[slot] = stored_row(&box, lane);
-        slot_of[lane] = slot;
 #if HAS_NEAR_TILES
+        slot_of[lane] = slot;
         counts[near.tile[0][lane]] += 1;
 #else
         if (visible[lane])
