@@ -121,7 +121,7 @@ def _draw_errors(figure: Any, axes: Any, errors: Array, prefix: str = "") -> Non
         np.uint8
     )
     pixels[np.isinf(small)] = UNEQUAL_COLOR
-    note = ", cyan: NaN or infinite in one" if np.isinf(small).any() else ""
+    note = ("," + " \n"[bool(prefix)] + "cyan: NaN or infinite in one") if np.isinf(small).any() else ""
     show_pixels(axes, pixels, f"{prefix}difference, up to {most:.4g}{note}")
     figure.colorbar(ScalarMappable(Normalize(0.0, most or 1.0), "inferno"), ax=axes)
 

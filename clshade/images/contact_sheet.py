@@ -12,6 +12,8 @@ from . import lettering
 ACROSS = 4  # panels per row
 PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: width of a panel, and the space around it
 
+FRAME = 160  # gray
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -79,7 +81,7 @@ def compose(panels: Sequence[Panel], heading: str, layout: Layout | None = None)
         picture = panel.picture
         if picture.ndim == 2:
             picture = (colormaps["magma"](picture)[:, :, :3] * 255.0).astype(np.uint8)
-        sheet[y - 1 : y + height + 1, x - 1 : x + width + 1] = 160
+        sheet[y - 1 : y + height + 1, x - 1 : x + width + 1] = FRAME
         sheet[y : y + height, x : x + width] = picture
         _center(sheet, x + width / 2, y - 0.75 * layout.title_size, layout.title_size, panel.title)
         _center(sheet, x + width / 2, y + height + 12, layout.text_size, panel.text)

@@ -101,7 +101,7 @@ def units_per_pixel(camera: Camera) -> float:
     width = camera.plane[1] / camera.resolution[0]
     if camera.orthographic:
         return width
-    return width * float(np.linalg.norm(camera.lookat - camera.eye)) / camera.focal
+    return width * math.dist(camera.lookat, camera.eye) / camera.focal
 
 
 def towards_eye(camera: Camera) -> str:

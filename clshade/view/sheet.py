@@ -17,10 +17,11 @@ from ..base.json_values import plain
 from ..base.validation import flag, sequence, value_error
 from ..images import contact_sheet, drawing_marks, lettering, png
 from ..images.statistics import image_statistics
+from ..pipeline.frame import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
 from ..scene.surface_facts import surface_facts
-from ..scene.views import named_cameras, seen_by, towards_eye, units_per_pixel
+from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -62,13 +63,11 @@ class Sheet:
         return picture, facts
 
 
-def sheet_paths(path: str | Path) -> tuple[Path, Path]:
-    """Return the paths that `Sheet.save` writes."""
+def sheet_paths(path: str | Path, asked: tuple[str, str] = ("Sheet.save", "path")) -> tuple[Path, Path]:
+    """Return the paths that `Sheet.save` writes. Raises InputError as `output_paths` does, with `asked` in front."""
     path = Path(path)
-    stem = path.with_suffix("") if path.suffix.lower() in (".png", ".json") else path
-    if stem.name in ("", ".", ".."):
-        raise value_error("Sheet.save", "path", "a file name", str(path))
-    return stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".json")
+    picture = output_paths(path.with_suffix("") if path.suffix.lower() == ".json" else path, asked)[1]
+    return picture, picture.with_suffix(".json")
 
 
 def draw_sheet(
@@ -143,7 +142,7 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
     materials = {id(mesh.material) for mesh in scene.meshes}
     found: dict[str, Any] = plain(
         {
-            "scene": scene.name,
+            "name": scene.name,
             "bounding_box": {"low": low, "high": high, "center": low / 2 + high / 2, "size": high - low},
             "counts": {
                 "triangles": surface.triangles,
@@ -177,7 +176,8 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     if len(rows):
         box = [int(v) for v in (columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1)]
     scale, pixels = units_per_pixel(camera), camera.resolution[0]
-    length = drawing_marks.round_length(_BAR_SHARE * scale * pixels)
+    most = _BAR_SHARE * scale * pixels
+    length = drawing_marks.round_length(most) if 0.0 < most < math.inf else 0.0
     height, width = camera.plane
     found: dict[str, Any] = plain(
         {
@@ -207,8 +207,10 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
 
 
 def _title(name: str, camera: Camera) -> str:
-    if camera.orthographic:
+    if name != CAMERA:
         return f"{name}, seen from {towards_eye(camera)}"
+    if camera.orthographic:
+        return f"{name}, parallel projection"
     angle = math.degrees(2.0 * math.atan(camera.plane[0] / camera.focal / 2.0))
     return f"{name}, perspective, {angle:.3g} degrees"
 
@@ -251,6 +253,7 @@ def _panel(
     rows, columns = pixels.shape[:2]
     whole = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
     left = (layout.panel - columns) // 2
+    whole[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
     whole[:rows, left : left + columns] = pixels
     whole[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
     size, x = 0.9 * layout.text_size, 2 * _PAD + strip
@@ -277,7 +280,7 @@ def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
     """Return lines on the scene, none wider than the sheet."""
     counts, width = facts["counts"], layout.across * (layout.panel + layout.gap) - 2 * _GAP
     shapes, area = counts["shapes"], facts["surface_area"]
-    parts = [f"{facts['scene'] or 'unnamed'}: {counts['triangles']:,} triangles", f"{counts['vertices']:,} vertices"]
+    parts = [f"{facts['name'] or 'unnamed'}: {counts['triangles']:,} triangles", f"{counts['vertices']:,} vertices"]
     if shapes is not None:
         edges = f"{counts['boundary_edges']:,} boundary and {counts['non_manifold_edges']:,} non-manifold edges"
         parts += [f"{shapes:,} connected shape{'s' * (shapes != 1)}", "closed" if facts["closed"] else edges]

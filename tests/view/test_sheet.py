@@ -124,6 +124,22 @@ def test_odd_sizes(resolution):
         assert y + rows <= found.picture.shape[0]
 
 
+@pytest.mark.parametrize(("scale", "shift"), [(1e300, 0.0), (1e-310, 0.0), (1.0, 1e12)])
+@pytest.mark.filterwarnings("error")
+def test_extreme_sizes(sheet, scale, shift):
+    scene, mesh = box(), box().meshes[0]
+    verts = (mesh.verts - (7.0, 8.0, 9.0)) * scale + shift
+    camera = clshade.Camera.from_fov(
+        np.full(3, shift) + (0, 0, 20 * scale), np.full(3, shift), (0, 1, 0), 20.0, (120, 90)
+    )
+    scene = Scene(Mesh(verts, mesh.faces, mesh.colors), camera, background=0.0)
+    found = views(draw_sheet(scene, ("front", "camera"), **FAST))
+    for name, view in found.items():
+        expected = views(sheet)[name]
+        assert view["coverage"] == pytest.approx(expected["coverage"], abs=0.02)
+        assert view["scale_bar"]["length"] == pytest.approx(expected["scale_bar"]["length"] * scale)
+
+
 def test_an_empty_scene_and_hostile_names(monkeypatch):
     """The frame of a scene without triangles, without building another program for it."""
 
@@ -147,6 +163,9 @@ def test_refused_arguments():
         draw_sheet(box((16384, 16384)), ("front",))
     with pytest.raises(InputError, match="a file name"):
         sheet_paths("..")
+    with pytest.raises(InputError, match="other formats are not written"):
+        sheet_paths("sheet.jpg")
+    assert [path.name for path in sheet_paths("a/b.c.JSON")] == ["b.c.png", "b.c.json"]
     assert [path.name for path in sheet_paths("a/b.c.PNG")] == ["b.c.png", "b.c.json"]
 
 
@@ -164,8 +183,11 @@ def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
     assert [view["name"] for view in facts["views"]] == ["front", "iso"]
     assert (facts["image"], facts["size"]) == ("s.png", list(png.read("s.png").shape[1::-1]))
     assert out.splitlines()[-1] == "wrote   s.png, s.json"
-    code, out, _ = run(capsys, *QUADS, "--sheet", "--views", "front", "--json")
-    assert (code, len(json.loads(out)["views"])) == (0, 1)
+    code, out, _ = run(capsys, *QUADS, "none.npy", "--sheet", "--views", "front", "--json", "-o", "new/")
+    done, failed = json.loads(out)
+    assert (code, done["scene"], done["name"], len(done["views"])) == (2, "quads", "quads", 1)
+    assert "none.npy" in failed["error"]
+    assert listing(tmp_path / "new") == ["quads.json", "quads.png"]
 
 
 def test_views_and_crops_are_written(tmp_path, monkeypatch, capsys):
@@ -208,6 +230,7 @@ def test_one_crop(tmp_path, monkeypatch, capsys):
         (("--sheet", "--check"), ("--check", "--sheet")),
         (("--sheet", "--budget", "5ms"), ("--budget", "--sheet")),
         (("--fixed-lights",), ("--fixed-lights", "--views or --sheet")),
+        (("--sheet", "-o", "-"), ("render: --output", "'-'")),
         (("--sheet", "-o", "none/s"), ("none/s.png", "there is no folder")),
         (("--views", "top", "-o", "none/s"), ("none/s_top.exr", "there is no folder")),
         (("--crop-zoom", "1,2,4,3", "-o", "taken"), ("taken_crop.png", "it is a folder")),

@@ -134,7 +134,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     check_crops(scene, arguments)
     if arguments.sheet:
         warming.join()
-        return DONE, write_sheet(scene, output, arguments, options).facts
+        return DONE, write_sheet(scene, output, arguments, options)
     drawn = [_draw(view, stem, arguments, options, warming) for view, stem in views_of(scene, output, arguments)]
     if not arguments.views:
         return drawn[0]

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ...images.crops import Crop
     from ...pipeline.frame import Frame
     from ...scene.model import Scene
-    from ...view.sheet import Sheet
 
 _NOT_WITH_SHEET = ("check", "explain", "explain_each", "budget", "tolerance", "crop_zoom")
 
@@ -77,7 +76,7 @@ def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:
     if arguments.sheet:
         from ...view.sheet import sheet_paths
 
-        return list(sheet_paths(output))
+        return list(sheet_paths(output, ("render", "--output")))
     return [
         path
         for stem in stems_of(output, arguments)
@@ -142,8 +141,8 @@ def write_crops(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[
     return paths
 
 
-def write_sheet(scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any]) -> Sheet:
-    """Draw and write the sheet of a scene; print what it shows."""
+def write_sheet(scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any]) -> dict[str, Any]:
+    """Draw and write the sheet of a scene; print what it shows. Return the facts."""
     from ...view.sheet import DEFAULT_VIEWS, draw_sheet
 
     sheet = draw_sheet(
@@ -156,18 +155,18 @@ def write_sheet(scene: Scene, output: str, arguments: argparse.Namespace, option
     )
     paths = sheet.save(output)
     if not arguments.json:
-        print("\n".join([*_lines(sheet), f"wrote   {', '.join(map(shown, paths))}"]))
-    return sheet
+        print("\n".join([*_lines(sheet.facts), f"wrote   {', '.join(map(shown, paths))}"]))
+    return sheet.facts
 
 
-def _lines(sheet: Sheet) -> list[str]:
+def _lines(facts: dict[str, Any]) -> list[str]:
     from ...base.text_tables import as_lines
 
-    facts = sheet.facts
     size = " x ".join(f"{each:.6g}" for each in facts["bounding_box"]["size"])
     counts = ", ".join(
         f"{name.replace('_', ' ')} {value:,}" for name, value in facts["counts"].items() if value is not None
     )
+    area = facts["surface_area"]
     rows = [
         (
             view["name"],
@@ -179,7 +178,7 @@ def _lines(sheet: Sheet) -> list[str]:
         for view in facts["views"]
     ]
     return [
-        f"scene   {shown(facts['scene'] or 'unnamed')}: {counts}",
-        f"size    {size} units, surface {facts['surface_area']} square units",
+        f"scene   {shown(facts['name'] or 'unnamed')}: {counts}",
+        f"size    {size} units" + ("" if area is None else f", surface {area:.6g} square units"),
         *as_lines(("view", "covered", "faces visible", "pixels x,y,w,h", "units/pixel"), rows),
     ]
