@@ -23,6 +23,7 @@ MOST = 40  # layers in the figure, which has at most 2^16 pixels a side
 SIDE = 512  # most pixels along the longer side of a panel
 UNEQUAL_COLOR = (0, 255, 255)
 
+_EDGE = 0.08  # of an image's height: room for the number of a window
 _PANEL, _TITLE, _BAR, _CROP_PANEL = 3.6, 0.5, 0.9, 3.0  # inches
 
 
@@ -90,11 +91,16 @@ def _mark(axes: Any, window: Window, shape: tuple[int, ...], number: str) -> Non
     rows, columns = axes.images[0].get_array().shape[:2]
     across, down = columns / shape[1], rows / shape[0]
     x, y, width, height = window
-    corner = (x * across - 0.5, y * down - 0.5)
+    left, top, tall = x * across - 0.5, y * down - 0.5, height * down
     for color, line in (("black", 2.2), ("white", 1.0)):
-        axes.add_patch(Rectangle(corner, width * across, height * down, fill=False, edgecolor=color, linewidth=line))
-    plate = {"facecolor": "white", "edgecolor": "black", "linewidth": 0.6, "pad": 1.2}
-    axes.text(*corner, number, fontsize=7, color="black", bbox=plate, ha="left", va="bottom", clip_on=False)
+        style: dict[str, Any] = {"fill": False, "edgecolor": color, "linewidth": line, "clip_on": False}
+        axes.add_patch(Rectangle((left, top), width * across, tall, **style))
+    if y > _EDGE * shape[0]:
+        at, side = top, "bottom"
+    else:  # no room above it: below, or inside where there is none either
+        at, side = (top + tall, "top") if y + height < (1.0 - _EDGE) * shape[0] else (top, "top")
+    plate: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 0.6, "pad": 1.2}
+    axes.text(left, at, number, fontsize=7, color="black", bbox=plate, ha="left", va=side)
 
 
 def _side_by_side(name: str, group: Group, reference: Group, encoded: bool) -> tuple[Array, Array]:

@@ -253,9 +253,9 @@ def _panel(
     rows, columns = pixels.shape[:2]
     whole = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
     left = (layout.panel - columns) // 2
+    whole[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
     whole[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
     whole[:rows, left : left + columns] = pixels
-    whole[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
     size, x = 0.9 * layout.text_size, 2 * _PAD + strip
     bar = found["scale_bar"]
     unit = f"{bar['length']:g} unit" + ("" if bar["length"] == 1.0 else "s")

@@ -133,7 +133,7 @@ def test_extreme_sizes(sheet, scale, shift):
         np.full(3, shift) + (0, 0, 20 * scale), np.full(3, shift), (0, 1, 0), 20.0, (120, 90)
     )
     scene = Scene(Mesh(verts, mesh.faces, mesh.colors), camera, background=0.0)
-    found = views(draw_sheet(scene, ("front", "camera"), **FAST))
+    found = views(draw_sheet(scene, ("front", "iso", "camera"), **FAST))
     for name, view in found.items():
         expected = views(sheet)[name]
         assert view["coverage"] == pytest.approx(expected["coverage"], abs=0.02)
