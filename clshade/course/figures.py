@@ -17,7 +17,7 @@ import numpy as np
 
 from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
-from ..images import contact_sheet
+from ..images import contact_sheet, lettering
 from ..scene.builtin.scenes import builtin
 from ..scene.formats.load import load
 from ..scene.formats.texture import as_texture
@@ -227,7 +227,7 @@ def _run(
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
     folder = create_folder(options.out)
-    importing = threading.Thread(target=contact_sheet.prepare, daemon=True)
+    importing = threading.Thread(target=lettering.prepare, daemon=True)
     importing.start()
     build_all(scene, figures)
     importing.join()
