@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browsers import SOFTWARE_GL, chromium
 from devices import working_devices
 from processes import OPEN, python
 
@@ -81,3 +83,10 @@ def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "clshade").mkdir()
     monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Return headless Chromium with WebGL by software, started once."""
+    with chromium(*SOFTWARE_GL) as started:
+        yield started

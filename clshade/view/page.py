@@ -97,7 +97,7 @@ def html(
     data += [chunk for number, chunk in enumerate(chunks) if number in first]
     values = {
         "policy": markup.escape(policy),
-        "title": markup.escape(title),
+        "title": markup.escape(title.encode("utf-8", "replace").decode()),  # a file's name may hold any bytes
         "style": f"<style>{style}</style>",
         "data": "\n".join(data),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
