@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +85,14 @@ def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "clshade"
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    """Return headless Chromium with WebGL by software, started once."""
-    with chromium(*SOFTWARE_GL) as started:
-        yield started
+@pytest.fixture(scope="module")  # not longer: see `chromium` on asyncio
+def launch() -> Iterator[Callable[..., Any]]:
+    """Return a function that starts headless Chromium with the given arguments."""
+    with chromium() as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def browser(launch: Callable[..., Any]) -> Any:
+    """Return headless Chromium with WebGL by software."""
+    return launch(*SOFTWARE_GL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +17,26 @@ READY_MS = 60_000  # a loaded machine takes seconds to compile shaders
 
 
 @contextlib.contextmanager
-def chromium(*arguments: str) -> Iterator[Any]:
-    """Start the browser for the block; skip the test where there is none."""
+def chromium() -> Iterator[Callable[..., Any]]:
+    """Yield a function that starts a browser with the given arguments; skip the test where there is none.
+
+    Within the block asyncio takes this thread's loop for a running one.
+    """
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if found is None:
         pytest.skip("Chromium is not installed")
     with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=found, args=["--no-sandbox", *arguments])
-        yield started
-        started.close()
+        yield lambda *arguments: playwright.chromium.launch(executable_path=found, args=["--no-sandbox", *arguments])
 
 
-def opened(browser: Any, path: Path, width: int = 640, height: int = 400) -> Any:
-    """Open a page from a file and wait until it has drawn; `page.faults` gets its errors, requests and dialogs."""
+def opened(browser: Any, path: Path, width: int = 640, height: int = 400, script: str = "") -> Any:
+    """Open a page from a file and wait until it has drawn; `page.faults` gets its errors, requests and dialogs.
+
+    script: JavaScript that runs before the page's own.
+    """
     page = browser.new_page(viewport={"width": width, "height": height})
+    page.add_init_script(script)
     page.faults = []
     page.on("console", lambda message: page.faults.append(f"{message.type}: {message.text}"))
     page.on("pageerror", lambda error: page.faults.append(str(error)))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 
 import numpy as np
 import pytest
-from browsers import WITHOUT_GL, chromium, opened, until
+from browsers import WITHOUT_GL, opened, until
 
 from clshade.images import exr
 from clshade.images.channels import color_group, grouped
@@ -286,44 +287,47 @@ def test_halves_are_decoded(shown):
 
 @pytest.mark.long
 def test_nothing_leaves_the_page(browser, written):
+    """Every host would answer."""
     other = opened(browser, written)
+    other.route("https://**", lambda route: route.fulfill(body="x", headers={"Access-Control-Allow-Origin": "*"}))
     assert other.evaluate("fetch('https://example.com').then(() => 'sent', () => 'refused')") == "refused"
-    assert (
-        other.evaluate("""() => new Promise((resolve) => {
+    picture = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
+    other.route("https://**.gif", lambda route: route.fulfill(body=b64decode(picture.partition(",")[2])))
+    load = """(src) => new Promise((resolve) => {
       const image = Object.assign(new Image(), { onload: () => resolve("sent"), onerror: () => resolve("refused") });
-      image.src = "https://example.com/a.png";
-    })""")
-        == "refused"
-    )
-    assert not [fault for fault in other.faults if fault.startswith("https")]
+      image.src = src;
+    })"""
+    assert other.evaluate(load, "https://example.com/a.gif") == "refused"
+    assert other.evaluate(load, picture) == "sent"
     other.close()
+
+
+NO_CONTEXT = """
+  const get = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+    return kind.startsWith("webgl") ? null : get.call(this, kind, ...rest);
+  };"""
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("how", ["switched off", "no context"])
-def test_without_webgl(written, how):
+def test_without_webgl(launch, written, how):
     """Drawn by the processor, and said so; the same colors."""
-    with chromium(*WITHOUT_GL) as plain:
-        context = plain.new_context()
-        if how == "no context":
-            context.add_init_script(
-                "const get = HTMLCanvasElement.prototype.getContext;"
-                "HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {"
-                " return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest); };"
-            )
-        shown = opened(context, written)
-        assert "No WebGL 2" in shown.text_content("#notice")
-        settings = [{"operator": operator, "exposure": 1.5, "marking": False} for operator in OPERATORS]
-        for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
-            assert np.abs(found - tonemap(ramp(), each["operator"], 1.5).astype(int)).max() <= 1, each
-        expected = thumbnails(exr.flatten(channels_of_a()))
-        for name in ("Z", "N", "object_id"):
-            shown.evaluate("(name) => viewer.setLayer(name)", name)
-            until(shown, "viewer.drawn.layer.name === viewer.layerName")
-            assert np.abs(pixels(shown) - expected[name].pixels.astype(int)).max() <= 2, name
-        shown.evaluate("viewer.setLayer(null); viewer.setMode('wipe'); viewer.setWipe(20 / viewer.canvas.width)")
-        assert (pixels(shown)[41:, 20:] == 42).all()
-        assert [fault for fault in shown.faults if "GPU" not in fault and "WebGL" not in fault] == []
+    plain = launch(*WITHOUT_GL)
+    shown = opened(plain, written, script=NO_CONTEXT if how == "no context" else "")
+    assert "No WebGL 2" in shown.text_content("#notice")
+    settings = [{"operator": operator, "exposure": 1.5, "marking": False} for operator in OPERATORS]
+    for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
+        assert np.abs(found - tonemap(ramp(), each["operator"], 1.5).astype(int)).max() <= 1, each
+    expected = thumbnails(exr.flatten(channels_of_a()))
+    for name in ("Z", "N", "object_id"):
+        shown.evaluate("(name) => viewer.setLayer(name)", name)
+        until(shown, "viewer.drawn.layer.name === viewer.layerName")
+        assert np.abs(pixels(shown) - expected[name].pixels.astype(int)).max() <= 2, name
+    shown.evaluate("viewer.setLayer(null); viewer.setMode('wipe'); viewer.setWipe(20 / viewer.canvas.width)")
+    assert (pixels(shown)[41:, 20:] == 42).all()
+    assert [fault for fault in shown.faults if "GPU" not in fault and "WebGL" not in fault] == []
+    plain.close()
 
 
 @pytest.mark.long
