@@ -325,9 +325,12 @@ class Viewer extends EventTarget {
     if (this.image && (!shown || (!sole && !reference))) return; // what is drawn stays until the data is there
     const wipe = this.wipeX();
     const metric = !sole && this.mode === "difference" ? this.metric : null;
-    this.display.draw(shown, reference, view, { ...settings, wipe, metric });
-    const parts = shown ? [{ shown, from: 0, to: wipe ?? canvas.width }] : [];
-    if (wipe !== null) parts.push({ shown: reference, from: wipe, to: canvas.width });
+    const all = { ...settings, wipe, metric };
+    this.display.draw(shown, reference, view, all);
+    const part = (each, other, from, to) => ({ shown: each, from, to, texts: pixelTexts(each, other, metric),
+      colorAt: shader(each, other, all, this.display.colormaps) });
+    const parts = shown ? [part(shown, reference, 0, wipe ?? canvas.width)] : [];
+    if (wipe !== null && shown) parts.push(part(reference, null, wipe, canvas.width));
     this.overlay.draw(parts, view, { wipe, pinned: this.pinned, ratio: this.ratio, border: this.border });
     this.drawn = shown;
     this.dispatchEvent(new Event("drawn"));
