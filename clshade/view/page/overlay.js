@@ -37,8 +37,8 @@ class Overlay {
   }
 
   /**
-   * parts: [{shown, from, to, texts, colorAt}], columns of the canvas that each image takes, functions of a pixel to the
-   * texts in it and to its display color. wipe: x of the line, or null.
+   * parts: [{shown, from, to, texts, colors}], columns of the canvas that each image takes, and what returns functions of
+   * a pixel: to the texts in it, and to its display color. wipe: x of the line, or null.
    */
   draw(parts, view, { wipe, pinned, ratio, border }) {
     const { context, canvas } = this;
@@ -88,7 +88,8 @@ class Overlay {
   }
 
   values(part, view, ratio) {
-    const { shown, texts, colorAt } = part;
+    const { shown } = part;
+    const [texts, colorAt] = [part.texts(), part.colors()];
     const { left, right, top, bottom } = this.seen(part, view);
     const size = Math.min(13 * ratio, view.zoom / Math.max(4.8, shown.count + 1));
     const digits = view.zoom >= 80 * ratio ? 5 : 3;
