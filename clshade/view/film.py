@@ -167,7 +167,8 @@ def draw_film(
     name = checked_path("draw_film", "path", path)
     kind = format_of(name)
     rate = checked_rate(kind, fps)
-    codec = video.codec_of(kind, checked_depth(kind, bits)) if kind.video else None
+    bits = checked_depth(kind, bits)
+    codec = video.codec_of(kind, bits) if kind.video else None
     columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side)
     needed: FileKind = "png" if bits == 8 else "exr"
     folder = FrameFolder(name)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..base import console
-from ..base.atomic_files import folder_made, naming, shown, write_bytes
+from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_error
 from ..errors import InputError
 
 ENDING = ".frames"  # of the folder, after the film's name
@@ -57,6 +57,8 @@ class FrameFolder:
 
         Raises InputError if the folder has other files, OutputError if it cannot be written.
         """
+        if os.path.exists(self.path) and not os.path.isdir(self.path):
+            raise write_error(self.path, "it is not a folder")
         with folder_made(self.path):
             with naming(self.path):
                 self._prepare({"digest": digest, "kept": kept})
