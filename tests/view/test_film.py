@@ -140,7 +140,7 @@ def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypat
     encode = module.encode
 
     def limited(*arguments):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
         encode(*arguments)
 
     monkeypatch.setattr(module, "encode", limited)
