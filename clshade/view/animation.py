@@ -22,7 +22,7 @@ _COLORS = 255  # Pillow needs one to say that a pixel stays
 _OPTIONS: dict[str, dict[str, Any]] = {
     ".gif": {"format": "GIF", "optimize": False},
     ".apng": {"format": "PNG", "compress_level": 6},
-    ".webp": {"format": "WEBP", "lossless": True, "quality": 20, "method": 2},  # effort: higher ones gain little
+    ".webp": {"format": "WEBP", "lossless": True, "quality": 20, "method": 1},  # effort: higher ones gain little
 }
 
 

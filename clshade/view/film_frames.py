@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from ..base import console
+from ..base import console, interrupts
 from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_error
 from ..errors import InputError
 
@@ -62,11 +62,12 @@ class FrameFolder:
         with folder_made(self.path):
             with naming(self.path):
                 self._prepare({"digest": digest, "kept": kept})
+            _in_use.add(self)
             try:
                 yield
             finally:
-                if not any(map(_FRAME.fullmatch, os.listdir(self.path))):
-                    self.remove()
+                self.remove_if_empty()
+                _in_use.discard(self)
 
     def _prepare(self, record: dict[str, Any]) -> None:
         names = [name for name in os.listdir(self.path) if not _TEMPORARY.fullmatch(name)]
@@ -101,9 +102,23 @@ class FrameFolder:
             if _FRAME.fullmatch(name):
                 os.unlink(os.path.join(self.path, name))
 
+    def remove_if_empty(self) -> None:
+        """Remove the folder if it has no frames."""
+        if not any(map(_FRAME.fullmatch, os.listdir(self.path))):
+            self.remove()
+
     def remove(self) -> None:
         """Remove the frames, and the folder unless it has other files."""
         with contextlib.suppress(OSError):
             self._remove_frames()
             os.unlink(self._record)
             os.rmdir(self.path)
+
+
+_in_use: set[FrameFolder] = set()
+
+
+@interrupts.at_end
+def _remove_empty_ones() -> None:
+    for folder in list(_in_use):
+        folder.remove_if_empty()
