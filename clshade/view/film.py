@@ -91,7 +91,8 @@ class Film:
             "encode_seconds": self.encode_seconds,
             "frames": self.frames,
         }
-        return {**self.run.stats(), "film": film}
+        lost = () if self.frames else ("first", "last")  # names of files that are gone
+        return {**{name: value for name, value in self.run.stats().items() if name not in lost}, "film": film}
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
@@ -195,12 +196,10 @@ def draw_film(
             **settings,
         )
         start = time.perf_counter()
-        names = parse_pattern(folder.pattern, len(cameras))
-        shade = partial(
-            _display_values, options.get("tonemap") or default_tonemap(scene_drawn), options.get("exposure", 0.0)
-        )
-        read: Callable[[str], Array] = png.read if needed == "png" else shade
-        images = [partial(read, names.names(number, (needed,))[0]) for number in sorted(cameras)]
+        if progress:
+            console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
+        tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
+        images = _images(folder.pattern, sorted(cameras), needed, tonemap, options.get("exposure", 0.0))
         with replacing(name) as file:
             if codec:
                 video.encode(file, _loaded(images, name if progress else ""), len(images), rate, codec)
@@ -243,10 +242,18 @@ def _resolution(cameras: Mapping[int, Camera], least: int, most: int) -> tuple[i
     return found or (0, 0)
 
 
-def _display_values(operator: Operator, exposure: float, name: str) -> Floats:
-    """Return the tone-mapped image of an EXR file, 0 to 1, not rounded."""
-    channels, _ = exr.read(name)
-    return display_values(np.stack([channels[each] for each in "RGB"], axis=-1), operator, exposure)
+def _images(
+    pattern: str, numbers: Sequence[int], file: FileKind, tonemap: Operator, exposure: float
+) -> list[Callable[[], Array]]:
+    """Return what loads each frame's display image: the codes of its PNG, or the tone-mapped floats of its EXR."""
+
+    def from_exr(name: str) -> Floats:
+        channels, _ = exr.read(name)
+        return display_values(np.stack([channels[each] for each in "RGB"], axis=-1), tonemap, exposure)
+
+    names = parse_pattern(pattern, len(numbers))
+    read: Callable[[str], Array] = png.read if file == "png" else from_exr
+    return [partial(read, names.names(number, (file,))[0]) for number in numbers]
 
 
 def _loaded(images: Sequence[Callable[[], Array]], name: str) -> Iterator[Array]:

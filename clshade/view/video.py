@@ -38,7 +38,9 @@ CODECS = {
     (".mp4", 8): Codec("H.264", "mp4", "libx264", "yuv420p", {"crf": "16"}),
     # Apple's players take HEVC that is called hvc1, and hardly any plays H.264 of 10 bits. Between 33 and 63 pixels a side
     # x265 4.2 writes past its buffers.
-    (".mp4", 10): Codec("HEVC", "mp4", "libx265", "yuv420p10le", {"crf": "16", "x265-params": "log-level=none"}, 64),
+    (".mp4", 10): Codec(
+        "HEVC", "mp4", "libx265", "yuv420p10le", {"crf": "16", "preset": "fast", "x265-params": "log-level=none"}, 64
+    ),
     (".webm", 8): Codec(
         "VP9",
         "webm",

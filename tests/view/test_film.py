@@ -110,6 +110,7 @@ def test_an_interrupted_film_goes_on(folder, capsys, monkeypatch):
     code, out, err = run(capsys, *TURN, "-o", "film.apng", "--json")
     found = json.loads(out)
     assert (code, found["drawn"], found["skipped"]) == (0, 1, 2), err
+    assert "first" not in found
     assert listing(folder) == ["film.apng"]
     resumed = film.read_bytes()
     assert run(capsys, *TURN, "-o", "film.apng", "--quiet")[0] == 0
