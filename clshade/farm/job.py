@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame import SavingOptions, output_paths
+from ..pipeline.frame import FILES, SavingOptions, chosen_paths
 from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
@@ -41,7 +41,7 @@ class Task:
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """A frame whose files are written. render_ms, save_ms: time to draw and to write it. size: bytes of the two files.
+    """A frame whose files are written. render_ms, save_ms: time to draw and to write it. size: bytes of its files.
     worker: the process that drew it, host:pid."""
 
     number: int
@@ -106,7 +106,8 @@ class FrameWriter:
             drawn = time.perf_counter()
             warnings = frame.write(task.path, **self._job.saving)
             done = time.perf_counter()
-            size = sum(path.stat().st_size for path in output_paths(task.path))
+            files = chosen_paths(task.path, self._job.saving.get("files", FILES)).values()
+            size = sum(path.stat().st_size for path in files)
         except ClshadeError as error:
             raise type(error)(f"frame {task.number}: {error}") from error
         except Exception as error:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypedDict, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args, overload
 
 import numpy as np
 
@@ -54,9 +54,14 @@ OTHER_FORMATS = (
 ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
 
 
+FileKind: TypeAlias = Literal["exr", "png"]
+FILES: tuple[FileKind, ...] = get_args(FileKind)  # in the order of `output_paths`
+
+
 class SavingOptions(TypedDict, total=False):
     """Keywords of `Frame.save`."""
 
+    files: Sequence[FileKind]
     tonemap: Operator | None
     exposure: float
     half: bool
@@ -345,6 +350,8 @@ class Frame:
         ----------
         path : str or path-like
             File name; an extension .exr or .png is dropped.
+        files : sequence of {"exr", "png"}, default ("exr", "png")
+            Files to write.
         tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
             Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
             scenes, else ``"srgb"``.
@@ -389,6 +396,7 @@ class Frame:
         self,
         path: str | os.PathLike[str],
         *,
+        files: Sequence[FileKind] = FILES,
         tonemap: Operator | None = None,
         exposure: float = 0.0,
         half: bool = False,
@@ -400,7 +408,7 @@ class Frame:
 
         Parameters
         ----------
-        path, tonemap, exposure, half, compression, crop, deterministic
+        path, files, tonemap, exposure, half, compression, crop, deterministic
             See `save`.
 
         Returns
@@ -421,25 +429,35 @@ class Frame:
         for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
             flag("Frame.save", name, value)
         check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
-        paths = output_paths(path)
+        paths = chosen_paths(path, files)
 
         def encode_png(file: BinaryIO) -> None:
-            with atomic_files.naming(paths[1]):
+            with atomic_files.naming(paths["png"]):
                 png.encode(file, self.to_png8(tonemap, exposure))
 
-        # Both release the GIL while they compress, so they run concurrently.
-        with atomic_files.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
-            encoded = beside.submit(encode_png, png_file)
-            with atomic_files.naming(paths[0]):
-                lines = exr.encode(
-                    exr_file,
+        def encode_exr(file: BinaryIO) -> list[str]:
+            with atomic_files.naming(paths["exr"]):
+                return exr.encode(
+                    file,
                     self.channels(),
                     compression=compression,
                     half=half,
                     metadata=self.metadata(deterministic=deterministic),
                     window="covered" if crop else "drawn",
                 )
-            encoded.result()
+
+        with atomic_files.replacing_all(*paths.values()) as opened:
+            file = dict(zip(paths, opened, strict=True))
+            if "exr" not in file:
+                encode_png(file["png"])
+                return []
+            if "png" not in file:
+                return encode_exr(file["exr"])
+            # Both release the GIL while they compress, so they run concurrently.
+            with ThreadPoolExecutor(1) as beside:
+                encoded = beside.submit(encode_png, file["png"])
+                lines = encode_exr(file["exr"])
+                encoded.result()
         return lines
 
 
@@ -455,6 +473,14 @@ def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
         raise value_error(*asked, both, str(path))
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+
+
+def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
+    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
+    than exr and png, or none."""
+    if isinstance(files, str) or not files or not set(files) <= set(FILES):
+        raise value_error("Frame.save", "files", "exr, png or both, such as ('png',)", files)
+    return {kind: path for kind, path in zip(FILES, output_paths(path), strict=True) if kind in files}
 
 
 def check_output(
