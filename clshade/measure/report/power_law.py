@@ -41,3 +41,28 @@ def fitted(x: Sequence[float], y: Sequence[float]) -> Power:
     variance = np.square(v - (slope * u + offset)).sum() / free / np.square(u - u.mean()).sum()
     half = (STUDENT[free - 1] if free <= len(STUDENT) else NORMAL) * float(np.sqrt(variance))
     return Power(float(slope), float(slope) - half, float(slope) + half)
+
+
+class Law(NamedTuple):
+    """An exponent that theory gives, of what, and why a fit may lie above or below it; "" if nothing suggests it."""
+
+    exponent: float
+    of: str
+    above: str = ""
+    below: str = ""
+
+
+def expected(found: Power, law: Law) -> str:
+    """Return the exponent expected; if the one found differs, that it does, and why that may be."""
+    said = f"expected {law.exponent:g}, that of {law.of}"
+    if found.contains(law.exponent):
+        return said
+    above = found.exponent > law.exponent
+    if law.exponent == 0.0:
+        how = "grows" if above else "falls"
+    elif law.exponent < 0.0:
+        how = "falls slower" if above else "falls faster"
+    else:
+        how = "grows faster" if above else "grows slower"
+    why = law.above if above else law.below
+    return f"{said}; it {how}{f': {why}' if why else ''}"
