@@ -20,7 +20,8 @@ class Power(NamedTuple):
     high: float
 
     def __str__(self) -> str:
-        return f"{self.exponent:.2f} ({self.low:.2f} to {self.high:.2f})"
+        exponent, low, high = (f"{round(value, 2) + 0.0:.2f}" for value in self)
+        return f"{exponent} ({low} to {high})"
 
     def contains(self, exponent: float) -> bool:
         return self.low <= exponent <= self.high
