@@ -17,9 +17,9 @@ from studies import SMALL, small_study, sphere
 
 from clshade.base import text_tables
 from clshade.errors import InputError
-from clshade.images import metrics, png
+from clshade.images import figures, metrics, png
 from clshade.measure import timing
-from clshade.measure.report import figure, labels, power_law, report, study, tables, variants
+from clshade.measure.report import figure, labels, report, study, tables, variants
 from clshade.measure.report.format_errors import formats
 from clshade.measure.report.labels import Box, placed
 from clshade.measure.report.measure import measure
@@ -235,31 +235,6 @@ def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
     assert figure.size(np.full((3, 4, 3), [0.0, 0.25, -0.5])) == pytest.approx(np.full((3, 4), 0.5))
 
 
-def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_for(found):
-    known = found.reference.error
-    errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
-    made = made_up(found, [(float(count), error) for count, error in errors.items()])
-    names = [BASE, *(f"samples-{count}" for count in errors if count > 1)]
-    measured = tuple(
-        replace(each, variant=replace(each.variant, name=name, changes={"samples": count}))
-        for each, name, count in zip(made.measured, names, errors, strict=True)
-    )
-    fall = replace(made, measured=measured).sampling()["samples"]
-    assert (fall.by_samples.exponent, fall.gain) == (pytest.approx(-1.0), pytest.approx(16.0))
-    assert fall.by_time == pytest.approx(fall.by_samples)  # a millisecond a sample
-    (line,) = tables._sampling(replace(made, measured=measured))
-    assert line.endswith("expected -0.75, that of edges in each pixel; it falls faster")
-    slower = power_law.Power(-0.4, -0.5, -0.3)
-    assert tables.expected(slower, tables.LAWS["samples"]).endswith(
-        "falls slower: textures and light are looked up once, and their aliasing stays"
-    )
-    assert tables.expected(slower, tables.LAWS["shaded"]).endswith("; it falls slower")
-    assert tables.expected(slower._replace(low=-0.8), tables.SMOOTH._replace(exponent=-0.75)).endswith(
-        "length of edges"
-    )
-    assert replace(made, measured=measured[2:]).sampling() == {}
-
-
 def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
     written: list[str] = []
@@ -269,8 +244,8 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
         "label_points",
         lambda axes, x, y, names, lines: written.extend(names) or original(axes, x, y, names, lines),
     )
-    figure.plot(several, tmp_path / "a.png")
-    assert written == [f"variant-{k}" for k in range(10)]
+    figures.save(figure.draw(several), tmp_path / "a.png")
+    assert written[:10] == [f"variant-{k}" for k in range(10)]
     assert png.read(tmp_path / "a.png").std() > 20.0
 
 
@@ -296,7 +271,7 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
     rows = list(csv.DictReader((folder / "report.csv").open()))
     assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
     assert float(rows[0]["rmse"]) == found.measured[0].error
-    assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation"}
+    assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation", "family"}
     shown = text.getvalue()
     for part in (found.device, found.machine, f"use {figures['use']}: ", "PNG 8 bit srgb", "5,120"):
         assert part in shown
@@ -306,7 +281,7 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
 @pytest.fixture
 def no_figure(monkeypatch):
     """Skip the figure, which takes seconds to draw."""
-    monkeypatch.setattr(figure, "plot", lambda study, path: path.touch())
+    monkeypatch.setattr(figure, "draw", lambda study: figures.blank(0.2, 0.2))
 
 
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
@@ -366,6 +341,11 @@ def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
 REFUSED = [
     (("--only", "guro"), ("--only", "standard", "'guro'")),
     (("--frames", "0"), ("--frames", "0")),
+    (("--format", "png,gif"), ("--format", "png, pdf, svg", "'gif'")),
+    (("--family", "samplse"), ("--family", "samples, shaded, gouraud, filter, precision", "did you mean 'samples'")),
+    (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
+    (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
+    (("--out", "page.html"), ("--out", "expected a folder", "--html")),
     (("--budget", "0ms"), ("--budget", "'0ms'")),
     (("--budget", "-3"), ("--budget", "'-3'")),
     (("--tolerance", "0"), ("--tolerance", "'0'")),

@@ -10,6 +10,8 @@ from . import DONE, FAILED
 from .arguments import names, output_name
 from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
 
+TRIANGLES = 50_000  # random ones
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     from ...images.figures import FORMATS
@@ -22,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     cases = parser.add_argument_group("cases, without a SCENE")
     first = len(parser._actions)
     cases.add_argument("--case", nargs="+", default=(), metavar="NAME", help="only these, by name or number")
-    cases.add_argument("--triangles", type=int, default=50_000, help="random ones to draw (default: 50000)")
+    cases.add_argument("--triangles", type=int, default=TRIANGLES, help="random ones to draw (default: 50000)")
     cases.add_argument("--list", action="store_true", help="name all cases, and what is expected of each")
     cases.add_argument(
         "--axes",
@@ -65,7 +67,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_axes(arguments: argparse.Namespace) -> int:
-    others = {"--case": arguments.case, "--list": arguments.list, "--device all": arguments.device == "all"}
+    others = {
+        "--case": arguments.case,
+        "--list": arguments.list,
+        "--triangles": arguments.triangles != TRIANGLES,
+        "--device all": arguments.device == "all",
+    }
     for option, given in others.items():
         if given:
             raise InputError(f"stability: --axes: expected no {option}, which is for the cases")

@@ -36,7 +36,8 @@ FAMILY_COLORS = {SAMPLES: "#8172b3", SHADED: "#2e8b57", GOURAUD: "#c07a00", FILT
 DOMINATED = "#777777"
 COLORS = "magma"
 LEAST, MOST = 1e-3, 1.0  # differences drawn black and in the brightest color
-LABELED = 0.15  # shares above this have room for a number
+MARGIN = 1.12  # times the size of what differs
+LABELED = 0.2  # shares above this have room for a number
 POWERS = (-2.1, 2.1)  # the range of powers shown
 
 
@@ -87,6 +88,24 @@ def colored(study: Study) -> dict[str, Array]:
     return found
 
 
+def _window(study: Study) -> tuple[slice, slice]:
+    """Return the rows and columns where images differ, with a margin, in the image's proportions; all if none differ."""
+    shape = study.reference.rgb.shape[:2]
+    off = (
+        np.any([size(each) > LEAST for each in study.pictures.values()], axis=0) if study.pictures else np.zeros(shape)
+    )
+    at = np.nonzero(off)
+    if not len(at[0]):
+        return slice(None), slice(None)
+    part = max((float(np.ptp(each)) + 1.0) / side for each, side in zip(at, shape, strict=True))
+    window = []
+    for each, side in zip(at, shape, strict=True):
+        length = min(side, round(MARGIN * part * side))
+        first = min(max((int(each.min()) + int(each.max()) - length) // 2, 0), side - length)
+        window.append(slice(first, first + length))
+    return window[0], window[1]
+
+
 def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
     """Show the reference and the differences."""
     from matplotlib.cm import ScalarMappable
@@ -94,8 +113,9 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
 
     for axes in places:
         axes.set_axis_off()
+    rows, columns = _window(study)
     for axes, (name, picture) in zip(places, colored(study).items(), strict=False):
-        axes.imshow(picture)
+        axes.imshow(picture[rows, columns])
         axes.set_title(name.replace(", ", ",\n", 1), fontsize=8)
     bar = ScalarMappable(LogNorm(LEAST, MOST), COLORS)
     figure.colorbar(bar, ax=list(places), shrink=0.9, pad=0.01, aspect=10, label="difference, white is 1")
@@ -149,7 +169,8 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     best = study.front
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
-        label = f"{family.name}: time to the power {family.by_time().exponent:.2f}"
+        power = family.by_time()
+        label = f"{family.name}: time to the power {power.exponent:.2f}" if power.resolved else family.name
         axes.plot(*zip(*points, strict=True), "--", color=FAMILY_COLORS[family.name], lw=1.0, label=label, zorder=1)
     for each, error in errors.items():
         low, median, high = each.frame_ms
@@ -185,7 +206,7 @@ def _shares(axes: Axes, study: Study) -> None:
             ends[bar, share > 0.0] += share
     axes.set_yticks(range(2), ("its PNG", "image"))
     axes.xaxis.set_major_formatter(lambda share, _: f"{100.0 * share:.0f} %")
-    axes.set_title("where the error of the image comes from")
+    axes.set_title("where the error comes from")
 
 
 def _causes(axes: Axes, study: Study) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 # Student's t for 95 % by the number of points less two, up to ten; the normal distribution's beyond.
 STUDENT = (12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
 NORMAL = 1.96
+UNRESOLVED = 4.0  # width of an interval
 
 
 class Power(NamedTuple):
@@ -22,6 +23,11 @@ class Power(NamedTuple):
     def __str__(self) -> str:
         exponent, low, high = (f"{round(value, 2) + 0.0:.2f}" for value in self)
         return f"{exponent} ({low} to {high})"
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the interval is narrow enough to say something."""
+        return self.high - self.low < UNRESOLVED
 
     def contains(self, exponent: float) -> bool:
         return self.low <= exponent <= self.high

@@ -103,9 +103,6 @@ WORK_PRECISION = (
 )
 
 
-UNRESOLVED = 10.0  # width of an interval that says nothing
-
-
 def _family(each: Family) -> text_tables.Row:
     first, last, by_time = each.fit[0], each.fit[-1], each.by_time()
     return (
@@ -114,7 +111,7 @@ def _family(each: Family) -> text_tables.Row:
         f"{digits(first.error)} to {digits(last.error)}",
         str(each.by_size()),
         f"{each.law.exponent:g}",
-        str(by_time) if by_time.high - by_time.low < UNRESOLVED else "not known",
+        str(by_time) if by_time.resolved else "not resolved",
     )
 
 

@@ -14,8 +14,8 @@ from .axes import PLAIN, SIDE, USELESS, Axis, Series, stats
 Found = dict[Axis, list[Series]]
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
-    "can send, then milliseconds of a frame; wrong: pixels of wrong coverage, where there are any; oracle: how large its own error may be, below "
-    "which nothing is known"
+    "can send, then milliseconds of a frame; wrong: pixels of wrong coverage, where there are any; oracle: how large its "
+    "own error may be, below which nothing is known"
 )
 TIMES = f"{PLAIN} is computed by NumPy: its times say how they grow, not how fast float32 is"
 CSV = (
