@@ -48,7 +48,7 @@ ABOUT = {
     GOURAUD: "light at the corners, samples shaded once a pixel",
     FILTER: "mip maps instead of four texels, samples shaded once a pixel",
     PRECISION: "arithmetic: RMS of |value - oracle| / light",
-    **{name: "triangles of a sphere" for name in SHADINGS.values()},
+    **dict.fromkeys(SHADINGS.values(), "triangles of a sphere"),
 }
 
 
