@@ -6,8 +6,6 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..base import atomic_files
 
 if TYPE_CHECKING:
@@ -50,6 +48,7 @@ def as_vectors(figure: Figure, kind: str) -> bytes:
 
 
 def _as_png(figure: Figure, colors: int | None) -> bytes:
+    import numpy as np
     from PIL import Image
 
     figure.canvas.draw()
