@@ -249,6 +249,16 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     assert png.read(tmp_path / "a.png").std() > 20.0
 
 
+def test_the_figure_of_one_way(found, recwarn):
+    """Drawn once, with the reference's error, and none of its arithmetic."""
+    (one,) = made_up(found, [(2.0, found.reference.error)]).measured
+    one = replace(one, frame_ms=timing.Spread(2.0, 2.0, 2.0), arithmetic=replace(one.arithmetic, rms=0.0))
+    drawn = figure.draw(replace(found, measured=(one,), pictures={}))
+    for low, high in (drawn.axes[0].get_xlim(), drawn.axes[0].get_ylim()):
+        assert low < 0.8 * high
+    assert not [each.message for each in recwarn]
+
+
 # The command
 
 

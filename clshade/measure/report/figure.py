@@ -167,6 +167,7 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
 
     errors = dict(zip(study.measured, _drawn(study), strict=True))
     best = study.front
+    _limit(axes, study.measured, [*errors.values(), max(study.reference.error, 1e-12)])
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         power = family.by_time()
@@ -178,8 +179,6 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
         axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=color, lw=0.8)
     axes.axhline(study.reference.error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
     axes.set(
-        xscale="log",
-        yscale="log",
         xlabel="time of a frame, ms (bars: the middle half of the frames)",
         ylabel="RMSE against the reference (lower is more accurate)",
     )
@@ -189,6 +188,15 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     axes.margins(0.14, 0.1)
     axes.grid(True, which="both")
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=2, frameon=False, borderaxespad=0.2)
+
+
+def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float]) -> None:
+    """Make axes, without anything yet, logarithmic, and wide enough if the values are all about the same."""
+    axes.set(xscale="log", yscale="log")
+    times = [ms for each in ways for ms in each.quartiles]
+    for values, set_limits in ((times, axes.set_xlim), (errors, axes.set_ylim)):
+        if max(values) < 1.1 * min(values):
+            set_limits(min(values) / 2.0, max(values) * 2.0)
 
 
 # The causes of the error
@@ -237,7 +245,8 @@ def _precision(axes: Axes, study: Study) -> None:
     if not ways:
         _nothing(axes)
         return
-    axes.set(xscale="log", yscale="log", xlabel="time of a frame, ms", ylabel="RMS of |value - oracle| / light")
+    _limit(axes, ways, [each.arithmetic.rms for each in ways])
+    axes.set(xlabel="time of a frame, ms", ylabel="RMS of |value - oracle| / light")
     for each in ways:
         low, median, high = each.frame_ms
         error = each.arithmetic.rms
