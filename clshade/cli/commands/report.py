@@ -5,24 +5,40 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from ...measure.defaults import FRAMES
+from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options, numbers, output_name
+from .arguments import device_option, limit_options, names, numbers, output_name
 from .scene_options import camera_options, load_scene, scene_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    from ...images.figures import FORMATS
+
     scene_options(parser)
     camera_options(parser)
     study = parser.add_argument_group("study")
     study.add_argument(
+        "-o",
         "--out",
         type=output_name,
         default="report",
         metavar="DIR",
         help="folder for tables and figure (default: report)",
+    )
+    study.add_argument(
+        "--format",
+        type=names(FORMATS),
+        metavar="NAME,...",
+        help=f"of the figure: {','.join(FORMATS)} (default: png)",
+    )
+    study.add_argument("--html", action="store_true", default=None, help="also one page with tables and pictures")
+    study.add_argument(
+        "--family",
+        type=names(FAMILIES),
+        metavar="NAME,...",
+        help=f"the variants of these families only: {','.join(FAMILIES)}",
     )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
@@ -47,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     scene = load_scene(arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
-    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes")}
+    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes", "html")}
+    given |= {"names": arguments.only, "families": arguments.family, "formats": arguments.format}
     options = {name: value for name, value in given.items() if value is not None}
-    return DONE if report.run(scene, arguments.device, names=arguments.only, **options) else FAILED
+    return DONE if report.run(scene, arguments.device, **options) else FAILED
