@@ -67,7 +67,7 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
         size = {} if resolution is None else {"resolution": resolution}
         scene = builtin("course", **size)
         if mapped and options.texture:
-            scene = _with_texture(scene, texture)
+            scene = with_texture(scene, texture)
     else:
         if mapped and not texture:
             raise InputError(f"--texture: expected an image for {path}, found none")
@@ -79,10 +79,11 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
     return scene
 
 
-def _with_texture(scene: Scene, path: str) -> Scene:
+def with_texture(scene: Scene, path: str | None) -> Scene:
+    """Return the scene with an image file as its texture map, or without one."""
+    texture = None if path is None else as_texture(path, srgb=False, lookup="course")
     mesh = scene.meshes[0]
-    material = replace(mesh.material, texture=as_texture(path, srgb=False, lookup="course"))
-    return replace(scene, meshes=(replace(mesh, material=material),))
+    return replace(scene, meshes=(replace(mesh, material=replace(mesh.material, texture=texture)),))
 
 
 # Files

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -149,13 +149,18 @@ def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
         draw(scene, figure)
 
 
-def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
+def draw_all(scene: Scene, figures: Iterable[Figure]) -> Iterator[Figure]:
     """Draw and time each figure as if it were the first of its scene."""
     from .. import course
 
     for figure in figures:
         course.release()
-        start = time.perf_counter()
-        figure.image = draw(scene, figure)
-        figure.milliseconds = (time.perf_counter() - start) * 1e3
+        figure.milliseconds = milliseconds(scene, figure)
         yield figure
+
+
+def milliseconds(scene: Scene, figure: Figure) -> float:
+    """Draw the figure, keep its image, and return the time of the call."""
+    start = time.perf_counter()
+    figure.image = draw(scene, figure)
+    return (time.perf_counter() - start) * 1e3
