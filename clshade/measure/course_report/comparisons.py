@@ -17,6 +17,7 @@ from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
 from .pictures import Part, worst_parts
 from .triangles import Triangles, affine_shift, half_angle, measured
+from .wording import percent, rounded
 
 PLACES = 3  # details shown of each comparison
 ACROSS = 9  # details side by side along the object
@@ -158,7 +159,7 @@ def _place(pair: Pair, each: Approximation, difference: Floats, part: Part) -> P
     row, column = np.unravel_index(int(inside.argmax()), inside.shape)
     said = (
         f"Columns {part.left} to {part.left + part.width - 1}, rows {part.top} to {part.top + part.height - 1}: RMSE "
-        f"{rms(inside):.2g}, largest difference {inside.max():.2g}."
+        f"{rounded(rms(inside), 2)}, largest difference {rounded(inside.max(), 2)}."
     )
     if each.field == "visibility":
         said += _swapped(pair, part.top + int(row), part.left + int(column))
@@ -176,10 +177,6 @@ def detail_side(part: Part) -> int:
 
 
 # Why
-
-
-def percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def _painter(pair: Pair) -> str:
@@ -200,7 +197,7 @@ def _swapped(pair: Pair, row: int, column: int) -> str:
     mean_first, mean_second = (pair.triangles.mean_depths[face - 1] for face in (first, second))
     return (
         f" At column {column}, row {row} triangle {first - 1}, of mean depth {mean_first:#.6g}, covers triangle "
-        f"{second - 1}, of mean depth {mean_second:#.6g}, although it lies {behind:.2g} behind it there."
+        f"{second - 1}, of mean depth {mean_second:#.6g}, although it lies {rounded(behind, 2)} behind it there."
     )
 
 
@@ -229,8 +226,8 @@ def _shading(pair: Pair) -> str:
         return f"{said}."
     return (
         f"{said}, and the reflected direction by up to twice as much; a highlight of exponent {material.n:g} falls to half "
-        f"at {half_angle(material.n):.3g}°. What is narrower than a triangle is lost between the corners, or spread "
-        "where a corner lies in it."
+        f"at {half_angle(material.n):.3g}°. What happens between the corners, such as the edge of a highlight, is lost or "
+        "spread over the triangle."
     )
 
 

@@ -8,17 +8,16 @@ from importlib import resources
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from ...base.arrays import Bytes
 from ...base.atomic_files import shown
 from ...base.markup import Content as Markup
 from ...base.markup import element, page
 from ...course.figures import Missing
 from ...scene.model import Scene
-from . import pictures
-from .comparisons import Comparison, Place
-from .content import Content, Drawn
-from .pictures import Part, data_uri
-from .tables import causes, facts, lights, notes, times, vector, versions
+from . import wording
+from .content import Content
+from .plates import captioned, comparison, shown_part
+from .tables import causes, facts, lights, notes, times, versions
+from .wording import listed, percent, rounded
 
 COURSE = 19  # figures of the course; comparisons go on from there
 PLATES = ((1, 9, "Gouraud shading"), (9, 17, "Phong shading"), (17, 20, "Texture map"))
@@ -55,7 +54,7 @@ def html(content: Content, version: str) -> bytes:
         ),
         element("main", [_section(k + 1, each) for k, each in enumerate(sections)]),
         element("footer", "Made by clshade; the page holds all of its pictures and refers to nothing outside itself."),
-        style=_part(content.scene.camera.resolution, content.part),
+        style=shown_part(content.scene.camera.resolution, content.part),
     )
     style = resources.files(__package__).joinpath("style.css").read_text(encoding="utf-8")
     return page(title, style, body)
@@ -76,17 +75,11 @@ def _summary(content: Content) -> str:
     said = f"{len(content.figures)} figures, drawn in {seconds:.2g} s."
     if not found.total:
         return f"{said} Figure {number} has no error."
-    named = " and ".join(f"{part.cause} ({100.0 * (part.share or 0.0):.0f} %)" for part in largest)
+    named = listed([f"{part.cause} ({percent(part.share or 0.0)})" for part in largest])
     return (
-        f"{said} Figure {number} is off by an RMSE of {found.total:.2g} (display white is 1) from the same scene drawn "
-        f"without approximations; most of that comes from {named}."
+        f"{said} Figure {number} is off by an RMSE of {rounded(found.total, 2)} (display white is 1) from the same scene "
+        f"drawn without approximations; most of that comes from {named}."
     )
-
-
-def _part(resolution: tuple[int, int], part: Part) -> str:
-    """Return CSS variables: the image's size, and the part of it that is shown."""
-    values = dict(zip(("w", "h", "x", "y", "pw", "ph"), (*resolution, *part), strict=True))
-    return "; ".join(f"--{name}: {value}" for name, value in values.items())
 
 
 # Sections
@@ -125,25 +118,15 @@ def _scene(content: Content) -> list[Markup]:
 
 def _remarks(scene: Scene, missing: Sequence[Missing]) -> list[str]:
     """Return what the figures cannot show, as sentences without their ends."""
-    found = [f"{_list(each.numbers)} left out: {each.why}" for each in missing]
+    found = [
+        f"{wording.figures(each.numbers)} {'is' if len(each.numbers) == 1 else 'are'} left out: {each.why}"
+        for each in missing
+    ]
     if scene.meshes[0].colors is None:
         found.append("The scene has no vertex colors: figures 1 to 16 show it white")
     if len(scene.lights) > 3:
         found.append("The course has figures for the first three lights; those of all lights show the others too")
     return found
-
-
-def _list(numbers: Sequence[int]) -> str:
-    """Return "Figure 7 is", "Figures 7 and 15 are", "Figures 17 to 19 are"."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    words = [f"{run[0]} to {run[-1]}" if len(run) > 2 else " and ".join(map(str, run)) for run in runs]
-    named = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-    return f"Figure {named} is" if len(numbers) == 1 else f"Figures {named} are"
 
 
 # The course's figures
@@ -174,38 +157,11 @@ def _figures(content: Content) -> Section:
         if not drawn:
             continue
         across = "three" if len(drawn) == 3 else "four"
-        captioned = [_captioned(content.scene, each) for each in drawn]
+        plate = [captioned(content.scene, each) for each in drawn]
         titles.append(title)
-        plates += [
-            element("h3", title),
-            [element("div", captioned[k : k + 4], class_=f"row {across}") for k in range(0, len(drawn), 4)],
-        ]
+        grid = [element("div", plate[k : k + 4], class_=f"row {across}") for k in range(0, len(plate), 4)]
+        plates.append(element("article", element("h3", title), grid))
     return Section("Figures", [element("p", said), None if whole else element("p", switch), plates], tuple(titles))
-
-
-def _captioned(scene: Scene, drawn: Drawn) -> Element:
-    figure = drawn.figure
-    what = f" {figure.what[0].upper()}{figure.what[1:]}"
-    if figure.mapped:
-        what = " Without light" if figure.shader == "nolight" else f" {figure.shader.capitalize()} shading"
-    elif len(figure.lights) == 1 and "light" in figure.what and len(scene.lights) > 1:
-        light = scene.lights[figure.lights[0]]
-        what += f", at {vector(light.position)}"
-    caption = element(
-        "figcaption",
-        element("b", f"Figure {figure.number}."),
-        f"{what}. ",
-        element("span", f"{drawn.first:.1f} ms", class_="soft"),
-    )
-    return element(
-        "figure", _view(drawn.pixels, f"Figure {figure.number}: {figure.title}"), caption, id=f"f{figure.number}"
-    )
-
-
-def _view(pixels: Bytes, about: str, overlay: Markup = None) -> Element:
-    """Return a picture of which the object's part is shown."""
-    image = element("img", src=data_uri(pixels), alt=about)
-    return element("div", element("div", image, overlay, class_="sheet"), class_="view")
 
 
 # Errors
@@ -217,7 +173,8 @@ def _decomposition(content: Content) -> list[Markup]:
         "figure, so that the differences add up to the total error in every pixel. RMSE is of the linear image, in which "
         "display white is 1; the share is of the total’s mean square, and negative where a cause makes up for others."
     ]
-    return [element("p", said), causes(content), element("ul", [element("li", each) for each in notes(content)])]
+    found = element("article", element("p", said), causes(content))
+    return [found, element("ul", [element("li", each) for each in notes(content)])]
 
 
 def _comparisons(content: Content) -> Section:
@@ -228,75 +185,9 @@ def _comparisons(content: Content) -> Section:
         "differs most; gray is the object where nothing differs. Blue squares are enlarged below, worst first. Columns, "
         "rows and triangles are counted from 0, rows from the top."
     )
-    found = [_comparison(COURSE + 1 + k, each, content) for k, each in enumerate(content.comparisons)]
+    found = [
+        comparison(COURSE + 1 + k, each, content.measured.camera.resolution, content.measured_part)
+        for k, each in enumerate(content.comparisons)
+    ]
     titles = tuple(each.approximation.title for each in content.comparisons)
     return Section("What each approximation does", [element("p", said), found], titles)
-
-
-def _comparison(number: int, found: Comparison, content: Content) -> list[Markup]:
-    each = found.approximation
-    resolution, part = content.measured.camera.resolution, content.measured_part
-    colors = pictures.painted(found.difference, found.covered, found.dark)
-    shown_images = (*found.images, colors)
-    labels = (*each.names, "difference")
-    sheets = [
-        element(
-            "div",
-            element("p", f"{label[0].upper()}{label[1:]}", class_="label"),
-            _view(
-                image, f"{each.title}: {label}", _squares(found.places, resolution, part) if image is colors else None
-            ),
-        )
-        for label, image in zip(labels, shown_images, strict=True)
-    ]
-    pixels = resolution[0] * resolution[1]
-    measured = (
-        f"RMSE {found.rmse:.2g}, largest difference {found.largest:.2g}; {found.changed:,} of {pixels:,} pixels have other "
-        "8-bit colors."
-    )
-    scale = element(
-        "div", "0", element("img", src=data_uri(pictures.scale()), alt=""), f"{found.dark:.2g} or more", class_="scale"
-    )
-    caption = element("figcaption", element("b", f"Figure {number}."), f" {each.title}. {measured}")
-    return [
-        element("h3", each.title),
-        element("p", f"{each.about} {found.why}"),
-        element(
-            "figure",
-            element("div", sheets, class_="row three"),
-            scale if found.places else None,
-            [_detail(k + 1, place, shown_images, labels) for k, place in enumerate(found.places)],
-            caption,
-            class_="wide",
-            id=f"f{number}",
-            style=_part(resolution, part),
-        ),
-    ]
-
-
-def _squares(places: Sequence[Place], resolution: tuple[int, int], part: Part) -> Element:
-    """Return numbered squares over a picture, as SVG in pixels of the image."""
-    columns, rows = resolution
-    size = max(part.width, part.height) / 22.0
-    marks = []
-    for k, (place, _) in enumerate(places, start=1):
-        x, y = place.left + place.width + 0.2 * size, place.top + 0.8 * size
-        if x + 0.6 * size > part.left + part.width:
-            x = place.left - 0.8 * size
-        marks += [
-            element("rect", x=str(place.left), y=str(place.top), width=str(place.width), height=str(place.height)),
-            element("text", str(k), x=f"{x:.1f}", y=f"{y:.1f}", style=f"font-size: {size:.1f}px"),
-        ]
-    return element("svg", marks, viewBox=f"0 0 {columns} {rows}", aria_hidden="true")
-
-
-def _detail(number: int, place: Place, images: Sequence[Bytes], labels: Sequence[str]) -> Element:
-    return element(
-        "div",
-        [
-            element("img", src=data_uri(pictures.enlarged(place.part.of(image))), alt=f"{label}, place {number}")
-            for image, label in zip(images, labels, strict=True)
-        ],
-        element("div", element("b", f"{number}"), f" {place.said}", class_="place"),
-        class_="details",
-    )

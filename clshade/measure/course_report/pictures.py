@@ -114,27 +114,26 @@ def scale() -> Bytes:
 
 
 def worst_parts(error: Floats, side: int, count: int) -> list[Part]:
-    """Return up to `count` squares of `side` pixels that hold the largest sums of squared error, worst first.
+    """Return up to `count` squares of `side` pixels, none over another, that hold the largest sums of squared error.
 
-    Each is centered on the error in it, and what it holds counts for no later one. None holds no error.
+    Worst first; each is centered on the error in it where it fits. None holds no error.
     """
-    left_over = np.square(error, dtype=np.float64)
     rows, columns = error.shape
     high, wide = min(side, rows), min(side, columns)
+    squared = np.square(error, dtype=np.float64)
+    sums = np.pad(squared.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    windows = np.maximum(sums[high:, wide:] - sums[:-high, wide:] - sums[high:, :-wide] + sums[:-high, :-wide], 0.0)
     found: list[Part] = []
-    while len(found) < count and left_over.any():
-        sums = np.pad(left_over.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        windows = sums[high:, wide:] - sums[:-high, wide:] - sums[high:, :-wide] + sums[:-high, :-wide]
-        top, left = np.unravel_index(int(windows.argmax()), windows.shape)
-        part = Part(int(left), int(top), wide, high)
-        within = part.of(left_over)
+    while len(found) < count:
+        top, left = (int(index) for index in np.unravel_index(int(windows.argmax()), windows.shape))
+        within = Part(left, top, wide, high).of(squared)
         total = float(within.sum())
-        if total == 0.0:  # nothing but the rounding of the sums was left
+        if total == 0.0 or windows[top, left] < 0.0:
             break
-        across = float(within.sum(axis=0) @ (np.arange(wide) + 0.5)) / total
-        down = float(within.sum(axis=1) @ (np.arange(high) + 0.5)) / total
-        part = Part(centered(left + across, wide, columns), centered(top + down, high, rows), wide, high)
-        within[...] = 0.0
-        part.of(left_over)[...] = 0.0
-        found.append(part)
+        down = centered(top + float(within.sum(axis=1) @ (np.arange(high) + 0.5)) / total, high, rows)
+        across = centered(left + float(within.sum(axis=0) @ (np.arange(wide) + 0.5)) / total, wide, columns)
+        if windows[down, across] >= 0.0:  # over none of those before
+            top, left = down, across
+        found.append(Part(left, top, wide, high))
+        windows[max(top - high + 1, 0) : top + high, max(left - wide + 1, 0) : left + wide] = -1.0
     return found

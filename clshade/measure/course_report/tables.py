@@ -7,35 +7,16 @@ from collections.abc import Mapping
 from importlib import metadata
 from xml.etree.ElementTree import Element
 
-import numpy as np
-
-from ...base.arrays import Array
 from ...base.atomic_files import shown
 from ...base.markup import Content as Markup
 from ...base.markup import element, table
-from ...base.text_tables import digits
 from ...scene.model import Scene, Settings
 from ..report.decomposition import Decomposition
 from .content import ROUNDS, Content
+from .wording import coefficient, figures, rounded, sentence, vector
 
 PACKAGES = ("numpy", "pyopencl", "Pillow", "matplotlib")
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 COURSE = ("visibility", "interpolation", "lighting_at", "texture_at", "ambient", "precision", "samples")
-
-
-def vector(values: Array) -> str:
-    return "(" + ", ".join(f"{x:.3g}" for x in values).replace("-", "−") + ")"
-
-
-def coefficient(values: Array) -> str:
-    """Return one number for three equal ones."""
-    return f"{values[0]:.3g}" if np.ptp(values) == 0.0 else vector(values)
-
-
-def number(value: float) -> str:
-    """Return three digits, with a power of ten as people write it."""
-    mantissa, _, exponent = digits(value).partition("e")
-    return f"{mantissa} × 10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else mantissa
 
 
 def _facts(rows: Mapping[str, Markup]) -> Element:
@@ -90,9 +71,9 @@ def causes(content: Content) -> Element:
     )
     body = [_cause(name, found) for name in names]
     totals = [
-        [element("td", number(each.total)), element("td", "100 %" if each.total else "–")] for each in found.values()
+        [element("td", rounded(each.total)), element("td", "100 %" if each.total else "–")] for each in found.values()
     ]
-    png = [[element("td", number(each.png_total)), element("td", "–")] for each in found.values()]
+    png = [[element("td", rounded(each.png_total)), element("td", "–")] for each in found.values()]
     body.insert(len(body) - 1, element("tr", element("th", "total", scope="row"), totals, class_="sum"))
     body.append(element("tr", element("th", "total of the PNG", scope="row"), png, class_="sum"))
     made = element("table", element("thead", top, head), element("tbody", body), class_="causes")
@@ -107,22 +88,21 @@ def _cause(name: str, found: Mapping[int, Decomposition]) -> Element:
             cells += [element("td", "–"), element("td", "–")]
             continue
         share = "–" if part.share is None else f"{round(100.0 * part.share, 1) + 0.0:.1f} %".replace("-", "−")
-        cells += [element("td", number(part.rmse)), element("td", share)]
+        cells += [element("td", rounded(part.rmse)), element("td", share)]
     return element("tr", element("th", name.replace("'", "’"), scope="row"), cells)
 
 
 def notes(content: Content) -> list[str]:
     """Return what the decompositions say beside their parts: each sentence once, with the figures that it is about."""
     said: dict[str, list[int]] = {}
-    for number, each in content.decompositions.items():
+    for figure, each in content.decompositions.items():
         total, *others = each.lines()
         for line in (total.partition("; ")[2], *others):  # the table has the totals
-            said.setdefault(line, []).append(number)
+            said.setdefault(line, []).append(figure)
     lines = []
     for line, numbers in said.items():
         every = len(numbers) == len(content.decompositions)
-        about = "" if every else f"Figure{'s' * (len(numbers) > 1)} {' and '.join(map(str, numbers))}: "
-        lines.append(f"{about}{line[0].upper() if every else line[0]}{line[1:]}.")
+        lines.append(f"{sentence(line)}." if every else f"{figures(numbers)}: {line}.")
     columns, rows = content.measured.camera.resolution
     kinds = ("", ", with the texture map")
     references = [
