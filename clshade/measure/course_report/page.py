@@ -147,9 +147,7 @@ def _figures(content: Content) -> Section:
         )
     if content.figures[0].pixels.shape[:2] != (rows, columns):
         said.append(f" Pictures are reduced to {content.figures[0].pixels.shape[1]} columns.")
-    switch = element(
-        "label", element("input", type="checkbox", id="whole"), "show the whole images", class_="whole", for_="whole"
-    )
+    switch = element("label", element("input", type="checkbox", id="whole"), "show the whole images", for_="whole")
     plates: list[Markup] = []
     titles = []
     for first, end, title in PLATES:
@@ -161,7 +159,7 @@ def _figures(content: Content) -> Section:
         titles.append(title)
         grid = [element("div", plate[k : k + 4], class_=f"row {across}") for k in range(0, len(plate), 4)]
         plates.append(element("article", element("h3", title), grid))
-    return Section("Figures", [element("p", said), None if whole else element("p", switch), plates], tuple(titles))
+    return Section("Figures", [element("p", said), None if whole else element("p", switch, class_="whole"), plates], tuple(titles))
 
 
 # Errors

@@ -62,7 +62,7 @@ def comparison(number: int, found: Comparison, resolution: tuple[int, int], part
     pixels = resolution[0] * resolution[1]
     measured = (
         f"RMSE {rounded(found.rmse, 2)}, largest difference {rounded(found.largest, 2)}; {found.changed:,} of {pixels:,} "
-        "pixels have other 8-bit colors."
+        "pixels have other colors in a PNG."
     )
     scale = element(
         "div",
