@@ -25,7 +25,7 @@ def output_path(out: str | Path) -> Path:
     if path.suffix.lower() in OTHERS:
         expected = "a name that ends in .html"
         raise InputError(f"--out: expected {expected}, found {atomic_files.shown(path)}{OTHERS[path.suffix.lower()]}")
-    if path.suffix.lower() not in (".html", ".htm"):
+    if path.suffix.lower() not in (".html", ".htm") and path.name not in ("", ".."):
         path = path.with_name(f"{path.name}.html")
     atomic_files.check(path)
     return path

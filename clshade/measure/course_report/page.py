@@ -159,7 +159,9 @@ def _figures(content: Content) -> Section:
         titles.append(title)
         grid = [element("div", plate[k : k + 4], class_=f"row {across}") for k in range(0, len(plate), 4)]
         plates.append(element("article", element("h3", title), grid))
-    return Section("Figures", [element("p", said), None if whole else element("p", switch, class_="whole"), plates], tuple(titles))
+    return Section(
+        "Figures", [element("p", said), None if whole else element("p", switch, class_="whole"), plates], tuple(titles)
+    )
 
 
 # Errors

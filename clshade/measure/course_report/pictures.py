@@ -37,7 +37,7 @@ def data_uri(picture: Bytes) -> str:
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(picture)).save(file, "PNG", optimize=True)
+    Image.fromarray(np.ascontiguousarray(picture)).save(file, "PNG", compress_level=6)
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
