@@ -191,7 +191,7 @@ def test_other_scenes_are_refused():
 # Comparisons
 
 
-def test_a_triangle_that_painters_order_shows_wrongly(opened):
+def test_a_triangle_that_painters_order_shows_wrongly(opened, monkeypatch):
     """A long triangle leans away: its mean depth is less than that of a small one, which is nearer where both are."""
     long = [[-3.0, -1.0, 8.0], [-3.0, 1.0, 8.0], [3.0, 0.0, -4.0]]
     short = [[1.6, -0.4, 0.0], [1.6, 0.4, 0.0], [2.4, 0.0, 0.0]]
@@ -206,7 +206,8 @@ def test_a_triangle_that_painters_order_shows_wrongly(opened):
     )
     apart = (wrong != right).sum()
     assert set(wrong[wrong != right]) == {1}
-    found = comparisons.compare(scene, shared_device(), 16)[0]
+    monkeypatch.setattr(comparisons, "APPROXIMATIONS", comparisons.APPROXIMATIONS[:1])
+    (found,) = comparisons.compare(scene, shared_device(), 16)
     assert (found.difference > 0.0).sum() == apart > 0
     assert found.why.startswith(f"Here {apart} of the {(right > 0).sum():,} pixels")
     assert "triangle 0, of mean depth 8.00000, covers triangle 1, of mean depth 12.0000" in found.places[0].said
