@@ -41,8 +41,9 @@ def rows_of(color_map: ColorMap, above_low: Floats, width: Floats) -> Integers:
     """Return the rows of the map's table for numbers given as their distances above its low end, (K,), NaN included."""
     count = color_map.count
     inside = (above_low >= 0.0) & (above_low <= width)
-    share = np.divide(above_low, width, out=np.zeros_like(above_low), where=inside & (width > 0.0))
-    row = np.minimum(np.floor(share * count), count - 1).astype(np.int64) + 1
+    # The product first: where the quotient is a whole number, it is exact.
+    position = np.divide(above_low * count, width, out=np.zeros_like(above_low), where=inside & (width > 0.0))
+    row = np.minimum(np.floor(position), count - 1).astype(np.int64) + 1
     row = np.where(above_low < 0.0, 0, row)
     row = np.where(above_low > width, count + 1, row)
     return np.where(np.isnan(above_low), count + 2, row)

@@ -29,7 +29,8 @@ def map_positions(values: Array, color_map: ColorMap) -> Floats:
     most = np.fmax.reduce(np.abs(apart), axis=1, keepdims=True, initial=0.0)
     narrow = width < _LEAST_WIDTH
     width = np.where(narrow, np.where(most > 0.0, most, 1.0), width)
-    positions: Floats = apart / width * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count)
+    # The product first: where the quotient is a whole number, it is exact.
+    positions: Floats = apart * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count) / width
     return positions
 
 
