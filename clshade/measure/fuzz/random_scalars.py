@@ -19,7 +19,8 @@ def random_scalars(rng: Random, kind: str, mesh: Mesh) -> Array:
     if kind == "vertices":
         values = rng.normal(size=vertices) if rng.random() < 0.5 else rng.integers(0, 5, vertices).astype(np.float64)
         values[:2] = 0.0, 1.0
-        return values * 10.0 ** rng.uniform(-12, 12) + (1e3 if rng.random() < 0.2 else 0.0)
+        values = values * 10.0 ** rng.uniform(-12, 12) + (1e3 if rng.random() < 0.2 else 0.0)
+        return np.asarray(values)
     shape: tuple[int, ...] = (faces, 3) if rng.random() < 0.5 or faces == vertices else (faces,)
     values = rng.normal(size=shape) if rng.random() < 0.5 else rng.integers(0, 4, shape).astype(np.float64)
     if rng.random() < 0.5:
