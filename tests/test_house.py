@@ -20,7 +20,7 @@ CHAIN = {
     "base": "",
     "images": "base",
     "scene": "base images",
-    "oracle": "base.arrays base.validation scene.model scene.camera scene.geometry",
+    "oracle": "base.arrays base.validation scene.model scene.camera scene.geometry scene.scalar_colors",
     "pipeline": "base images scene",
     "course": "base images scene pipeline",
     "farm": "base images scene pipeline",

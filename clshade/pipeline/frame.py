@@ -19,6 +19,7 @@ from ..base.validation import choice, flag, known, value_error
 from ..base.validation import path as checked_path
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
+from ..scene.scalar_colors import color_map_of
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from .image_check import Check
 from .layer_buffers import material_numbers
@@ -68,6 +69,7 @@ class SavingOptions(TypedDict, total=False):
     compression: Compression
     crop: bool
     deterministic: bool
+    colorbar: bool
 
 
 SAVING = tuple(SavingOptions.__annotations__)
@@ -140,7 +142,7 @@ class Frame:
     @overload
     def __getitem__(self, name: Literal["P"]) -> Floats: ...
     @overload
-    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics"]) -> Reals: ...
+    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics", "scalar"]) -> Reals: ...
     @overload
     def __getitem__(self, name: str) -> Array: ...
     def __getitem__(self, name: str) -> Array:
@@ -170,19 +172,22 @@ class Frame:
                 3 components, float64: the visible point in world space, accurate to a few roundings
                 of its distance from the eye.
             ``"albedo"``
-                3 components: vertex color times material color times texel, the factor of the
-                light.
+                3 components: vertex color times material color times texel, or the color of the
+                color map: the factor of the light.
             ``"uv"``
                 2 components: the mesh's texture coordinates, not wrapped.
             ``"barycentrics"``
                 3 components: the barycentric coordinates, in the order of the face's corners in the
                 mesh.
+            ``"scalar"``
+                The scalar that ``settings.scalars`` names, before its color map; NaN where there is
+                none.
 
         Returns
         -------
         ndarray
             (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in
-            the background, except for Z.
+            the background, except for Z and scalar.
 
         Raises
         ------
@@ -191,7 +196,7 @@ class Frame:
 
         Notes
         -----
-        N, albedo, uv and barycentrics are interpolated as ``settings.interpolation`` says; P and Z
+        N, albedo, uv, barycentrics and scalar are interpolated as ``settings.interpolation`` says; P and Z
         are always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
@@ -237,7 +242,9 @@ class Frame:
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
-        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
+        settings = {key: value for key, value in vars(self.settings).items() if key != "scalars" or value is not None}
+        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in settings.items())
+        metadata |= self._scalars()
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
         metadata |= self._names()
         if not deterministic:
@@ -253,6 +260,14 @@ class Frame:
             numbered = zip(material_numbers(self.scene), meshes, strict=True)
             found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
         return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
+
+    def _scalars(self) -> dict[str, Any]:
+        """Return the name of the scalars shown, and the ends of their color map."""
+        scalars = self.settings.scalars
+        if scalars is None:
+            return {}
+        color_map = color_map_of(self.scene, scalars)
+        return {"scalarName": scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image.
@@ -367,6 +382,9 @@ class Frame:
             0.
         deterministic : bool, default False
             Leave times out of the EXR's header.
+        colorbar : bool, default False
+            Add to the right of the PNG a bar of the color map with its values, which makes it
+            wider; it needs ``settings.scalars``.
 
         Returns
         -------
@@ -403,12 +421,13 @@ class Frame:
         compression: Compression = "zip",
         crop: bool = False,
         deterministic: bool = False,
+        colorbar: bool = False,
     ) -> list[str]:
         """Write the files as `save` does, but return the warnings without issuing them.
 
         Parameters
         ----------
-        path, files, tonemap, exposure, half, compression, crop, deterministic
+        path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar
             See `save`.
 
         Returns
@@ -426,14 +445,18 @@ class Frame:
         from ..base import atomic_files
         from ..images import exr, png
 
-        for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
+        flags = {"half": half, "crop": crop, "deterministic": deterministic, "colorbar": colorbar}
+        for name, value in flags.items():
             flag("Frame.save", name, value)
+        if colorbar and self.settings.scalars is None:
+            raise value_error("Frame.save", "colorbar", "False without scalars, whose color map it shows", colorbar)
         check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
         paths = chosen_paths(path, files)
 
         def encode_png(file: BinaryIO) -> None:
             with atomic_files.naming(paths["png"]):
-                png.encode(file, self.to_png8(tonemap, exposure))
+                image = self.to_png8(tonemap, exposure)
+                png.encode(file, self._with_colorbar(image, tonemap, exposure) if colorbar else image)
 
         def encode_exr(file: BinaryIO) -> list[str]:
             with atomic_files.naming(paths["exr"]):
@@ -459,6 +482,19 @@ class Frame:
                 lines = encode_exr(file["exr"])
                 encoded.result()
         return lines
+
+    def _with_colorbar(self, image: Bytes, tonemap: Operator | None, exposure: float) -> Bytes:
+        """Return the 8-bit image with a bar of the color map to its right, on its background."""
+        from ..images.colorbar import with_colorbar
+        from ..images.tonemap import tonemap as apply
+
+        scalars: Any = self.settings.scalars
+        color = np.zeros(3) if self.scene.background is None else self.scene.background
+        ground = apply(np.asarray(color, np.float32)[None, None], tonemap or default_tonemap(self.scene), exposure)[
+            0, 0
+        ]
+        color_map = color_map_of(self.scene, scalars)
+        return with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
 
 
 def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
