@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_line import assert_refused, listing, run
 from PIL import Image
+from processes import ROOT
 
 from clshade.errors import InputError, OutputError
 from clshade.images import exr
@@ -132,6 +133,13 @@ def test_what_is_drawn_first_stands_before_the_scripts():
 def test_names_of_another_form_are_left_out(names):
     picture = Picture({"R": np.zeros((1, 1), np.float32)}, {"objectNames": names})
     assert page.info(picture)["names"] == {}
+
+
+def test_every_part_is_used_and_installed():
+    parts = {path.name for path in (ROOT / "clshade" / "view" / "page").iterdir()}
+    assert parts == {*page.SCRIPTS, *page.SHADERS, "page.html", "style.css"}
+    (patterns,) = re.findall(r'^"clshade.view" = \[(.*)\]$', (ROOT / "pyproject.toml").read_text(), re.M)
+    assert {f'"page/*.{name.rpartition(".")[2]}"' for name in parts} == set(patterns.split(", "))
 
 
 def test_settings_are_checked():

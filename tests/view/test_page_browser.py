@@ -12,6 +12,7 @@ from browsers import WITHOUT_GL, opened, until
 from clshade.images import exr
 from clshade.images.channels import color_group, grouped
 from clshade.images.image_file import Picture, read_picture
+from clshade.images.statistics import LUMINANCE
 from clshade.images.thumbnails import thumbnails
 from clshade.images.tonemap import OPERATORS, tonemap
 from clshade.view import page
@@ -123,6 +124,28 @@ def test_special_values_are_marked(shown):
     counts = until(shown, "document.querySelector('#histogram .counts').textContent")
     assert "1 infinite" in counts
     assert "1 negative" in counts
+
+
+def test_false_color_is_in_stops(shown):
+    from matplotlib import colormaps
+
+    rgb = np.maximum(ramp(), 1e-30)
+    rgb[0, 0] = 1.0
+    stops = np.log2(rgb @ LUMINANCE) + 2.0
+    expected = colormaps["turbo"](np.clip((stops + 8.0) / 12.0, 0.0, 1.0), bytes=True)[..., :3].astype(int)
+    (found,) = pixels_of_each(shown, [{"inStops": True, "exposure": 2.0, "marking": False}])
+    off = np.abs(found - expected)[1:]
+    assert off.max() <= 8  # one of 256 colors
+    assert (off > 0).mean() < 0.02
+
+
+def test_the_histogram_counts_every_pixel(shown):
+    found = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
+    finite = ramp()[..., 0].astype(float)
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    edges = np.arange(-256, 257) / 8.0
+    assert found[1] == np.histogram(np.log2(finite), edges)[0].tolist()
+    assert sum(found[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
 
 
 def test_the_probe_shows_the_values_of_the_file(shown, files):
