@@ -19,7 +19,7 @@ from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame import FILES, SAVING, FileKind, SavingOptions, check_output
+from ..pipeline.frame import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.settings import FrameOptions
@@ -171,12 +171,15 @@ def draw_frames(
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
-    left = list(cameras) if overwrite else _left(pattern, cameras, chosen.get("files", FILES))
+    files = tuple(chosen_paths(pattern.names(0)[0], chosen.get("files", FILES)))
+    left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
         _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
-    tasks = (Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute()) for number in left)
+    tasks = (
+        Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute(), files) for number in left
+    )
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
@@ -245,7 +248,7 @@ def _frames(numbers: Sequence[int]) -> str:
     return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
-def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind]) -> list[int]:
+def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind] = FILES) -> list[int]:
     """Return the frames that lack one of their files. The folder is listed once: a stat per file of a million
     frames takes a minute."""
     folder = os.path.dirname(pattern.names(0)[0])
