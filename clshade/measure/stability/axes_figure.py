@@ -47,12 +47,15 @@ def _errors(axes: Axes, axis: Axis, series: list[Series]) -> None:
 
 
 def _times(axes: Axes, axis: Axis, series: list[Series]) -> None:
+    from matplotlib.ticker import LogLocator
+
     for each in series:
         timed = [(point.stiffness, *point.ms) for point in each.points if point.ms]
         values, low, median, high = zip(*timed, strict=True)
         axes.fill_between(values, low, high, color=COLORS[each.way], alpha=0.2, lw=0)
         axes.plot(values, median, marker=MARKS[each.way], color=COLORS[each.way], ms=3, lw=1.0)
     axes.set(xscale="log", yscale="log", xlabel=axis.label)
+    axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     for place in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         place("{x:g}")
     axes.xaxis.minorticks_off()
