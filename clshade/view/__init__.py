@@ -1,1 +1,1 @@
-"""What people look at: frames and scenes in a notebook, films."""
+"""Views of frames and scenes in a notebook."""
