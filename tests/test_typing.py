@@ -10,7 +10,8 @@ from typing import get_args
 
 import pytest
 
-from clshade.pipeline.frame import SAVING, Frame, SavingOptions
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.frame_files import SAVING, SavingOptions
 from clshade.scene import camera, model, settings
 
 # Typed defaults in place of values that a factory creates.

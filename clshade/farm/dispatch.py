@@ -70,9 +70,8 @@ class Dispatcher:
         self._flights: dict[int, _Flight] = {}
         self._by_key: dict[str, _Flight] = {}  # of all attempts at frames not drawn yet
         self._stuck: dict[str, str] = {}  # keys of frames that a worker has had for too long, and the worker
-        self._unseen: dict[
-            int, tuple[list[Path], float]
-        ] = {}  # files of drawn frames not visible here yet, and since when
+        # Files of drawn frames that are not visible here yet, and since when.
+        self._unseen: dict[int, tuple[list[Path], float]] = {}
         self._keys = itertools.count()
         self._latest = 0.0  # duration of the latest frame, seconds
         self._asked, self._seen = float("-inf"), time.monotonic()

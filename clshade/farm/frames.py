@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..base.input_files import quoted
 from ..errors import InputError
-from ..pipeline.frame import FILES, FileKind, output_paths
+from ..pipeline.frame_files import FILES, FileKind, output_paths
 
 MOST = 1_000_000  # frames of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"

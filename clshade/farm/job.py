@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame import FILES, FileKind, SavingOptions, chosen_paths
+from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths
 from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings

@@ -19,7 +19,7 @@ from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
+from ..pipeline.frame_files import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.settings import FrameOptions

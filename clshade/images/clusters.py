@@ -105,7 +105,6 @@ def find_clusters(errors: Array, threshold: float | None = None) -> tuple[Cluste
     if worst not in chosen:
         chosen[-1] = worst
     sizes = high - low + 1
-    sizes = high - low + 1
 
     def cluster(k: int) -> Cluster:
         x, y, width, height = (int(each[k]) for each in (low[1], low[0], sizes[1], sizes[0]))

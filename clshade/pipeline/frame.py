@@ -1,78 +1,30 @@
-"""A rendered frame: image, layers, statistics, and how to save it."""
+"""A rendered frame: image, layers, statistics."""
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
 
 import numpy as np
 
 from ..base import display
 from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
-from ..base.validation import choice, flag, known, value_error
-from ..base.validation import path as checked_path
+from ..base.validation import known, value_error
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
-from ..scene.scalar_colors import color_map_of
 from ..scene.settings import LAYER_REMARKS, LAYERS
+from . import frame_files
+from .frame_files import FILES, SAVING, FileKind, SavingOptions
 from .image_check import Check
-from .layer_buffers import material_numbers
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..images.exr import Compression
     from ..images.tonemap import Operator
-
-OTHER_FORMATS = (
-    *(".jpg", ".jpeg", ".jp2", ".jxl", ".webp", ".avif", ".heic", ".gif", ".bmp", ".tif", ".tiff", ".tga", ".ico"),
-    *(".ppm", ".pgm", ".pnm", ".pfm", ".hdr", ".rgbe", ".pic", ".dds", ".dpx", ".cin", ".psd", ".svg", ".pdf", ".eps"),
-    *(
-        ".npy",
-        ".npz",
-        ".csv",
-        ".json",
-        ".obj",
-        ".glb",
-        ".gltf",
-        ".ply",
-        ".stl",
-        ".mp4",
-        ".mov",
-        ".avi",
-        ".mkv",
-        ".webm",
-    ),
-)  # extensions of formats that are not written
-
-
-ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
-
-
-FileKind: TypeAlias = Literal["exr", "png"]
-FILES: tuple[FileKind, ...] = get_args(FileKind)  # in the order of `output_paths`
-
-
-class SavingOptions(TypedDict, total=False):
-    """Keywords of `Frame.save`."""
-
-    files: Sequence[FileKind]
-    tonemap: Operator | None
-    exposure: float
-    half: bool
-    compression: Compression
-    crop: bool
-    deterministic: bool
-    colorbar: bool
-
-
-SAVING = tuple(SavingOptions.__annotations__)
 
 
 class Frame:
@@ -239,35 +191,10 @@ class Frame:
             Camera, settings, scene, names of objects and materials, and the result of the check if
             there is one.
         """
-        from ..scene.camera_matrices import camera_metadata
-
-        metadata = camera_metadata(self.scene.camera)
-        settings = {key: value for key, value in vars(self.settings).items() if key != "scalars" or value is not None}
-        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in settings.items())
-        metadata |= self._scalars()
-        metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
-        metadata |= self._names()
+        metadata = frame_files.header(self.scene, self.settings, self._layers)
         if not deterministic:
             metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
         return metadata if self.check is None else {**metadata, **self.check.metadata()}
-
-    def _names(self) -> dict[str, str]:
-        """Return the names of the object_id and material_id layers as JSON, number -> name, unnamed ones left out."""
-        meshes, found = self.scene.meshes, {}
-        if "object_id" in self._layers:
-            found["objectNames"] = {number: mesh.name for number, mesh in enumerate(meshes, 1) if mesh.name}
-        if "material_id" in self._layers:
-            numbered = zip(material_numbers(self.scene), meshes, strict=True)
-            found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
-        return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
-
-    def _scalars(self) -> dict[str, Any]:
-        """Return the name of the scalars shown, and the ends of their color map."""
-        scalars = self.settings.scalars
-        if scalars is None:
-            return {}
-        color_map = color_map_of(self.scene, scalars)
-        return {"scalarName": scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image.
@@ -442,100 +369,25 @@ class Frame:
         OutputError
             If a file cannot be written.
         """
-        from ..base import atomic_files
-        from ..images import exr, png
+        from ..images import exr
 
-        flags = {"half": half, "crop": crop, "deterministic": deterministic, "colorbar": colorbar}
-        for name, value in flags.items():
-            flag("Frame.save", name, value)
-        if colorbar and self.settings.scalars is None:
-            raise value_error("Frame.save", "colorbar", "False without scalars, whose color map it shows", colorbar)
-        check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
-        paths = chosen_paths(path, files)
+        frame_files.check_flags(self.settings, half=half, crop=crop, deterministic=deterministic, colorbar=colorbar)
+        frame_files.check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
 
-        def encode_png(file: BinaryIO) -> None:
-            with atomic_files.naming(paths["png"]):
-                image = self.to_png8(tonemap, exposure)
-                png.encode(file, self._with_colorbar(image, tonemap, exposure) if colorbar else image)
+        def image() -> Bytes:
+            pixels = self.to_png8(tonemap, exposure)
+            if not colorbar:
+                return pixels
+            return frame_files.with_colorbar(pixels, self.scene, self.settings, tonemap, exposure)
 
         def encode_exr(file: BinaryIO) -> list[str]:
-            with atomic_files.naming(paths["exr"]):
-                return exr.encode(
-                    file,
-                    self.channels(),
-                    compression=compression,
-                    half=half,
-                    metadata=self.metadata(deterministic=deterministic),
-                    window="covered" if crop else "drawn",
-                )
+            metadata = self.metadata(deterministic=deterministic)
+            window: Literal["covered", "drawn"] = "covered" if crop else "drawn"
+            return exr.encode(
+                file, self.channels(), compression=compression, half=half, metadata=metadata, window=window
+            )
 
-        with atomic_files.replacing_all(*paths.values()) as opened:
-            file = dict(zip(paths, opened, strict=True))
-            if "exr" not in file:
-                encode_png(file["png"])
-                return []
-            if "png" not in file:
-                return encode_exr(file["exr"])
-            # Both release the GIL while they compress, so they run concurrently.
-            with ThreadPoolExecutor(1) as beside:
-                encoded = beside.submit(encode_png, file["png"])
-                lines = encode_exr(file["exr"])
-                encoded.result()
-        return lines
-
-    def _with_colorbar(self, image: Bytes, tonemap: Operator | None, exposure: float) -> Bytes:
-        """Return the 8-bit image with a bar of the color map to its right, on its background."""
-        from ..images.colorbar import with_colorbar
-        from ..images.tonemap import tonemap as apply
-
-        scalars: Any = self.settings.scalars
-        color = np.zeros(3) if self.scene.background is None else self.scene.background
-        ground = apply(np.asarray(color, np.float32)[None, None], tonemap or default_tonemap(self.scene), exposure)[
-            0, 0
-        ]
-        color_map = color_map_of(self.scene, scalars)
-        return with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
-
-
-def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
-    """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
-    standard output, or a file of another format."""
-    path = Path(checked_path(*asked, path))
-    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
-    if stem.name in ("", ".."):
-        raise value_error(*asked, "a file name", str(path))
-    if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
-        name = path.stem if path.name != "-" else "image"
-        both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
-        raise value_error(*asked, both, str(path))
-    return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
-
-
-def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
-    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
-    than exr and png, or none."""
-    if isinstance(files, str) or not files or not set(files) <= set(FILES):
-        raise value_error("Frame.save", "files", "exr, png or both, such as ('png',)", files)
-    return {kind: path for kind, path in zip(FILES, output_paths(path), strict=True) if kind in files}
-
-
-def check_output(
-    path: str | os.PathLike[str],
-    *,
-    tonemap: Operator | None = None,
-    exposure: float = 0.0,
-    compression: Compression = "zip",
-    asked: tuple[str, str] = ASKED,
-) -> None:
-    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing."""
-    from ..base import atomic_files
-    from ..images import exr
-    from ..images.tonemap import checked
-
-    checked(tonemap or "srgb", exposure)
-    choice("exr", "compression", compression, exr.COMPRESSIONS)
-    for file in output_paths(path, asked):
-        atomic_files.check(file)
+        return frame_files.write_files(frame_files.chosen_paths(path, files), image, encode_exr)
 
 
 def same_bits(a: Frame, b: Frame) -> bool:

@@ -25,7 +25,7 @@ from ..farm.running import Run, draw_frames
 from ..images import exr, png
 from ..images.tonemap import Operator, display_values
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame import FileKind, SavingOptions
+from ..pipeline.frame_files import FileKind, SavingOptions
 from ..scene.camera import Camera
 from ..scene.model import Scene, default_tonemap
 from ..scene.settings import FrameOptions

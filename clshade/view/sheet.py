@@ -17,7 +17,7 @@ from ..base.json_values import plain
 from ..base.validation import flag, sequence, value_error
 from ..images import contact_sheet, drawing_marks, lettering, png
 from ..images.statistics import image_statistics
-from ..pipeline.frame import output_paths
+from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
 from ..scene.surface_facts import surface_facts

@@ -13,8 +13,8 @@ import pytest
 from clshade.base import atomic_files
 from clshade.errors import InputError, OutputError
 from clshade.images import exr, png
-from clshade.pipeline import frame
-from clshade.pipeline.frame import Frame
+from clshade.pipeline import frame_files
+from clshade.pipeline.frame import Frame, same_bits
 from clshade.scene.camera import Camera
 from clshade.scene.model import Scene, Settings
 
@@ -63,16 +63,16 @@ def test_both_files_are_written(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["a.exr", "a.png"]
     assert np.array_equal(exr.read(tmp_path / "a.exr")[0]["G"], made().rgb[..., 1])
     assert png.read(tmp_path / "a.png").shape == (32, 48, 3)
-    assert frame.output_paths(tmp_path / "a.PNG") == (tmp_path / "a.exr", tmp_path / "a.png")
-    assert frame.output_paths("a.jpg.exr") == (Path("a.jpg.exr"), Path("a.jpg.png"))
-    assert frame.output_paths("out.exr.png") == (Path("out.exr.exr"), Path("out.exr.png"))
-    assert frame.output_paths("v1.2-") == (Path("v1.2-.exr"), Path("v1.2-.png"))
-    for name in ("a.jpg", "sub/a.JPEG", "a.tiff", "a.exr.hdr", "a.mp4", "a.npy", "-"):
+    assert frame_files.output_paths(tmp_path / "a.PNG") == (tmp_path / "a.exr", tmp_path / "a.png")
+    assert frame_files.output_paths("a.jpg.exr") == (Path("a.jpg.exr"), Path("a.jpg.png"))
+    assert frame_files.output_paths("out.exr.png") == (Path("out.exr.exr"), Path("out.exr.png"))
+    assert frame_files.output_paths("v1.2-") == (Path("v1.2-.exr"), Path("v1.2-.png"))
+    for name in ("a.jpg", "sub/a.JPEG", "a.tiff", "a.exr.hdr", "a.mp4", "a.apng", "a.npy", "-"):
         with pytest.raises(
             InputError, match=r"Frame.save: path: expected .* for (a|image).*\.png: other formats are not wr"
         ):
-            frame.output_paths(name)
-    assert frame.output_paths("a.b") == (Path("a.b.exr"), Path("a.b.png"))
+            frame_files.output_paths(name)
+    assert frame_files.output_paths("a.b") == (Path("a.b.exr"), Path("a.b.png"))
 
 
 def test_one_file_of_the_two(tmp_path):
@@ -157,7 +157,7 @@ def test_refused_names(path, tmp_path, monkeypatch):
 def test_pickling_keeps_pixels_layers_and_stats():
     first = made(Z=np.full((32, 48), np.inf, np.float32), id=np.arange(32 * 48, dtype=np.uint32).reshape(32, 48))
     second = pickle.loads(pickle.dumps(first))
-    assert frame.same_bits(first, second)
+    assert same_bits(first, second)
     assert second.stats == first.stats == {"times_ms": {"frame": 2.0}, "calls": 1, "nonfinite": 0}
     assert second.settings == first.settings
     assert (second.scene.name, second.scene.camera.resolution) == ("noise", (48, 32))
@@ -168,5 +168,5 @@ def test_a_rendered_frame_can_be_pickled(device):
 
     first = render(builtin("quads"), resolution=(32, 24), preset="course", layers=("Z", "id"), device=device)
     second = pickle.loads(pickle.dumps(first))
-    assert frame.same_bits(first, second)
+    assert same_bits(first, second)
     assert second.stats == first.stats

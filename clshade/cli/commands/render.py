@@ -206,7 +206,7 @@ def _import_meanwhile(checked: bool) -> None:
 def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuse, before rendering, an output that could not be saved afterwards."""
     from ...base import atomic_files
-    from ...pipeline.frame import check_output
+    from ...pipeline.frame_files import check_output
 
     saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
     for stem in stems_of(output, arguments):
@@ -217,7 +217,7 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
 
 def summary(frame: Frame, output: str, others: Sequence[Path] = ()) -> str:
     """Return a few lines: what was drawn, the device, the time of each stage, and the files, `others` included."""
-    from ...pipeline.frame import output_paths
+    from ...pipeline.frame_files import output_paths
 
     stats = frame.stats
     times = dict(stats["times_ms"])

@@ -15,7 +15,7 @@ from ...errors import InputError
 from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
-    from ...pipeline.frame import SavingOptions
+    from ...pipeline.frame_files import SavingOptions
     from ...scene.model import Scalars, Scene
 
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # arguments of clshade.scene.formats.load.load

@@ -20,7 +20,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
     Raises InputError if two scenes would have the same file. Names that differ only in case count as the same: some
     file systems do not distinguish them.
     """
-    from ...pipeline.frame import output_paths
+    from ...pipeline.frame_files import output_paths
 
     if len(scenes) == 1 and not (given or "").endswith(("/", os.sep)):
         return None, [given or ALONE]
@@ -40,7 +40,7 @@ def output_stems(scenes: Sequence[str], given: str | None) -> tuple[Path | None,
 
 def _named_after(scene: str) -> str:
     """Return the image's name: `a` for a.obj; `a.jpg.exr` for a.jpg.obj, as a.jpg would select another format."""
-    from ...pipeline.frame import OTHER_FORMATS
+    from ...pipeline.frame_files import OTHER_FORMATS
 
     name = Path(scene).stem
     return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name

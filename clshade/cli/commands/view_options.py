@@ -95,7 +95,7 @@ def stems_of(output: str, arguments: argparse.Namespace) -> list[str]:
 
 
 def _beside(output: str, what: str, ending: str = ".png") -> Path:
-    from ...pipeline.frame import output_paths
+    from ...pipeline.frame_files import output_paths
 
     stem = output_paths(output, ("render", "--output"))[0].with_suffix("")
     return stem.with_name(f"{stem.name}_{what}{ending}")

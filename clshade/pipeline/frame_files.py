@@ -1,0 +1,168 @@
+"""The files of a rendered frame: their names, what they hold, and how to write them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Container, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args
+
+import numpy as np
+
+from ..base import atomic_files
+from ..base.arrays import Bytes
+from ..base.validation import choice, flag, value_error
+from ..base.validation import path as checked_path
+from ..scene.model import Scene, Settings, default_tonemap
+from ..scene.scalar_colors import color_map_of
+from .layer_buffers import material_numbers
+
+if TYPE_CHECKING:
+    from ..images.exr import Compression
+    from ..images.tonemap import Operator
+
+FileKind: TypeAlias = Literal["exr", "png"]
+FILES: tuple[FileKind, ...] = get_args(FileKind)  # in the order of `output_paths`
+
+
+class SavingOptions(TypedDict, total=False):
+    """Keywords of `Frame.save`."""
+
+    files: Sequence[FileKind]
+    tonemap: Operator | None
+    exposure: float
+    half: bool
+    compression: Compression
+    crop: bool
+    deterministic: bool
+    colorbar: bool
+
+
+SAVING = tuple(SavingOptions.__annotations__)
+
+ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
+
+_IMAGES = ".jpg .jpeg .jp2 .jxl .webp .avif .heic .gif .apng .bmp .tif .tiff .tga .ico .ppm .pgm .pnm .pfm"
+_IMAGES += " .hdr .rgbe .pic .dds .dpx .cin .psd .svg .pdf .eps"
+_OTHERS = ".npy .npz .csv .json .obj .glb .gltf .ply .stl .mp4 .mov .avi .mkv .webm"
+OTHER_FORMATS = (*_IMAGES.split(), *_OTHERS.split())  # extensions of formats that are not written
+
+
+def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
+    """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
+    standard output, or a file of another format."""
+    path = Path(checked_path(*asked, path))
+    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
+    if stem.name in ("", ".."):
+        raise value_error(*asked, "a file name", str(path))
+    if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
+        name = path.stem if path.name != "-" else "image"
+        both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
+        raise value_error(*asked, both, str(path))
+    return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+
+
+def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
+    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
+    than exr and png, or none."""
+    if isinstance(files, str) or not files or not set(files) <= set(FILES):
+        raise value_error("Frame.save", "files", "exr, png or both, such as ('png',)", files)
+    return {kind: path for kind, path in zip(FILES, output_paths(path), strict=True) if kind in files}
+
+
+def check_output(
+    path: str | os.PathLike[str],
+    *,
+    tonemap: Operator | None = None,
+    exposure: float = 0.0,
+    compression: Compression = "zip",
+    asked: tuple[str, str] = ASKED,
+) -> None:
+    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing."""
+    from ..images import exr
+    from ..images.tonemap import checked
+
+    checked(tonemap or "srgb", exposure)
+    choice("exr", "compression", compression, exr.COMPRESSIONS)
+    for file in output_paths(path, asked):
+        atomic_files.check(file)
+
+
+def check_flags(settings: Settings, *, colorbar: bool, **others: bool) -> None:
+    """Raise InputError for a flag of `Frame.save` that is no bool, or a colorbar without scalars."""
+    for name, value in {**others, "colorbar": colorbar}.items():
+        flag("Frame.save", name, value)
+    if colorbar and settings.scalars is None:
+        raise value_error("Frame.save", "colorbar", "False without scalars, whose color map it shows", colorbar)
+
+
+def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str, Any]:
+    """Return the EXR's header attributes that do not depend on times or checks; see `Frame.metadata`."""
+    from ..scene.camera_matrices import camera_metadata
+
+    found = camera_metadata(scene.camera)
+    written = {name: value for name, value in vars(settings).items() if name != "scalars" or value is not None}
+    found["settings"] = ", ".join(f"{name}={value}" for name, value in written.items())
+    if settings.scalars is not None:
+        color_map = color_map_of(scene, settings.scalars)
+        found |= {"scalarName": settings.scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
+    found["scene"] = f"{scene.name or 'unnamed'}, {scene.face_count} triangles"
+    return found | _names(scene, layers)
+
+
+def _names(scene: Scene, layers: Container[str]) -> dict[str, str]:
+    """Return the names of the object_id and material_id layers as JSON, number -> name, unnamed ones left out."""
+    found = {}
+    if "object_id" in layers:
+        found["objectNames"] = {number: mesh.name for number, mesh in enumerate(scene.meshes, 1) if mesh.name}
+    if "material_id" in layers:
+        numbered = zip(material_numbers(scene), scene.meshes, strict=True)
+        found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
+    return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
+
+
+def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Operator | None, exposure: float) -> Bytes:
+    """Return the 8-bit image with a bar of the color map of `settings.scalars` to its right, on its background."""
+    from ..images import colorbar
+    from ..images.tonemap import tonemap as apply
+
+    scalars: Any = settings.scalars
+    color = np.zeros(3) if scene.background is None else scene.background
+    ground = apply(np.asarray(color, np.float32)[None, None], tonemap or default_tonemap(scene), exposure)[0, 0]
+    color_map = color_map_of(scene, scalars)
+    return colorbar.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
+
+
+def write_files(
+    paths: Mapping[FileKind, Path], image: Callable[[], Bytes], encode_exr: Callable[[BinaryIO], list[str]]
+) -> list[str]:
+    """Write the files of `chosen_paths`, all or none; return the warnings.
+
+    image: makes the PNG's pixels. encode_exr: writes the EXR to an open file and returns the warnings.
+    Raises OutputError.
+    """
+    from ..images import png
+
+    def write_png(file: BinaryIO) -> None:
+        with atomic_files.naming(paths["png"]):
+            png.encode(file, image())
+
+    def write_exr(file: BinaryIO) -> list[str]:
+        with atomic_files.naming(paths["exr"]):
+            return encode_exr(file)
+
+    with atomic_files.replacing_all(*paths.values()) as opened:
+        file = dict(zip(paths, opened, strict=True))
+        if "exr" not in file:
+            write_png(file["png"])
+            return []
+        if "png" not in file:
+            return write_exr(file["exr"])
+        # Both release the GIL while they compress, so they run concurrently.
+        with ThreadPoolExecutor(1) as beside:
+            written = beside.submit(write_png, file["png"])
+            lines = write_exr(file["exr"])
+            written.result()
+    return lines
