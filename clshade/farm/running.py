@@ -18,6 +18,7 @@ from ..base.atomic_files import folder_made, shown
 from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
+from ..images.colorbar import bar_width
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
 from ..scene.camera import Camera
@@ -176,7 +177,8 @@ def draw_frames(
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
-        _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
+        there = next(number for number in cameras if number not in drawn_now)
+        _compare_sizes(pattern, there, cameras, colorbar=chosen.get("colorbar", False))
     tasks = (
         Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute(), files) for number in left
     )
@@ -278,10 +280,11 @@ def _is_there(name: str) -> bool:
     return stat.S_ISREG(found.st_mode) and found.st_size > 0
 
 
-def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera]) -> None:
+def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera], *, colorbar: bool) -> None:
     """Warn if an existing frame of an earlier run has another resolution."""
     name = pattern.names(number)[1]
-    found, expected = png.resolution(name), _camera(cameras, number).resolution
+    columns, rows = _camera(cameras, number).resolution
+    found, expected = png.resolution(name), (columns + bar_width(rows) if colorbar else columns, rows)
     if found is not None and found != expected:
         there, here = ("{}x{}".format(*size) for size in (found, expected))
         console.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")

@@ -14,6 +14,16 @@ _DPI = 100
 _LETTERS = 9.0  # width of the bar, its values and its title, in heights of letters
 
 
+def _letter(rows: int) -> float:
+    """Return the height of letters in pixels."""
+    return float(np.clip(rows / 40, 8, 32))
+
+
+def bar_width(rows: int) -> int:
+    """Return by how many pixels the bar widens an image of so many rows."""
+    return round(_LETTERS * _letter(rows))
+
+
 def with_colorbar(
     image: Bytes, colormap: str | tuple[Rgb, ...], ends: tuple[float, float], title: str, ground: Bytes
 ) -> Bytes:
@@ -27,8 +37,7 @@ def with_colorbar(
     from .layer_plots import plain_text
 
     rows = len(image)
-    letter = float(np.clip(rows / 40, 8, 32))  # pixels
-    width = max(round(_LETTERS * letter), 16)
+    letter, width = _letter(rows), bar_width(rows)
     figure = Figure(figsize=(width / _DPI, rows / _DPI), dpi=_DPI, facecolor=tuple(ground / 255.0))
     canvas: Any = FigureCanvasAgg(figure)
     axes = figure.add_axes((letter / width, 0.06, 1.4 * letter / width, 0.88))

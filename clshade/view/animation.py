@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import lru_cache
@@ -10,14 +11,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from ..base.arrays import Array, Bytes
+from ..errors import InputError
 from .film_format import FilmFormat, durations
 
 if TYPE_CHECKING:
     from PIL import Image
 
 NAMES = {".gif": "GIF", ".apng": "APNG", ".webp": "WebP"}
-PIXELS = {".gif": "256 colors, dithered", ".apng": "lossless", ".webp": "lossless"}
+PIXELS = {".gif": "255 colors, dithered", ".apng": "lossless", ".webp": "lossless"}
 _SAMPLED_FRAMES, _SAMPLED_PIXELS = 16, 1 << 16  # that the colors of a GIF are chosen from
+_LONGEST = (1 << 16) - 1  # ticks
 _COLORS = 255  # Pillow needs one to say that a pixel stays
 _OPTIONS: dict[str, dict[str, Any]] = {
     ".gif": {"format": "GIF", "optimize": False},
@@ -40,7 +43,8 @@ def encode(file: BinaryIO, images: Sequence[Callable[[], Bytes]], rate: Fraction
     """Encode an animation into an open file. images: load each image, uint8 (M, N, 3).
 
     Equal neighbors may become one frame that is shown for longer. A GIF has one palette for all frames, so that areas
-    that stay do not flicker, and error diffusion (Floyd and Steinberg), without which gradients have bands.
+    that stay do not flicker, and error diffusion (Floyd and Steinberg), without which gradients have bands. Raises
+    InputError for equal frames that are shown for too long as one.
     """
     from PIL import Image
 
@@ -54,7 +58,11 @@ def encode(file: BinaryIO, images: Sequence[Callable[[], Bytes]], rate: Fraction
     shown: Any = durations(len(images), rate, kind.ticks)
     milliseconds = [duration * 1000 // kind.ticks for duration in shown]
     others: Any = [_Lazy(load, index) for index in range(1, len(images))]
-    load(0).save(file, save_all=True, append_images=others, duration=milliseconds, loop=0, **_OPTIONS[kind.ending])
+    try:
+        load(0).save(file, save_all=True, append_images=others, duration=milliseconds, loop=0, **_OPTIONS[kind.ending])
+    except (OverflowError, struct.error):  # of the 16 bits that hold a duration
+        expected = f"an image that stays for at most {_LONGEST / kind.ticks:g} s for {kind.ending}"
+        raise InputError(f"film: frames: expected {expected}, found equal frames for longer") from None
 
 
 def _palette(images: Sequence[Callable[[], Bytes]]) -> Image.Image:

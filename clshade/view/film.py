@@ -23,6 +23,7 @@ from ..farm.frames import parse_pattern
 from ..farm.progress import LINES
 from ..farm.running import Run, draw_frames
 from ..images import exr, png
+from ..images.colorbar import bar_width
 from ..images.tonemap import Operator, display_values
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import FileKind, SavingOptions
@@ -170,11 +171,14 @@ def draw_film(
     rate = checked_rate(kind, fps)
     bits = checked_depth(kind, bits)
     codec = video.codec_of(kind, bits) if kind.video else None
-    columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side)
     needed: FileKind = "png" if bits == 8 else "exr"
     folder = FrameFolder(name)
     keep_frames = keep_frames or folder.kept
     options: SavingOptions = {**saving} if saving else {}
+    bar = options.get("colorbar", False)
+    if bar and needed == "exr":
+        raise InputError("--colorbar: expected none with --bit-depth 10, for a film of the EXR files, found one")
+    columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side, colorbar=bar)
     if not keep_frames:
         options["files"] = (needed,)
         settings["layers"] = ()
@@ -206,8 +210,6 @@ def draw_film(
             else:
                 animation.encode(file, images, rate, kind)
         seconds = time.perf_counter() - start
-    if not keep_frames:
-        folder.remove()
     return Film(
         path=name,
         run=run,
@@ -222,8 +224,9 @@ def draw_film(
     )
 
 
-def _resolution(cameras: Mapping[int, Camera], least: int, most: int) -> tuple[int, int]:
-    """Return the resolution of all cameras. Raises InputError if they differ, or if a film cannot have it.
+def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorbar: bool) -> tuple[int, int]:
+    """Return the resolution of the film, whose frames may have a color bar. Raises InputError if the cameras' resolutions
+    differ, or if a film cannot have it.
 
     What is no camera is left to `draw_frames`, which refuses it.
     """
@@ -236,6 +239,8 @@ def _resolution(cameras: Mapping[int, Camera], least: int, most: int) -> tuple[i
                 f"film: frame {number}: expected all frames of one size, {sizes}: --resolution gives them one"
             )
         found = resolution
+    if found is not None and colorbar:
+        found = found[0] + bar_width(found[1]), found[1]
     if found is not None and not least <= min(found) <= max(found) <= most:
         size = "{}x{}".format(*found)
         raise InputError(f"film: resolution: expected {least} to {most} pixels a side for this format, found {size}")

@@ -102,13 +102,20 @@ def checked_rate(kind: FilmFormat, fps: Any) -> Fraction:
     """Return frames per second, a number or text such as 24, 29.97 or 30000/1001, as a fraction. Raises InputError."""
     expected = f"frames per second, {float(SLOWEST):g} to {kind.fastest} for {kind.ending}, such as 24 or 30000/1001"
     try:
-        finite = isinstance(fps, str) or (isinstance(fps, Real) and not isinstance(fps, bool) and math.isfinite(fps))
-        rate = Fraction(fps).limit_denominator(1001) if finite and len(str(fps)) <= 40 else Fraction(0)
+        rate = _as_float(fps)
     except (ValueError, ZeroDivisionError, OverflowError):
-        rate = Fraction(0)
-    if not SLOWEST <= rate <= kind.fastest:
+        rate = math.nan
+    if not float(SLOWEST) <= rate <= kind.fastest:
         raise InputError(f"--fps: expected {expected}, found {quoted(str(fps))}")
-    return rate
+    return Fraction(rate).limit_denominator(1001)
+
+
+def _as_float(fps: Any) -> float:
+    """Return a rate as a float, from which `limit_denominator` recovers the fraction: a Fraction of the text 1e999999999
+    would take all memory."""
+    if isinstance(fps, bool) or not isinstance(fps, str | Real):
+        return math.nan
+    return float(Fraction(fps) if isinstance(fps, str) and "/" in fps else fps)
 
 
 def durations(count: int, rate: Fraction, ticks: int) -> list[int]:

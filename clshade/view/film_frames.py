@@ -13,10 +13,12 @@ from typing import Any
 
 from ..base import console, interrupts
 from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_error
+from ..base.file_lock import lock_file
 from ..errors import InputError
 
 ENDING = ".frames"  # of the folder, after the film's name
 _RECORD = "film.json"  # which film the frames are of
+_LOCK = "lock"
 _FRAME = re.compile(r"\d{4,}\.(exr|png)")
 _TEMPORARY = re.compile(r"\.clshade-[0-9a-f]{16}\.tmp")
 
@@ -39,11 +41,12 @@ class _Digest:
 
 
 class FrameFolder:
-    """The folder beside a film, named after it."""
+    """The folder beside a film, named after it. One process at a time uses it."""
 
     def __init__(self, film: str) -> None:
         self.path = film + ENDING
         self.pattern = os.path.join(self.path, "####.exr")
+        self._lock: int | None = None
 
     @property
     def kept(self) -> bool:
@@ -52,25 +55,46 @@ class FrameFolder:
 
     @contextlib.contextmanager
     def of(self, digest: str, kept: bool) -> Iterator[None]:
-        """Make the folder for frames of this digest; those of another one are removed. If there are no frames at the end
-        of the block, the folder is removed, too. kept: frames that are to stay when the film is whole.
+        """Make the folder for frames of this digest; those of another one are removed.
 
-        Raises InputError if the folder has other files, OutputError if it cannot be written.
+        When the block ends without an error the frames are removed unless they are `kept`; the folder is removed in any
+        case if it has no frames. Raises InputError if the folder has other files, OutputError if it cannot be written or
+        another process draws the film.
         """
         if os.path.exists(self.path) and not os.path.isdir(self.path):
             raise write_error(self.path, "it is not a folder")
         with folder_made(self.path):
-            with naming(self.path):
-                self._prepare({"digest": digest, "kept": kept})
-            _in_use.add(self)
+            self._take()
             try:
+                with naming(self.path):
+                    self._prepare({"digest": digest, "kept": kept})
+                _in_use.add(self)
                 yield
+                if not kept:
+                    self._remove()
             finally:
                 self.remove_if_empty()
+                self._release()
                 _in_use.discard(self)
 
+    def _take(self) -> None:
+        """Lock the folder. Raises OutputError if another process has it; without locks of its file system, do nothing."""
+        try:
+            self._lock = lock_file(os.path.join(self.path, _LOCK))
+        except OSError:
+            return
+        if self._lock is None:
+            raise write_error(self.path, "another process draws this film")
+
+    def _release(self) -> None:
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            with contextlib.suppress(OSError):
+                os.close(lock)
+                os.unlink(os.path.join(self.path, _LOCK))
+
     def _prepare(self, record: dict[str, Any]) -> None:
-        names = [name for name in os.listdir(self.path) if not _TEMPORARY.fullmatch(name)]
+        names = [name for name in os.listdir(self.path) if name != _LOCK and not _TEMPORARY.fullmatch(name)]
         found = self._read()
         if names and found is None:
             expected = "a folder with frames of this film, or none"
@@ -104,14 +128,16 @@ class FrameFolder:
 
     def remove_if_empty(self) -> None:
         """Remove the folder if it has no frames."""
-        if not any(map(_FRAME.fullmatch, os.listdir(self.path))):
-            self.remove()
+        with contextlib.suppress(OSError):
+            if not any(map(_FRAME.fullmatch, os.listdir(self.path))):
+                self._remove()
 
-    def remove(self) -> None:
+    def _remove(self) -> None:
         """Remove the frames, and the folder unless it has other files."""
         with contextlib.suppress(OSError):
             self._remove_frames()
             os.unlink(self._record)
+            self._release()
             os.rmdir(self.path)
 
 

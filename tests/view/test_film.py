@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from command_line import assert_refused, listing, needs_device, run
 from PIL import Image
 from processes import ROOT
 
+from clshade.errors import InputError, OutputError
 from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames
 from clshade.farm.job import FrameWriter
@@ -23,6 +25,21 @@ from clshade.scene.model import Settings
 from clshade.view import animation, video
 from clshade.view.film_frames import FrameFolder, digest_of
 
+PLANE = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+property float heat
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 1
+2 0 0 2
+2 1 0 4
+3 0 1 2
+"""
 SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
 TURN = ("turntable", "icosphere", *SMALL, "--count", "3")
 
@@ -199,7 +216,9 @@ def test_refused_command_lines(folder, capsys, arguments, parts):
 
 
 @needs_av
-def test_small_films_of_ten_bits_are_refused(folder, capsys):
+def test_refused_films_of_ten_bits(folder, capsys):
+    bar = ("--scalars", "heat", "--colorbar", "--resolution", "64,64")
+    assert_refused(run(capsys, *TURN, "-o", "a.mp4", "--bit-depth", "10", *bar), "--colorbar", "--bit-depth 10")
     assert_refused(run(capsys, *TURN, "-o", "a.mp4", "--bit-depth", "10"), "64 to 16384 pixels a side", "32x24")
 
 
@@ -240,6 +259,58 @@ def test_a_damaged_record_counts_as_that_of_another_film(tmp_path, record):
     (path / "0001.png").write_text("a frame")
     assert not folder.kept
     with folder.of("digest", kept=True):
-        assert listing(path) == ["film.json"]
+        assert listing(path) == ["film.json", "lock"]
         assert folder.kept
     assert listing(tmp_path) == []  # no frame was drawn
+
+
+def test_one_process_at_a_time_draws_a_film(tmp_path):
+    """Descriptors of one process exclude each other as those of two do."""
+    one, two = (FrameFolder(str(tmp_path / "a.gif")) for _ in range(2))
+    frame = tmp_path / "a.gif.frames" / "0001.png"
+    with one.of("digest", kept=True):
+        frame.write_text("a frame")
+        for digest in ("digest", "another"):
+            with (
+                pytest.raises(OutputError, match=r"a\.gif\.frames: cannot be written: another process draws this film"),
+                two.of(digest, kept=False),
+            ):
+                pass
+            assert listing(frame.parent) == ["0001.png", "film.json", "lock"]
+    assert listing(frame.parent) == ["0001.png", "film.json"]
+    with two.of("digest", kept=False):
+        assert frame.exists()
+    assert listing(tmp_path) == []
+
+
+def test_a_folder_that_vanished_hides_no_error(tmp_path):
+    def fail():
+        with FrameFolder(str(tmp_path / "a.gif")).of("digest", kept=True):
+            shutil.rmtree(tmp_path / "a.gif.frames")
+            raise InputError("of the block")
+
+    with pytest.raises(InputError, match="of the block"):
+        fail()
+
+
+@needs_device
+def test_a_color_bar_widens_the_film(folder, capsys):
+    (folder / "plane.ply").write_text(PLANE)
+    command = (
+        "turntable",
+        "plane.ply",
+        "--scalars",
+        "heat",
+        "--colorbar",
+        *SMALL,
+        "--frames",
+        "1..2",
+        "-o",
+        "film.gif",
+    )
+    code, out, err = run(capsys, *command, "--keep-frames", "--json")
+    width, height = shown(folder / "film.gif")[0].shape[1::-1]
+    assert (code, json.loads(out)["film"]["resolution"]) == (0, [width, height]), err
+    assert width > 32
+    code, _, err = run(capsys, *command)
+    assert (code, [line for line in err if "warning" in line]) == (0, [])

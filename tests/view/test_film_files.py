@@ -209,6 +209,14 @@ def test_equal_frames_are_shown_for_as_long():
         assert sum(shown) == 200
 
 
+def test_a_gif_of_one_image_for_too_long_is_refused():
+    images = [lambda: np.zeros((2, 3, 3), np.uint8)] * 66
+    with pytest.raises(
+        InputError, match=r"^film: frames: expected .* 655\.35 s for \.gif, found equal frames for longer"
+    ):
+        animation.encode(io.BytesIO(), images, Fraction(1, 10), FORMATS[".gif"])
+
+
 def test_one_frame_is_a_film_too():
     for ending in (".gif", ".apng", ".webp"):
         with Image.open(io.BytesIO(encoded(ending, images()[:1]))) as found:
@@ -243,6 +251,7 @@ def test_durations_add_up(rate, ticks, expected):
         ("23.976", Fraction(2997, 125)),
         ("30000/1001", Fraction(30000, 1001)),
         (12.5, Fraction(25, 2)),
+        (np.float32(12.5), Fraction(25, 2)),
         ("0.1", Fraction(1, 10)),
     ],
 )
@@ -251,7 +260,26 @@ def test_rates(text, rate):
 
 
 @pytest.mark.parametrize(
-    "fps", ["0", "-3", "nan", "inf", "x", "", "1/0", "1e99999", "9" * 50, "241", 0.05, None, True, float("nan"), [3]]
+    "fps",
+    [
+        "0",
+        "-3",
+        "nan",
+        "inf",
+        "x",
+        "",
+        "1/0",
+        "1e99999",
+        "1e999999999",
+        "1e-999999999",
+        "9" * 50,
+        "241",
+        0.05,
+        None,
+        True,
+        float("nan"),
+        [3],
+    ],
 )
 def test_refused_rates(fps):
     with pytest.raises(InputError, match=r"^--fps: expected frames per second, 0\.1 to 240 for \.mp4, such as 24"):

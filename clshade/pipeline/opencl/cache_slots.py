@@ -13,7 +13,6 @@ import hashlib
 import os
 import shutil
 import stat
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...base import interrupts
+from ...base.file_lock import lock_file
 from ...errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a temporary one
@@ -225,32 +225,6 @@ def _empty(folder: Path) -> None:
 
 
 # Taking a folder
-
-
-def lock_file(path: Path) -> int | None:
-    """Return the descriptor of the file at `path`, locked until it is closed or the process ends. None: another has it.
-
-    Raises OSError if the file cannot be created, or its file system has no locks. A forked child that closes its copy
-    leaves the lock in place; with filelock before release 4 its end took it from the parent, and importing that package
-    takes a tenth of the time of a small render.
-    """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)  # not inherited by child programs
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        os.close(descriptor)
-        return None
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
 
 
 def take(folder: Path) -> Slot | None:
