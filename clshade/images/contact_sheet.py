@@ -68,8 +68,6 @@ def _center(sheet: np.ndarray, x: float, y: float, size: float, text: str) -> No
 
 def compose(panels: Sequence[Panel], heading: str, layout: Layout | None = None) -> np.ndarray:
     """Return the sheet, (height, width, 3) uint8: the panels, all of one size, in rows of `layout.across`."""
-    from matplotlib import colormaps
-
     layout = layout or Layout()
     height, width = len(panels[0].picture), layout.panel
     rows = -(-len(panels) // layout.across)
@@ -80,6 +78,8 @@ def compose(panels: Sequence[Panel], heading: str, layout: Layout | None = None)
         x, y = layout.corner(k, height)
         picture = panel.picture
         if picture.ndim == 2:
+            from matplotlib import colormaps
+
             picture = (colormaps["magma"](picture)[:, :, :3] * 255.0).astype(np.uint8)
         sheet[y - 1 : y + height + 1, x - 1 : x + width + 1] = FRAME
         sheet[y : y + height, x : x + width] = picture

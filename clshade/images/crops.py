@@ -76,10 +76,11 @@ def _frame(picture: Array, crop: Crop, distance: int, color: Color) -> None:
 
 
 def _number(picture: Array, crop: Crop, text: str, color: Color) -> None:
-    """Draw a number on a plate above the crop, where there is no room below it."""
+    """Draw a number on a plate above the crop; where there is no room, below it; else in its corner."""
     size, height = 8.0, 15
     width = lettering.width_of(text, size) + 6
-    top = crop.y - 2 - height if crop.y >= 2 + height else crop.y + crop.height + 2
+    above, below = crop.y - 2 - height, crop.y + crop.height + 2
+    top = above if above >= 0 else below if below + height <= len(picture) else crop.y
     left = min(max(crop.x - 2, 0), max(picture.shape[1] - width, 0))
     picture[top : top + height, left : left + width] = color
     lettering.put(picture, left + 3, top + height - 3, size, text)

@@ -37,15 +37,17 @@ class SurfaceFacts:
 
     @property
     def closed(self) -> bool | None:
-        """Whether every edge has two triangles; None if edges were not counted. True for a scene without triangles."""
-        return None if self.boundary_edges is None else not (self.boundary_edges or self.non_manifold_edges)
+        """Whether there are shapes, and every edge has two triangles; None if edges were not counted."""
+        if self.boundary_edges is None:
+            return None
+        return bool(self.shapes) and not (self.boundary_edges or self.non_manifold_edges)
 
 
 def surface_facts(scene: Scene) -> SurfaceFacts:
     """Return counts and area of a scene's triangles."""
     vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
     triangles = scene.face_count
-    area = sum(_area(verts, mesh.faces) for mesh in scene.meshes for verts in _placed(mesh))
+    area = sum((_area(verts, mesh.faces) for mesh in scene.meshes for verts in _placed(mesh)), 0.0)
     if triangles > MOST_FACES:
         return SurfaceFacts(vertices, triangles, area)
     return SurfaceFacts(vertices, triangles, area, *_topology(scene))

@@ -47,6 +47,13 @@ def test_one_crop_has_no_number():
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 25, 18, 25)
 
 
+def test_the_number_of_a_crop_without_room_around_it_is_in_its_corner():
+    found = marked(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
+    for x, y, color in ((0, 0, COLORS[0]), (20, 4, COLORS[1])):
+        plate = found[y : y + 15, x : x + 8]
+        assert (plate == color).all(axis=-1).sum() > 40
+
+
 @pytest.mark.parametrize(
     ("crop", "part"),
     [

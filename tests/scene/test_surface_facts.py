@@ -61,6 +61,13 @@ def test_triangles_without_area_and_unused_vertices():
     assert surface_facts(scene_of(Mesh(CORNERS, np.zeros((0, 3), int)))) == SurfaceFacts(8, 0, 0.0, 0, 0, 0, 0)
 
 
+@pytest.mark.parametrize("meshes", [(), (Mesh(CORNERS, [(3, 3, 5)]),)])
+def test_a_scene_without_surface_is_not_closed(meshes):
+    found = surface_facts(scene_of(*meshes))
+    assert found.closed is False
+    assert isinstance(found.area, float)
+
+
 @pytest.mark.parametrize("scale", [1e-150, 2.0**-500, 1e100])
 def test_any_scale(scale):
     found = surface_facts(scene_of(Mesh(CORNERS * scale, FACES)))

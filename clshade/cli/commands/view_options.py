@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from ...pipeline.frame import Frame
     from ...scene.model import Scene
 
-_NOT_WITH_SHEET = ("check", "explain", "explain_each", "budget", "tolerance", "crop_zoom")
+_NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
+    **dict.fromkeys(("check", "budget", "tolerance")),
+    **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
+    "compression": "zip",
+    "crop_zoom": [],
+}
 
 
 def view_options(parser: argparse.ArgumentParser) -> None:
@@ -65,10 +70,12 @@ def check_view_options(arguments: argparse.Namespace) -> None:
     """Refuse options that do nothing together."""
     if arguments.fixed_lights and not (arguments.views or arguments.sheet):
         raise InputError("--fixed-lights: expected --views or --sheet with it, found neither")
-    for name in _NOT_WITH_SHEET if arguments.sheet else ():
-        if getattr(arguments, name) not in (None, False, []):
+    for name, default in _NOT_WITH_SHEET.items() if arguments.sheet else ():
+        if getattr(arguments, name) != default:
             flag = name.replace("_", "-")
-            raise InputError(f"--{flag}: expected none with --sheet, which draws several views, found one")
+            raise InputError(
+                f"--{flag}: expected none with --sheet, which writes one picture of several views, found one"
+            )
 
 
 def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:
@@ -164,7 +171,9 @@ def _lines(facts: dict[str, Any]) -> list[str]:
 
     size = " x ".join(f"{each:.6g}" for each in facts["bounding_box"]["size"])
     counts = ", ".join(
-        f"{name.replace('_', ' ')} {value:,}" for name, value in facts["counts"].items() if value is not None
+        f"{name.replace('non_', 'non-').replace('_', ' ')} {value:,}"
+        for name, value in facts["counts"].items()
+        if value is not None
     )
     area = facts["surface_area"]
     rows = [
