@@ -122,8 +122,9 @@ class FrameFolder:
         return found if isinstance(found, dict) else {}
 
     def _remove_frames(self) -> None:
+        """Remove the frames, and half-written ones, which a killed process left."""
         for name in os.listdir(self.path):
-            if _FRAME.fullmatch(name):
+            if _FRAME.fullmatch(name) or _TEMPORARY.fullmatch(name):
                 os.unlink(os.path.join(self.path, name))
 
     def remove_if_empty(self) -> None:

@@ -283,6 +283,17 @@ def test_one_process_at_a_time_draws_a_film(tmp_path):
     assert listing(tmp_path) == []
 
 
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    folder, path = FrameFolder(str(tmp_path / "a.gif")), tmp_path / "a.gif.frames"
+    with folder.of("digest", kept=True):
+        (path / "0001.png").write_text("a frame")
+    (path / ".clshade-0123456789abcdef.tmp").write_text("half a frame")
+    (path / "lock").write_text("")
+    with folder.of("digest", kept=False):
+        assert (path / "0001.png").exists()
+    assert listing(tmp_path) == []
+
+
 def test_a_folder_that_vanished_hides_no_error(tmp_path):
     def fail():
         with FrameFolder(str(tmp_path / "a.gif")).of("digest", kept=True):
