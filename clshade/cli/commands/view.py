@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ...images.tonemap import OPERATORS
 from . import DONE
 from .arguments import check_output_file, output_name
 
@@ -31,7 +30,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="HTML",
         help="the page, which needs no other file and no network (default: FILE.html here)",
     )
-    parser.add_argument("--tonemap", choices=OPERATORS, default="srgb", help="tone map at first (default: srgb)")
+    parser.add_argument(
+        "--tonemap", default="srgb", metavar="NAME", help="none, srgb, reinhard, hable or aces at first (default: srgb)"
+    )
     parser.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="exposure at first (default: 0)")
 
 
