@@ -32,7 +32,7 @@ _WORDS = {
 }
 _COMMAND_WORDS = {
     **dict.fromkeys(("draw", "rendering"), "render"),
-    **dict.fromkeys(("info", "show", "view", "stats", "open"), "inspect"),
+    **dict.fromkeys(("info", "show", "stats", "open"), "inspect"),
     **dict.fromkeys(("diff", "cmp", "difference"), "compare"),
     **dict.fromkeys(("benchmark", "speed", "time"), "bench"),
     **dict.fromkeys(("device", "platforms", "list"), "devices"),

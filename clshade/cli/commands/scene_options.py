@@ -63,6 +63,12 @@ def scene_options(
         help="use these lights only, such as 0,2 (default: all)",
     )
     group.add_argument(
+        "--light-intensity",
+        type=numbers(float, None, "factors such as 1,0.5"),
+        metavar="F,...",
+        help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
+    )
+    group.add_argument(
         "--components",
         type=names(tuple(COMPONENTS)),
         metavar="NAME,...",
@@ -176,7 +182,7 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     """Load the scene of the command line, or of this name: a file, or a built-in scene if no such file exists."""
     from ...base import console
-    from ...scene import adjust_camera
+    from ...scene import adjust_camera, adjust_lights
     from ...scene.builtin import scenes
 
     start = time.perf_counter()
@@ -197,29 +203,25 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
     if arguments.lights is not None:
-        scene = _with_lights(scene, arguments.lights)
+        scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
+    if arguments.light_intensity is not None:
+        scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
     if arguments.components is not None:
         scene = _with_components(scene, arguments.components)
-    camera = adjust_camera.adjusted(
-        scene.camera,
-        position=arguments.camera_position,
-        focal_point=arguments.camera_focal_point,
-        up=arguments.camera_view_up,
-        azimuth=arguments.camera_azimuth_angle,
-        elevation=arguments.camera_elevation_angle,
-        view_angle=arguments.camera_view_angle,
-        orthographic=arguments.orthographic,
-    )
-    return replace(scene, camera=camera)
+    return replace(scene, camera=adjust_camera.adjusted(scene.camera, **chosen_camera(arguments)))
 
 
-def _with_lights(scene: Scene, chosen: Sequence[int]) -> Scene:
-    """Return the scene with only the lights of these indices."""
-    for index in chosen:
-        if not 0 <= index < len(scene.lights):
-            expected = f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
-            raise InputError(f"--lights: expected {expected}, found {index}")
-    return replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(chosen)))
+def chosen_camera(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the keyword arguments of `adjust_camera.adjusted`."""
+    return {
+        "position": arguments.camera_position,
+        "focal_point": arguments.camera_focal_point,
+        "up": arguments.camera_view_up,
+        "azimuth": arguments.camera_azimuth_angle,
+        "elevation": arguments.camera_elevation_angle,
+        "view_angle": arguments.camera_view_angle,
+        "orthographic": arguments.orthographic,
+    }
 
 
 def _with_components(scene: Scene, chosen: Sequence[str]) -> Scene:

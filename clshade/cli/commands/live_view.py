@@ -1,0 +1,152 @@
+"""A scene as a live view in the browser: the part of `view` that is about scenes."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...base import console
+from ...errors import InputError
+from ...scene.camera import checked_resolution
+from .arguments import device_option, output_name
+from .scene_options import (
+    camera_options,
+    chosen_camera,
+    chosen_saving,
+    chosen_settings,
+    load_scene,
+    picture_options,
+    setting_options,
+)
+
+if TYPE_CHECKING:
+    from ...scene.model import Scene
+    from ...view.live_scene import Source
+
+SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
+# Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
+_WITH_VALUES = ("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device")
+_LISTS = ("lights", "components", "resolution")
+_FLAGS = ("flat", "orthographic", "half", "crop", "deterministic")
+
+
+def live_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a live view; the scene and its own options are `scene_options`."""
+    camera_options(parser)
+    setting_options(parser)
+    served = parser.add_argument_group("live view of a scene")
+    served.add_argument("--port", type=int, metavar="N", help="of 127.0.0.1 (default: a free one)")
+    served.add_argument("--open", action="store_true", help="open the browser")
+    served.add_argument("--stats", action="store_true", help="print at the end what the pictures took, stage by stage")
+    snapshots = parser.add_argument_group("snapshots of a scene")
+    snapshots.add_argument(
+        "-o",
+        "--output",
+        type=output_name,
+        metavar="OUT",
+        help="names them OUT-1.exr and OUT-1.png, and so on (default: the scene's name, in the current folder)",
+    )
+    picture_options(snapshots)
+    device_option(parser)
+
+
+def run_live(arguments: argparse.Namespace) -> None:
+    """Serve the scene until Ctrl-C, which raises KeyboardInterrupt. Raises InputError if aiohttp is missing."""
+    from ...view import live_server
+    from ...view.live_page import live_page
+    from ...view.live_scene import LiveScene
+
+    source = source_of(arguments)
+    listening = live_server.listen(arguments.port)
+    with listening:
+        scene = LiveScene(source)
+        server = live_server.LiveServer(scene, listening, partial(live_page, source.name))
+        try:
+            asyncio.run(server.serve(partial(_announce, server.url, arguments.open)))
+        finally:
+            if arguments.stats:
+                print("\n".join(server.stats.lines()), flush=True)
+    raise KeyboardInterrupt
+
+
+def _announce(url: str, in_browser: bool) -> None:
+    print(url, flush=True)
+    console.progress("Ctrl-C ends the view")
+    if in_browser:
+        import threading
+        import webbrowser
+
+        # A browser of the terminal would run until it is closed.
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+def source_of(arguments: argparse.Namespace) -> Source:
+    """Return the source of the scene that the arguments select. Raises InputError for a value that is refused."""
+    from ...pipeline.frame import check_output
+    from ...view.live_scene import Source
+
+    name = arguments.scene
+    if arguments.resolution is not None:
+        checked_resolution("--resolution", arguments.resolution)
+    output = arguments.output or Path(name).stem or "view"
+    output = os.path.join(output, Path(name).stem) if output.endswith(os.sep) else output
+    saving = chosen_saving(arguments)
+    checks: Any = {key: saving[key] for key in ("tonemap", "exposure", "compression")}
+    check_output(output, asked=("view", "--output"), **checks)
+    settings = {"samples": SAMPLES, **chosen_settings(arguments)}
+    settings |= {"preset": arguments.preset, "resolution": arguments.resolution}
+    return Source(
+        name=name,
+        load=_loader(arguments),
+        files=(name,) if os.path.exists(name) else (),
+        camera=chosen_camera(arguments),
+        settings=settings,
+        lights=arguments.light_intensity or (1.0,),
+        device=arguments.device,
+        options=_repeated(arguments),
+        saving=saving,
+        output=output,
+    )
+
+
+def _loader(arguments: argparse.Namespace) -> Callable[[], Scene]:
+    """Return a function that loads the scene with its own camera and the lights as they are in the file."""
+    camera = dict.fromkeys(("camera_position", "camera_focal_point", "camera_view_up", "camera_view_angle"))
+    camera |= {"camera_azimuth_angle": 0.0, "camera_elevation_angle": 0.0, "orthographic": False}
+    own = argparse.Namespace(**{**vars(arguments), **camera, "light_intensity": None})
+    return partial(load_scene, own)
+
+
+def _repeated(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the options of `render` that every snapshot's command repeats."""
+    found: list[str] = []
+    for name in _WITH_VALUES:
+        value = getattr(arguments, name)
+        if value is not None:
+            found.append(f"{_option(name)}={value!r}" if isinstance(value, float) else f"{_option(name)}={value}")
+    for name in _LISTS:
+        value = getattr(arguments, name)
+        if value is not None:
+            found.append(f"{_option(name)}={','.join(map(str, value))}")
+    found += [_option(name) for name in _FLAGS if getattr(arguments, name)]
+    if arguments.two_sided is not None:
+        found.append("--two-sided" if arguments.two_sided else "--no-two-sided")
+    if arguments.compression != "zip":
+        found.append(f"--compression={arguments.compression}")
+    return tuple(found)
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def refuse_with_files(arguments: argparse.Namespace) -> None:
+    """Raise InputError for options of the live view that were given with image files."""
+    for name in ("port", "open", "stats"):
+        if getattr(arguments, name):
+            raise InputError(f"{_option(name)}: expected a scene to view, found image files")
