@@ -1,0 +1,198 @@
+"""A self-contained HTML page that shows HDR images: every value of every channel, no network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html as markup
+import json
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from ..base import atomic_files
+from ..base.arrays import Array, Bytes
+from ..base.atomic_files import Path
+from ..base.json_values import in_line
+from ..errors import InputError
+from ..images.image_file import Picture
+
+SCRIPTS = (
+    *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "textures.js", "display_webgl.js"),
+    *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewer.js"),
+    *("controls.js", "panels.js", "probe.js", "keys.js", "main.js"),
+)  # in this order: each may use what those before it declare
+SHADERS = ("tonemap.glsl", "display.glsl")
+NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames"}  # layer -> attribute of an EXR's header
+
+_CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
+_LEVEL = 5  # of deflate
+_COLORMAPS = {"quantity": "viridis", "stops": "turbo"}  # matplotlib's
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page as text. Notebooks show it in a frame of its own, which a static export keeps."""
+
+    html: str
+    title: str = "clshade"
+
+    def __repr__(self) -> str:
+        return f"<Page {in_line(self.title)}, {len(self.html) / 1e6:.1f} MB>"
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{markup.escape(self.html)}" sandbox="allow-scripts" allow="fullscreen" width="100%" '
+            'height="640" style="border: 0"></iframe>'
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the page to a file, atomically. Raises OutputError."""
+        atomic_files.write_bytes(path, self.html.encode())
+
+
+def html(
+    images: Mapping[str, Picture],
+    *,
+    extra_scripts: Sequence[str] = (),
+    title: str = "clshade",
+    connect: str = "'none'",
+) -> str:
+    """Return the page that shows the images, the first of them first.
+
+    images: name -> image; may be empty for a page whose images come from an extra script.
+    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`.
+    connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
+    """
+    scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
+    style = _part("style.css")
+    blocks: list[str] = []
+    described = [_described(name, picture, blocks) for name, picture in images.items()]
+    manifest = {"title": title, "images": described, "colormaps": _colormaps()}
+    policy = (
+        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src "
+        f"{' '.join(map(_hash, scripts))}; connect-src {connect}; base-uri 'none'; form-action 'none'"
+    )
+    data = [_block("application/json", "manifest", _json(manifest))]
+    data += [_block("x-shader/x-fragment", name, _part(name)) for name in SHADERS]
+    data += [_block("text/plain", f"chunk-{number}", text) for number, text in enumerate(blocks)]
+    values = {
+        "policy": markup.escape(policy),
+        "title": markup.escape(title),
+        "style": f"<style>{style}</style>",
+        "data": "\n".join(data),
+        "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+    }
+    pieces = _part("page.html").split("%%")  # text and names of values in turn
+    return "".join(values[piece] if number % 2 else piece for number, piece in enumerate(pieces))
+
+
+def view(images: Mapping[str, Picture], title: str = "clshade") -> Page:
+    """Return the page that shows the images."""
+    return Page(html(images, title=title), title)
+
+
+@cache
+def _part(name: str) -> str:
+    """Return a file of the page."""
+    return (files("clshade.view") / "page" / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return a source expression of the Content Security Policy that allows this inline text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _block(kind: str, name: str, text: str) -> str:
+    return f'<script type="{kind}" id="{name}">{text}</script>'
+
+
+def _json(value: Any) -> str:
+    """Return JSON in which no markup can begin: in an HTML script only `<` can."""
+    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
+
+
+def _described(name: str, picture: Picture, blocks: list[str]) -> dict[str, Any]:
+    """Return an image's description, and append the chunks of its channels to `blocks`."""
+    rows, columns = picture.shape
+    channels = []
+    for channel, plane in picture.channels.items():
+        kind, bits = stored(plane, picture.bits)
+        chunks = []
+        for chunk in _chunks(bits):
+            chunks.append(len(blocks))
+            blocks.append(base64.b64encode(zlib.compress(chunk, _LEVEL)).decode())
+        channels.append({"name": channel, "type": kind, "chunks": chunks})
+    return {"name": name, "width": columns, "height": rows, "channels": channels, "info": info(picture)}
+
+
+def info(picture: Picture) -> dict[str, Any]:
+    """Return what the page knows about an image besides its pixels, for JSON.
+
+    encoded: whether its colors are sRGB-encoded. header: attribute -> text. names: layer -> number -> name.
+    """
+    header = {in_line(name): in_line(value) for name, value in picture.header.items()}
+    return {"encoded": bool(picture.bits), "header": header, "names": _names(picture.header)}
+
+
+def _names(header: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the names of numbers by layer. Attributes of another form, of other programs, are left out."""
+    found = {}
+    for layer, attribute in NAME_ATTRIBUTES.items():
+        try:
+            names = json.loads(header[attribute])
+        except (KeyError, TypeError, ValueError, RecursionError):
+            continue
+        if isinstance(names, dict):
+            found[layer] = {number: str(name) for number, name in names.items()}
+    return found
+
+
+def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
+    """Return the type in which the page keeps a channel, and its values as unsigned integers of the same bits.
+
+    plane: (M, N). bits: of the codes of a PNG, whose values are code/(2^bits - 1); 0 for others.
+    Types: half, float, uint; u8 and u16 for codes. float64 is rounded to float, as in an EXR.
+    """
+    if bits:
+        code = np.uint8 if bits == 8 else np.uint16
+        return f"u{bits}", np.rint(plane.astype(np.float64) * np.iinfo(code).max).astype(code)
+    if plane.dtype.kind in "iub":
+        return "uint", np.ascontiguousarray(plane, dtype=np.uint32)
+    if plane.dtype.kind != "f":
+        raise InputError(f"view: channels: expected floats or whole numbers, found type {plane.dtype}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        half = plane.dtype == np.float16
+        floats = np.ascontiguousarray(plane, dtype=np.float16 if half else np.float32)
+    return ("half", floats.view(np.uint16)) if half else ("float", floats.view(np.uint32))
+
+
+def _chunks(bits: Array) -> Iterator[bytes]:
+    """Yield a channel in chunks: differences of consecutive values, modulo 2^bits, one byte plane after another.
+
+    Neighbors have similar bits, so that the high bytes of the differences are nearly constant: of a rendered image with
+    all layers, deflate leaves three quarters of what it leaves of the byte planes alone.
+    """
+    values = bits.reshape(-1)
+    for start in range(0, values.size, _CHUNK):
+        chunk = values[start : start + _CHUNK]
+        differences = np.diff(chunk, prepend=chunk.dtype.type(0))
+        planes: Bytes = differences.astype(f"<u{chunk.itemsize}").view(np.uint8).reshape(-1, chunk.itemsize).T
+        yield planes.tobytes()
+
+
+@cache
+def _colormaps() -> dict[str, str]:
+    """Return colormaps of 256 colors by purpose, R, G, B bytes in base64."""
+    from matplotlib import colormaps
+
+    found = {}
+    for purpose, name in _COLORMAPS.items():
+        colors = colormaps[name](np.arange(256), bytes=True)[:, :3]
+        found[purpose] = base64.b64encode(np.ascontiguousarray(colors).tobytes()).decode()
+    return found
