@@ -51,10 +51,10 @@ def listen(port: int | None) -> socket.socket:
 class LiveServer:
     """Serves a scene to any number of clients, each with a camera of its own; one thread draws for all.
 
-    page: makes the page, given the token.
+    page: makes the page, given the host and port that it may connect to.
     """
 
-    def __init__(self, scene: LiveScene, listening: socket.socket, page: Callable[[], str]) -> None:
+    def __init__(self, scene: LiveScene, listening: socket.socket, page: Callable[[str], str]) -> None:
         self.scene, self.stats = scene, LiveStats()
         self.clients: set[_Client] = set()
         self.token = secrets.token_urlsafe(24)
@@ -115,7 +115,7 @@ class LiveServer:
         return response
 
     async def _serve_page(self, request: web.Request) -> web.Response:
-        return web.Response(text=self._page(), content_type="text/html")
+        return web.Response(text=self._page(request.host), content_type="text/html")
 
     async def _serve_client(self, request: web.Request) -> web.StreamResponse:
         if "Origin" not in request.headers:  # browsers always send it

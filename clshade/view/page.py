@@ -60,17 +60,18 @@ def html(
     images: Mapping[str, Picture],
     *,
     extra_scripts: Sequence[str] = (),
+    extra_styles: Sequence[str] = (),
     title: str = "clshade",
     connect: str = "'none'",
 ) -> str:
     """Return the page that shows the images, the first of them first.
 
     images: name -> image; may be empty for a page whose images come from an extra script.
-    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`.
+    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`. extra_styles: CSS after the page's own.
     connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
     """
-    scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
-    style = _part("style.css")
+    scripts = [part(name) for name in SCRIPTS] + list(extra_scripts)
+    style = "\n".join([part("style.css"), *extra_styles])
     blocks: list[str] = []
     described = [_described(name, picture, blocks) for name, picture in images.items()]
     manifest = {"title": title, "images": described, "colormaps": _colormaps()}
@@ -79,7 +80,7 @@ def html(
         f"{' '.join(map(_hash, scripts))}; connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
     data = [_block("application/json", "manifest", _json(manifest))]
-    data += [_block("x-shader/x-fragment", name, _part(name)) for name in SHADERS]
+    data += [_block("x-shader/x-fragment", name, part(name)) for name in SHADERS]
     data += [_block("text/plain", f"chunk-{number}", text) for number, text in enumerate(blocks)]
     values = {
         "policy": markup.escape(policy),
@@ -88,7 +89,7 @@ def html(
         "data": "\n".join(data),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
-    pieces = _part("page.html").split("%%")  # text and names of values in turn
+    pieces = part("page.html").split("%%")  # text and names of values in turn
     return "".join(values[piece] if number % 2 else piece for number, piece in enumerate(pieces))
 
 
@@ -98,7 +99,7 @@ def view(images: Mapping[str, Picture], title: str = "clshade") -> Page:
 
 
 @cache
-def _part(name: str) -> str:
+def part(name: str) -> str:
     """Return a file of the page."""
     return (files("clshade.view") / "page" / name).read_text("utf-8")
 
