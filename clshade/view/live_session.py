@@ -16,7 +16,7 @@ from ..scene.model import default_tonemap
 from ..scene.settings import LAYERS, SHADERS, Settings
 from . import orbit_controls
 from .live_command import render_command
-from .live_message import packed, pixel, planes, rgba8
+from .live_message import enlarged, packed, pixel, planes, rgba8
 from .live_scene import LiveScene, View
 from .refinement import Refinement, Step
 
@@ -163,12 +163,15 @@ class Session:
         settings = replace(view.settings, samples=step.samples, layers=layers)
         if not last:
             settings = replace(settings, sample_shading=False)
-        columns, rows = view.camera.resolution
+        columns, rows = full = view.camera.resolution
         coarse = (max(columns // step.scale, 1), max(rows // step.scale, 1))
         frame = self._scene.render(View(_at(view.camera, coarse), settings, view.lights), self)
         drawn = time.perf_counter()
         floats = last or task.display.as_floats
-        arrays = planes(frame) if floats else {"rgba": rgba8(frame, task.display.tonemap, task.display.exposure)}
+        if floats:
+            size, arrays = full, {name: enlarged(plane, (rows, columns)) for name, plane in planes(frame).items()}
+        else:
+            size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(task.display), task.display.exposure)}
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
         now = time.perf_counter()
         times = {**stages, "convert": (now - drawn) * 1e3, "total": (now - start) * 1e3}
@@ -176,9 +179,10 @@ class Session:
             self._final = view, self._scene_version, frame
         header = {
             "type": "image" if floats else "picture",
-            "width": coarse[0],
-            "height": coarse[1],
-            "full": [columns, rows],
+            "width": size[0],
+            "height": size[1],
+            "full": full,
+            "drawn": coarse,
             "samples": step.samples,
             "last": last,
             "moving": task.is_first,
@@ -188,6 +192,9 @@ class Session:
         }
         return Drawing(task, frame, packed(header, arrays), times)
 
+    def _tonemap(self, display: Display) -> Operator:
+        return display.tonemap or default_tonemap(self._scene.scene)
+
     def drawn(self, task: Task, ms: float) -> None:
         """Take note of a task that was drawn, or that failed, and of its time."""
         self._refinement.drawn(task.step, ms, current=task.version == self.version)
@@ -196,7 +203,7 @@ class Session:
 
     def probe(self, column: Any, row: Any) -> dict[str, Any]:
         """Return the values of a pixel of the final picture, all layers. Row 0 is at the top. Raises InputError."""
-        view = self.view
+        view, version = self.view, self.version
         columns, rows = view.camera.resolution
         column = integer("probe", "column", column, 0, columns - 1)
         row = integer("probe", "row", row, 0, rows - 1)
@@ -204,7 +211,7 @@ class Session:
             settings = replace(view.settings, layers=LAYERS)
             frame = self._scene.render(replace(view, settings=settings), self)
             self._probed = view, self._scene_version, frame
-        return {"column": column, "row": row, "values": pixel(self._probed[2], column, row)}
+        return {"version": version, "column": column, "row": row, "values": pixel(self._probed[2], column, row)}
 
     def snapshot(self) -> dict[str, Any]:
         """Write the EXR and PNG that `render` writes for this view; return their names, the command and warnings.
@@ -241,7 +248,7 @@ class Session:
             "settings": {"shader": view.settings.shader, "samples": view.settings.samples},
             "layers": list(view.settings.layers),
             "lights": list(view.lights),
-            "tonemap": self.display.tonemap or default_tonemap(scene),
+            "tonemap": self._tonemap(self.display),
             "exposure": self.display.exposure,
             "choices": {"shader": SHADERS, "layers": LAYERS, "tonemap": OPERATORS},
             "camera": _pose(view.camera),

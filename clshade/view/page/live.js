@@ -13,6 +13,8 @@ class Live {
     this.motion = new MotionPicture(viewer);
     this.panel = new LivePanel(send);
     this.controls = new CameraControls(viewer, send);
+    this.panel.turning.addEventListener("click", () => this.controls.turn(!this.controls.turning));
+    this.controls.onturn = (turning) => this.panel.turning.setAttribute("aria-pressed", String(turning));
     this.shownAt = []; // times of the latest pictures in motion, ms
     this.counts = { moving: 0, all: 0 };
     this.header = null;
@@ -121,9 +123,9 @@ class Live {
   }
 
   /** Show the values of the layers that the viewer's image lacks. */
-  probed({ column, row, values }) {
+  probed({ version, column, row, values }) {
     const { pinned, image } = this.viewer;
-    if (pinned?.x !== column || pinned?.y !== row) return;
+    if (pinned?.x !== column || pinned?.y !== row || version !== this.header.version) return;
     this.probedValues = values;
     const rows = groupChannels(Object.keys(values)).filter(({ channels }) => !channels.every((name) => image.channels.has(name)));
     this.others.replaceChildren(...rows.map(({ name, channels }) => create("tr", {},
@@ -133,3 +135,4 @@ class Live {
 }
 
 const live = new Live(viewer);
+if (location.hash === "#turn") live.controls.turn(true);

@@ -5,6 +5,7 @@ const TURN_PER_HEIGHT = 360; // degrees for a drag over the canvas's height
 const DOLLY_PER_PIXEL = 1.0015; // of the wheel
 const FLY_PER_SECOND = 0.8; // of the distance to the point looked at
 const FAST = 3; // with Shift
+const TURN_PER_SECOND = 30; // degrees, while the view turns by itself
 const FLY_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0] };
 
 /** Moves the camera of a viewer. send: a function of a message. */
@@ -15,6 +16,8 @@ class CameraControls {
     this.pointers = new Map(); // id -> the latest event of a button or finger that is down
     this.keys = new Set();
     this.fast = false;
+    this.turning = false;
+    this.onturn = null; // called when the view begins or ends to turn by itself
     this.clear();
     viewer.onpointer = (event, pixel) => this.pointer(event, pixel);
     viewer.canvas.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -30,6 +33,7 @@ class CameraControls {
 
   /** Return true for an event that moves the camera; with Ctrl it is about the image, as without a live view. */
   pointer(event, pixel) {
+    if (event.type === "pointerdown") this.turn(false);
     if (event.type === "wheel") {
       if (event.ctrlKey) return false;
       const pixels = event.deltaY * [1, 20, 200][event.deltaMode];
@@ -85,17 +89,30 @@ class CameraControls {
   key(event, isDown) {
     const key = event.key.toLowerCase();
     this.fast = event.shiftKey;
-    if (!Object.hasOwn(FLY_KEYS, key)) return;
+    if (!Object.hasOwn(FLY_KEYS, key) && key !== "t") return;
     if (!isDown) {
       this.keys.delete(key);
       return;
     }
     const typing = event.target.matches?.("select, input[type=number], input[type=text]");
     if (event.ctrlKey || event.altKey || event.metaKey || typing || document.getElementById("help").open) return;
-    if (!this.keys.size) this.flownAt = performance.now();
-    this.keys.add(key);
     event.preventDefault();
     event.stopPropagation();
+    if (key === "t") {
+      if (!event.repeat) this.turn(!this.turning);
+      return;
+    }
+    if (!this.keys.size) this.movedAt = performance.now();
+    this.keys.add(key);
+    this.request();
+  }
+
+  /** Let the view turn by itself, or stop it. */
+  turn(turning) {
+    if (turning === this.turning) return;
+    this.turning = turning;
+    this.movedAt = performance.now();
+    this.onturn?.(turning);
     this.request();
   }
 
@@ -112,11 +129,13 @@ class CameraControls {
     if (turn[0] || turn[1]) this.send({ type: "orbit", right: turn[0], up: turn[1] });
     if (shift[0] || shift[1]) this.send({ type: "pan", right: shift[0], up: shift[1] });
     if (factor !== 1) this.send({ type: "dolly", factor });
-    if (!this.keys.size) return;
-    const way = FLY_PER_SECOND * (this.fast ? FAST : 1) * Math.min(0.1, Math.max(0, now - this.flownAt) / 1000);
+    if (!this.keys.size && !this.turning) return;
+    const seconds = Math.min(0.1, Math.max(0, now - this.movedAt) / 1000);
+    this.movedAt = now;
+    if (this.turning) this.send({ type: "orbit", right: TURN_PER_SECOND * seconds, up: 0 });
+    const way = FLY_PER_SECOND * (this.fast ? FAST : 1) * seconds;
     const [right, up, forward] = [0, 1, 2].map((axis) => way * [...this.keys].reduce((sum, key) => sum + FLY_KEYS[key][axis], 0));
     if (right || up || forward) this.send({ type: "fly", right, up, forward });
-    this.flownAt = now;
     this.request();
   }
 }
@@ -126,5 +145,6 @@ HELP.unshift(["Camera", [
   ["Right drag", "pan; also Shift drag, two fingers"],
   ["Wheel", "zoom; also pinch"],
   ["W A S D, Q E", "fly; faster with Shift"],
+  ["T", "turn by itself"],
   ["Ctrl drag, wheel", "move and zoom the image instead"],
 ]]);

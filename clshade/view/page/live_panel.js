@@ -14,7 +14,8 @@ class LivePanel {
     const reset = create("button", { type: "button", textContent: "Reset", title: "Back to the first camera" });
     reset.addEventListener("click", () => send({ type: "reset" }));
     const title = (text, ...others) => create("h2", {}, text, ...others);
-    this.section.append(title("Camera", reset), create("p", { className: "meaning", textContent: "Drag: orbit · right drag: pan · wheel: zoom · WASD QE: fly" }));
+    this.turning = create("button", { type: "button", textContent: "Turn", title: "Go round the scene (T)", ariaPressed: "false" });
+    this.section.append(title("Camera", create("span", { className: "buttons" }, this.turning, reset)), create("p", { className: "meaning", textContent: "Drag: orbit · right drag: pan · wheel: zoom · WASD QE: fly" }));
     this.section.append(title("Shader"));
     this.shaders = new Choice(this.section, (shader) => this.set({ shader }));
     this.section.append(title("Samples per pixel at rest"));
@@ -110,8 +111,8 @@ class LivePanel {
   }
 
   /** Show what a picture took. rate: frames per second, or null at rest. */
-  times({ samples, full, width, height, times_ms: times }, wanted, rate) {
-    const size = width === full[0] ? `${width} × ${height}` : `${width} × ${height} of ${full.join(" × ")}`;
+  times({ samples, full, drawn, times_ms: times }, wanted, rate) {
+    const size = drawn[0] === full[0] ? full.join(" × ") : `${drawn.join(" × ")} of ${full.join(" × ")}`;
     const { frame, convert, total, ...stages } = times;
     const listed = Object.entries(stages).filter(([, ms]) => ms >= 0.05).sort(([, a], [, b]) => b - a)
       .map(([name, ms]) => `${name} ${ms.toFixed(1)}`).join(", ");
