@@ -165,7 +165,7 @@ def test_two_clients_have_cameras_of_their_own_and_a_lost_one_leaves_nothing():
                 await first.send(type="orbit", right=30.0, up=5.0)
                 _, moved = await first.next("image")
                 assert not np.array_equal(before["R"], moved["R"])
-                await second.send(type="set", shader="nolight")
+                await second.send(type="set", lights=[0.5, 1.0])
                 _, other = await second.next("image")
                 assert not np.array_equal(before["R"], other["R"])
                 assert len(server.clients) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,16 +54,12 @@ def test_the_pictures_of_a_still_view_and_their_order():
         {"type": "pan", "right": 0.2, "up": -0.1},
         {"type": "dolly", "factor": 0.5},
         {"type": "fly", "right": 0.1, "up": 0.0, "forward": 0.2},
-        {"type": "set", "shader": "nolight"},
-        {"type": "set", "lights": [0.0, 0.5, 1.0]},
+        {"type": "set", "lights": [0.5, 1.0]},
     ],
     ids=str,
 )
 def test_an_input_gives_another_picture(message):
-    session, clock = session_of("torus_knot", "--resolution", "40,30", "--samples", "1")
-    message = {**message}
-    if "lights" in message:
-        message["lights"] = message["lights"][: len(session.view.lights)]
+    session, clock = session_of(*SMALL, "--samples", "1")
     before = all_drawings(session, clock)[-1]
     assert session.due() is None
     session.handle(message)
@@ -70,7 +67,7 @@ def test_an_input_gives_another_picture(message):
     assert after.task.is_first
     assert not same_bits(before.frame, after.frame)
     session.handle({"type": "reset"})
-    session.handle({"type": "set", "shader": "phong", "lights": [1.0] * len(session.view.lights)})
+    session.handle({"type": "set", "lights": [1.0, 1.0]})
     assert same_bits(all_drawings(session, clock)[-1].frame, before.frame)
 
 
@@ -158,8 +155,9 @@ def test_other_inputs_are_refused_and_change_nothing(message):
 
 
 def test_the_probe_has_every_layer_of_the_final_picture():
-    session, _ = session_of("icosphere", "--resolution", "40,30", "--samples", "4")
-    frame = clshade.render(scene_of("icosphere"), samples=4, layers="all", resolution=(40, 30))
+    session, _ = session_of(*SMALL, "--samples", "4")
+    session.handle({"type": "dolly", "factor": 3.0})
+    frame = clshade.render(replace(scene_of(*SMALL), camera=session.view.camera), samples=4, layers="all")
     planes = exr.flatten(frame.channels())
     found = session.probe(20, 12)
     assert found["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
@@ -170,23 +168,28 @@ def test_the_probe_has_every_layer_of_the_final_picture():
 
 
 OPTIONS = [
-    (),
-    ("--orthographic", "--exposure", "-0.5", "--half"),
-    ("--preset", "course", "--samples", "4", "--layers", "Z,N"),
-    ("--camera-view-angle", "33.3", "--camera-azimuth-angle", "30", "--precision", "float64"),
-    ("--lights", "0,1", "--light-intensity", "0.7,1.3", "--tonemap", "aces", "--components", "diffuse"),
+    ("quads", "--samples", "4", "--half", "--light-intensity", "0.7"),
+    *(
+        pytest.param(options, marks=pytest.mark.long)
+        for options in (
+            ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
+            ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
+            ("teapot", "--camera-view-angle", "33.3", "--camera-azimuth-angle", "30", "--precision", "float64"),
+            ("teapot", "--lights", "0,1", "--light-intensity", "0.7,1.3", "--tonemap", "aces", "--components", "diffuse"),
+        )
+    ),
 ]
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
 def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, options):
     monkeypatch.chdir(tmp_path)
-    given = ("teapot", "--resolution", "41,30", "--samples", "2", "-o", "a b")
-    session, clock = session_of(*given, *options)
+    given = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
+    session, clock = session_of(options[0], *given, *options[1:])
     session.handle({"type": "orbit", "right": 33.3, "up": -12.1})
     session.handle({"type": "pan", "right": 0.01, "up": -0.1})
     session.handle({"type": "dolly", "factor": 0.77})
-    session.handle({"type": "set", "shader": "gouraud", "lights": [0.3, 0.0, 1.5][: len(session.view.lights)]})
+    session.handle({"type": "set", "lights": [0.3, 0.0, 1.5][: len(session.view.lights)]})
     drawn = all_drawings(session, clock)[-1].frame
     found = session.snapshot()
     assert found["files"] == ["a b-1.exr", "a b-1.png"]
@@ -222,7 +225,7 @@ def test_two_sessions_share_a_scene_and_keep_their_own_cameras():
     first.handle({"type": "orbit", "right": 40.0})
     assert not same_bits(next_drawing(first).frame, next_drawing(second).frame)
     assert scene.open_renderers == 1
-    second.handle({"type": "set", "shader": "gouraud"})
+    second.handle({"type": "set", "lights": [0.5, 1.0]})
     next_drawing(second)
     assert scene.open_renderers == 2
     second.close()
