@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browsers import SOFTWARE_GL, chromium
 from devices import working_devices
 from processes import OPEN, python
 
@@ -81,3 +83,16 @@ def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "clshade").mkdir()
     monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"
+
+
+@pytest.fixture(scope="module")  # not longer: see `chromium` on asyncio
+def launch() -> Iterator[Callable[..., Any]]:
+    """Return a function that starts headless Chromium with the given arguments."""
+    with chromium() as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def browser(launch: Callable[..., Any]) -> Any:
+    """Return headless Chromium with WebGL by software."""
+    return launch(*SOFTWARE_GL)

@@ -299,6 +299,34 @@ class Frame:
         """
         display.notebook().show_frame(self, tonemap, exposure)
 
+    def view(
+        self, path: str | os.PathLike[str] | None = None, tonemap: Operator | None = None, exposure: float = 0.0
+    ) -> Any:
+        """Return an HTML page for inspecting the frame: exposure, tone maps, every value of every layer.
+
+        Notebooks display the page, which needs no network and stays in a static export.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            A file to write the page to, such as ``"frame.html"``.
+        tonemap, exposure
+            As chosen at first, see `to_png8`.
+
+        Returns
+        -------
+        clshade.view.page.Page
+            The page: ``html`` is its text, ``save(path)`` writes it.
+
+        Raises
+        ------
+        InputError
+            If the operator or the exposure is refused.
+        OutputError
+            If the file cannot be written.
+        """
+        return display.notebook().view_frame(self, path, tonemap, exposure)
+
     def plot_layers(self) -> Any:
         """Plot the image, its coverage and all layers. Notebooks display the figure.
 

@@ -6,8 +6,10 @@ import base64
 import hashlib
 import html as markup
 import json
+import os
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -16,18 +18,21 @@ from typing import Any
 import numpy as np
 
 from ..base import atomic_files
-from ..base.arrays import Array, Bytes
+from ..base.arrays import Array
 from ..base.atomic_files import Path
 from ..base.json_values import in_line
 from ..errors import InputError
+from ..images.channels import color_group, grouped
 from ..images.image_file import Picture
+from ..images.tonemap import Operator, checked
 
 SCRIPTS = (
     *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "textures.js", "display_webgl.js"),
     *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewer.js"),
-    *("controls.js", "panels.js", "probe.js", "keys.js", "main.js"),
+    *("controls.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
 )  # in this order: each may use what those before it declare
 SHADERS = ("tonemap.glsl", "display.glsl")
+MOST_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
 NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames"}  # layer -> attribute of an EXR's header
 
 _CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
@@ -51,9 +56,11 @@ class Page:
             'height="640" style="border: 0"></iframe>'
         )
 
-    def save(self, path: Path) -> None:
-        """Write the page to a file, atomically. Raises OutputError."""
-        atomic_files.write_bytes(path, self.html.encode())
+    def save(self, path: Path) -> int:
+        """Write the page to a file, atomically, and return its size in bytes. Raises OutputError."""
+        data = self.html.encode()
+        atomic_files.write_bytes(path, data)
+        return len(data)
 
 
 def html(
@@ -62,44 +69,60 @@ def html(
     extra_scripts: Sequence[str] = (),
     extra_styles: Sequence[str] = (),
     title: str = "clshade",
+    tonemap: Operator = "srgb",
+    exposure: float = 0.0,
     connect: str = "'none'",
 ) -> str:
     """Return the page that shows the images, the first of them first.
 
     images: name -> image; may be empty for a page whose images come from an extra script.
     extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`. extra_styles: CSS after the page's own.
+    tonemap, exposure: as chosen at first and by a reset.
     connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
     """
-    scripts = [part(name) for name in SCRIPTS] + list(extra_scripts)
-    style = "\n".join([part("style.css"), *extra_styles])
-    blocks: list[str] = []
-    described = [_described(name, picture, blocks) for name, picture in images.items()]
-    manifest = {"title": title, "images": described, "colormaps": _colormaps()}
+    settings = checked_settings(tonemap, exposure)
+    scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
+    style = "\n".join([_part("style.css"), *extra_styles])
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # deflate releases the GIL
+        blocks: list[Future[str]] = []
+        described = [_described(name, picture, threads, blocks) for name, picture in images.items()]
+        chunks = [_block("text/plain", f"chunk-{number}", text.result()) for number, text in enumerate(blocks)]
+    first = _first_drawn(images, described)
+    manifest = {"title": title, "settings": settings, "images": described, "colormaps": _colormaps()}
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src "
         f"{' '.join(map(_hash, scripts))}; connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
     data = [_block("application/json", "manifest", _json(manifest))]
-    data += [_block("x-shader/x-fragment", name, part(name)) for name in SHADERS]
-    data += [_block("text/plain", f"chunk-{number}", text) for number, text in enumerate(blocks)]
+    data += [_block("x-shader/x-fragment", name, _part(name)) for name in SHADERS]
+    data += [chunk for number, chunk in enumerate(chunks) if number in first]
     values = {
         "policy": markup.escape(policy),
-        "title": markup.escape(title),
+        "title": markup.escape(title.encode("utf-8", "replace").decode()),  # a file's name may hold any bytes
         "style": f"<style>{style}</style>",
         "data": "\n".join(data),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+        "rest": "\n".join(chunk for number, chunk in enumerate(chunks) if number not in first),
     }
-    pieces = part("page.html").split("%%")  # text and names of values in turn
+    pieces = _part("page.html").split("%%")  # text and names of values in turn
     return "".join(values[piece] if number % 2 else piece for number, piece in enumerate(pieces))
 
 
-def view(images: Mapping[str, Picture], title: str = "clshade") -> Page:
-    """Return the page that shows the images."""
-    return Page(html(images, title=title), title)
+def view(
+    images: Mapping[str, Picture], title: str = "clshade", *, tonemap: Operator = "srgb", exposure: float = 0.0
+) -> Page:
+    """Return the page that shows the images, see `html`."""
+    return Page(html(images, title=title, tonemap=tonemap, exposure=exposure), title)
+
+
+def checked_settings(tonemap: Operator, exposure: float) -> dict[str, Any]:
+    """Return the page's settings. Raises InputError for others than `clshade.images.tonemap` takes."""
+    stops = checked(tonemap, exposure)
+    return {"operator": tonemap, "exposure": max(-MOST_EXPOSURE, min(MOST_EXPOSURE, stops))}
 
 
 @cache
-def part(name: str) -> str:
+def _part(name: str) -> str:
     """Return a file of the page."""
     return (files("clshade.view") / "page" / name).read_text("utf-8")
 
@@ -118,18 +141,27 @@ def _json(value: Any) -> str:
     return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
 
 
-def _described(name: str, picture: Picture, blocks: list[str]) -> dict[str, Any]:
+def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, blocks: list[Future[str]]) -> dict[str, Any]:
     """Return an image's description, and append the chunks of its channels to `blocks`."""
     rows, columns = picture.shape
     channels = []
     for channel, plane in picture.channels.items():
         kind, bits = stored(plane, picture.bits)
-        chunks = []
-        for chunk in _chunks(bits):
-            chunks.append(len(blocks))
-            blocks.append(base64.b64encode(zlib.compress(chunk, _LEVEL)).decode())
-        channels.append({"name": channel, "type": kind, "chunks": chunks})
+        start = len(blocks)
+        values = bits.reshape(-1)
+        blocks += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
+        channels.append({"name": channel, "type": kind, "chunks": list(range(start, len(blocks)))})
     return {"name": name, "width": columns, "height": rows, "channels": channels, "info": info(picture)}
+
+
+def _first_drawn(images: Mapping[str, Picture], described: Sequence[dict[str, Any]]) -> set[int]:
+    """Return the numbers of the chunks that the page draws first: they stand before its scripts, the others behind."""
+    if not images:
+        return set()
+    picture = next(iter(images.values()))
+    color = color_group(picture.channels)
+    names = grouped(picture.channels)[color[0]].names if color else tuple(picture.channels)[:1]
+    return {number for each in described[0]["channels"] if each["name"] in names for number in each["chunks"]}
 
 
 def info(picture: Picture) -> dict[str, Any]:
@@ -173,18 +205,15 @@ def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
     return ("half", floats.view(np.uint16)) if half else ("float", floats.view(np.uint32))
 
 
-def _chunks(bits: Array) -> Iterator[bytes]:
-    """Yield a channel in chunks: differences of consecutive values, modulo 2^bits, one byte plane after another.
+def _encoded(values: Array) -> str:
+    """Encode unsigned integers: differences of consecutive ones, modulo 2^bits, one byte plane after another.
 
     Neighbors have similar bits, so that the high bytes of the differences are nearly constant: of a rendered image with
     all layers, deflate leaves three quarters of what it leaves of the byte planes alone.
     """
-    values = bits.reshape(-1)
-    for start in range(0, values.size, _CHUNK):
-        chunk = values[start : start + _CHUNK]
-        differences = np.diff(chunk, prepend=chunk.dtype.type(0))
-        planes: Bytes = differences.astype(f"<u{chunk.itemsize}").view(np.uint8).reshape(-1, chunk.itemsize).T
-        yield planes.tobytes()
+    differences = np.diff(values, prepend=values.dtype.type(0))
+    planes = differences.astype(f"<u{values.itemsize}").view(np.uint8).reshape(-1, values.itemsize).T
+    return base64.b64encode(zlib.compress(planes.tobytes(), _LEVEL)).decode()
 
 
 @cache

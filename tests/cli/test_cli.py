@@ -109,6 +109,8 @@ USAGE = [
     (("paint",), ("paint",)),
     ((), ("COMMAND",)),
     (("inspect",), ("FILE",)),
+    (("view",), ("FILE",)),
+    (("view", "a.exr", "--tonemap", "film"), ("--tonemap", "film")),
     (("inspect", "a.exr", "extra"), ("extra",)),
     (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
 ]

@@ -175,7 +175,17 @@ OPTIONS = [
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
             ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
             ("teapot", "--camera-view-angle", "33.3", "--camera-azimuth-angle", "30", "--precision", "float64"),
-            ("teapot", "--lights", "0,1", "--light-intensity", "0.7,1.3", "--tonemap", "aces", "--components", "diffuse"),
+            (
+                "teapot",
+                "--lights",
+                "0,1",
+                "--light-intensity",
+                "0.7,1.3",
+                "--tonemap",
+                "aces",
+                "--components",
+                "diffuse",
+            ),
         )
     ),
 ]

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 from ...base import console
 from ...errors import InputError
 from ...scene.camera import checked_resolution
-from .arguments import device_option, output_name
+from .arguments import device_option
 from .scene_options import (
     camera_options,
     chosen_camera,
     chosen_saving,
     chosen_settings,
     load_scene,
-    picture_options,
+    scene_changes,
     setting_options,
 )
 
@@ -35,24 +35,34 @@ _LISTS = ("lights", "components", "resolution")
 _FLAGS = ("flat", "orthographic", "half", "crop", "deterministic")
 
 
-def live_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a live view; the scene and its own options are `scene_options`."""
+def is_scene(name: str) -> bool:
+    """Return whether a name is that of a scene: built in, or of a file with a scene's extension, or none at all."""
+    from ...scene.builtin.scenes import BUILTINS
+    from ...scene.formats.load import EXTENSIONS
+
+    ending = os.path.splitext(name)[1].lower()
+    return ending in EXTENSIONS or (not ending and (name in BUILTINS or not os.path.exists(name)))
+
+
+def live_options(parser: argparse.ArgumentParser) -> list[str]:
+    """Add the options of a live view but for its scene and the output; return their names in the namespace."""
+    before = {action.dest for action in parser._actions}
+    scene_changes(parser.add_argument_group("scene"))
     camera_options(parser)
     setting_options(parser)
-    served = parser.add_argument_group("live view of a scene")
+    served = parser.add_argument_group("live view")
     served.add_argument("--port", type=int, metavar="N", help="of 127.0.0.1 (default: a free one)")
     served.add_argument("--open", action="store_true", help="open the browser")
     served.add_argument("--stats", action="store_true", help="print at the end what the pictures took, stage by stage")
-    snapshots = parser.add_argument_group("snapshots of a scene")
-    snapshots.add_argument(
-        "-o",
-        "--output",
-        type=output_name,
-        metavar="OUT",
-        help="names them OUT-1.exr and OUT-1.png, and so on (default: the scene's name, in the current folder)",
-    )
-    picture_options(snapshots)
     device_option(parser)
+    return [action.dest for action in parser._actions if action.dest not in before]
+
+
+def refuse_live_options(arguments: argparse.Namespace) -> None:
+    """Raise InputError for an option that was given and is about scenes alone."""
+    for name in arguments.only_scenes:
+        if getattr(arguments, name) != arguments.parser.get_default(name):
+            raise InputError(f"{_option(name)}: expected a scene to view, found images")
 
 
 def run_live(arguments: argparse.Namespace) -> None:
@@ -143,10 +153,3 @@ def _repeated(arguments: argparse.Namespace) -> tuple[str, ...]:
 
 def _option(name: str) -> str:
     return "--" + name.replace("_", "-")
-
-
-def refuse_with_files(arguments: argparse.Namespace) -> None:
-    """Raise InputError for options of the live view that were given with image files."""
-    for name in ("port", "open", "stats"):
-        if getattr(arguments, name):
-            raise InputError(f"{_option(name)}: expected a scene to view, found image files")

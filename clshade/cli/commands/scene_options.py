@@ -39,6 +39,11 @@ def scene_options(
         help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene"
         + ("" if default is None else f" (default: {default})"),
     )
+    scene_changes(group)
+
+
+def scene_changes(group: argparse._ArgumentGroup) -> None:
+    """Add the options that change scenes."""
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
     group.add_argument("--focal", type=float, metavar="F", help="focal length of a course file, scene units")
     edges = group.add_mutually_exclusive_group()
@@ -138,8 +143,8 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def picture_options(group: argparse._ArgumentGroup) -> None:
-    """Add the options for writing images: the keyword arguments of `Frame.save`."""
+def picture_options(group: argparse._ArgumentGroup) -> list[str]:
+    """Add the options for writing images; return their names, the keyword arguments of `Frame.save`."""
     from ...images.exr import COMPRESSIONS
     from ...images.tonemap import OPERATORS
 
@@ -157,6 +162,7 @@ def picture_options(group: argparse._ArgumentGroup) -> None:
         "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
     )
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic"]
 
 
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:

@@ -36,13 +36,22 @@ function sumDifferences(planes, values, start) {
   }
 }
 
+/** Return a block of the page's data. Those that are not drawn at first stand behind the scripts. */
+async function blockOf(number) {
+  const find = () => document.getElementById(`chunk-${number}`);
+  // The parser may be in the middle of a block until another follows it.
+  if (document.readyState === "loading" && !find()?.nextElementSibling)
+    await new Promise((resolve) => document.addEventListener("DOMContentLoaded", resolve, { once: true }));
+  return find();
+}
+
 /** Decode the page's blocks of these numbers to an array of a type, and remove them from the page. */
 async function decodeBlocks(type, numbers, count) {
   const data = new ARRAYS[type](count);
   const codes = data instanceof Float32Array ? new Uint32Array(data.buffer) : data;
   let start = 0;
   for (const number of numbers) {
-    const element = document.getElementById(`chunk-${number}`);
+    const element = await blockOf(number);
     const planes = await inflated(bytesOf(element.textContent));
     sumDifferences(planes, codes, start);
     start += planes.length / codes.BYTES_PER_ELEMENT;

@@ -93,7 +93,7 @@ void add(inout Sum sum, vec3 value) {
 }
 
 vec3 colormapped(float position) {
-  return texelFetch(colormap, ivec2(int(clamp(position, 0.0, 1.0) * 255.0 + 0.5), 0), 0).rgb;
+  return texelFetch(colormap, ivec2(int(clamp(position, 0.0, 0.999) * 256.0), 0), 0).rgb;
 }
 
 /** Return the display color of linear light. */

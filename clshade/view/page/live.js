@@ -23,7 +23,7 @@ class Live {
     reload.addEventListener("click", () => send({ type: "reload" }));
     this.bar.append("The scene’s file has changed.", reload);
     this.others = create("tbody");
-    document.querySelector("#probe table").after(create("table", { id: "all-layers" }, this.others));
+    document.querySelector("#layers table").after(create("table", { id: "all-layers" }, this.others));
     document.getElementById("stage").append(this.bar);
     this.connection.onpicture = (header, arrays) => this.picture(header, arrays);
     this.connection.addEventListener("message", ({ detail }) => this.message(detail));

@@ -14,9 +14,9 @@ function startViewer(manifest) {
     canvas = fresh;
     display = new CanvasDisplay(canvas, colormaps);
   }
-  const started = new Viewer(canvas, document.getElementById("overlay"), display);
+  const started = new Viewer(canvas, document.getElementById("overlay"), display, manifest.settings);
   const panels = new Panels(started, manifest.title);
-  new Probe(started);
+  new LayerTable(started);
   attachKeys(started);
   if (display instanceof CanvasDisplay) {
     panels.notice(`No WebGL 2 for images of ${longest} pixels a side in this browser: drawn without it, in 8 bits.`);

@@ -8,7 +8,6 @@ class Panels {
     document.querySelector("#panel h1").textContent = title;
     document.querySelector("#panel h1").title = title;
     this.buildImages();
-    this.buildLayers();
     this.buildAdjust();
     viewer.addEventListener("change", () => this.update());
     viewer.addEventListener("drawn", () => this.drawn());
@@ -80,26 +79,6 @@ class Panels {
     if (!ready) return;
     if (this.compared?.[0] !== layer || this.compared[1] !== other) this.compared = [layer, other, compareLayers(layer, other)];
     box.textContent = this.compared[2];
-  }
-
-  // Layers
-
-  buildLayers() {
-    const { viewer } = this;
-    this.chips = new Choice(document.querySelector("#layers .chips"), (name) => viewer.setLayer(name), "chips");
-    this.components = new Choice(document.querySelector("#layers .components"), (component) => viewer.setComponent(component));
-  }
-
-  updateLayers() {
-    const { viewer } = this;
-    const layer = viewer.layerOf(viewer.image);
-    const layers = viewer.image?.layers ?? [];
-    this.chips.update(layers.map(({ name, channels }) => ({ value: name, label: name, title: channels.join(", ") })), layer?.name);
-    document.getElementById("layers").hidden = layers.length < 2 && (layer?.channels.length ?? 0) < 2;
-    const choices = layer && layer.channels.length > 1 ? [{ value: null, label: "All", title: "(X: next)" }, ...layer.channels.map(
-      (channel, k) => ({ value: k, label: [...layer.family].find((letter) => channel.toUpperCase().endsWith(letter)) ?? channel, title: channel }))] : [];
-    if (layer?.family === "RGB" && layer.channels.length === 3) choices.push({ value: "luminance", label: "Luminance", title: "Of linear Rec. 709" });
-    this.components.update(choices, viewer.component);
   }
 
   // Exposure, tone map, range
@@ -236,7 +215,6 @@ class Panels {
 
   update() {
     this.updateImages();
-    this.updateLayers();
     this.updateAdjust();
     this.updateInfo();
   }

@@ -118,6 +118,6 @@ function valueShader(shown, { marking }, colormap) {
 
 /** Return the color of a colormap, 256 RGB bytes, at a position in [0, 1]. */
 function mapped(colormap, position) {
-  const entry = 3 * Math.floor(255 * Math.max(0, Math.min(1, position)) + 0.5);
+  const entry = 3 * Math.floor(256 * Math.max(0, Math.min(0.999, position)));
   return [colormap[entry], colormap[entry + 1], colormap[entry + 2]];
 }

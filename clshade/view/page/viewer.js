@@ -14,7 +14,8 @@ const MOST_EXPOSURE = 100; // stops
  * which may lie outside of the image; where it returns true, the viewer itself does nothing.
  */
 class Viewer extends EventTarget {
-  constructor(canvas, overlay, display) {
+  /** settings: exposure and operator at first. */
+  constructor(canvas, overlay, display, settings) {
     super();
     this.canvas = canvas;
     this.overlay = new Overlay(overlay);
@@ -26,7 +27,8 @@ class Viewer extends EventTarget {
     this.reference = null;
     this.layerName = null; // null: the image's color
     this.component = null; // index, "luminance" or null for all
-    this.settings = { ...SETTINGS };
+    this.initial = { ...SETTINGS, ...settings };
+    this.settings = { ...this.initial };
     this.ranges = new Map(); // layer's name and component -> [low, high] chosen
     this.mode = "single";
     this.metric = "absolute";
@@ -162,7 +164,7 @@ class Viewer extends EventTarget {
 
   reset() {
     this.ranges.clear();
-    this.set({ ...SETTINGS });
+    this.set({ ...this.initial });
   }
 
   /** Set the exposure at which the brightest finite value of the layer is 1. */
