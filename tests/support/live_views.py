@@ -21,7 +21,8 @@ SMALL = ("quads", "--resolution", "40,30")
 def source_of(*arguments: object) -> Source:
     """Return the source of `clshade view ARGUMENTS`."""
     given = with_values(["view", *map(str, arguments)])
-    return live_view.source_of(_parser(given).parse_args(given))
+    parsed = _parser(given).parse_args(given)
+    return live_view.source_of(parsed, *parsed.files)
 
 
 @dataclass

@@ -65,13 +65,13 @@ def refuse_live_options(arguments: argparse.Namespace) -> None:
             raise InputError(f"{_option(name)}: expected a scene to view, found images")
 
 
-def run_live(arguments: argparse.Namespace) -> None:
-    """Serve the scene until Ctrl-C, which raises KeyboardInterrupt. Raises InputError if aiohttp is missing."""
+def run_live(arguments: argparse.Namespace, name: str) -> None:
+    """Serve the scene of this name until Ctrl-C, which raises KeyboardInterrupt. Raises InputError if aiohttp is missing."""
     from ...view import live_server
     from ...view.live_page import live_page
     from ...view.live_scene import LiveScene
 
-    source = source_of(arguments)
+    source = source_of(arguments, name)
     listening = live_server.listen(arguments.port)
     with listening:
         scene = LiveScene(source)
@@ -95,12 +95,12 @@ def _announce(url: str, in_browser: bool) -> None:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
 
-def source_of(arguments: argparse.Namespace) -> Source:
-    """Return the source of the scene that the arguments select. Raises InputError for a value that is refused."""
+def source_of(arguments: argparse.Namespace, name: str) -> Source:
+    """Return the source of the scene of this name, with the command line's options. Raises InputError for a refused
+    value."""
     from ...pipeline.frame import check_output
     from ...view.live_scene import Source
 
-    name = arguments.scene
     if arguments.resolution is not None:
         checked_resolution("--resolution", arguments.resolution)
     output = arguments.output or Path(name).stem or "view"
@@ -112,7 +112,7 @@ def source_of(arguments: argparse.Namespace) -> Source:
     settings |= {"preset": arguments.preset, "resolution": arguments.resolution}
     return Source(
         name=name,
-        load=_loader(arguments),
+        load=_loader(arguments, name),
         files=(name,) if os.path.exists(name) else (),
         camera=chosen_camera(arguments),
         settings=settings,
@@ -124,12 +124,12 @@ def source_of(arguments: argparse.Namespace) -> Source:
     )
 
 
-def _loader(arguments: argparse.Namespace) -> Callable[[], Scene]:
+def _loader(arguments: argparse.Namespace, name: str) -> Callable[[], Scene]:
     """Return a function that loads the scene with its own camera and the lights as they are in the file."""
     camera = dict.fromkeys(("camera_position", "camera_focal_point", "camera_view_up", "camera_view_angle"))
     camera |= {"camera_azimuth_angle": 0.0, "camera_elevation_angle": 0.0, "orthographic": False}
     own = argparse.Namespace(**{**vars(arguments), **camera, "light_intensity": None})
-    return partial(load_scene, own)
+    return partial(load_scene, own, name)
 
 
 def _repeated(arguments: argparse.Namespace) -> tuple[str, ...]:

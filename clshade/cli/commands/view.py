@@ -52,8 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.files) > 1:
         found = printable(" and ".join(arguments.files))
         raise InputError(f"view: expected one scene, or images, found {found}")
-    arguments.scene = scenes[0]
-    run_live(arguments)
+    run_live(arguments, scenes[0])
     return DONE
 
 

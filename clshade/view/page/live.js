@@ -38,7 +38,12 @@ class Live {
     else if (type === "snapshot") this.panel.written(message);
     else if (type === "probe") this.probed(message);
     else if (type === "changed") this.bar.hidden = !message.changed;
-    else if (type === "error") this.notice(message.text);
+    else if (type === "error") this.failed(message.text);
+  }
+
+  failed(text) {
+    this.panel.failed();
+    this.notice(text);
   }
 
   notice(text, ms = NOTICE_MS) {
@@ -128,7 +133,7 @@ class Live {
     if (pinned?.x !== column || pinned?.y !== row || version !== this.header.version) return;
     this.probedValues = values;
     const rows = groupChannels(Object.keys(values)).filter(({ channels }) => !channels.every((name) => image.channels.has(name)));
-    this.others.replaceChildren(...rows.map(({ name, channels }) => create("tr", {},
+    this.others.replaceChildren(...rows.map(({ name, channels }) => create("tr", { className: "codes" },
       create("th", { textContent: name, scope: "row" }), create("td", { title: channels.map((each) => `${each} ${values[each]}`).join("\n") },
         create("div", {}, ...channels.map((each) => create("span", { textContent: formatted(Number(String(values[each]).replace("inf", "Infinity"))) })))))));
   }

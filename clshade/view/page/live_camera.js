@@ -5,6 +5,7 @@ const TURN_PER_HEIGHT = 360; // degrees for a drag over the canvas's height
 const DOLLY_PER_PIXEL = 1.0015; // of the wheel
 const FLY_PER_SECOND = 0.8; // of the distance to the point looked at
 const FAST = 3; // with Shift
+const LEAST_MS = 30; // that a key counts as held
 const TURN_PER_SECOND = 30; // degrees, while the view turns by itself
 const FLY_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0] };
 
@@ -91,7 +92,7 @@ class CameraControls {
     this.fast = event.shiftKey;
     if (!Object.hasOwn(FLY_KEYS, key) && key !== "t") return;
     if (!isDown) {
-      this.keys.delete(key);
+      requestAnimationFrame(() => this.keys.delete(key)); // after it has moved the camera at least once
       return;
     }
     const typing = event.target.matches?.("select, input[type=number], input[type=text]");
@@ -102,7 +103,7 @@ class CameraControls {
       if (!event.repeat) this.turn(!this.turning);
       return;
     }
-    if (!this.keys.size) this.movedAt = performance.now();
+    if (!this.keys.size) this.movedAt = performance.now() - LEAST_MS;
     this.keys.add(key);
     this.request();
   }
@@ -140,11 +141,17 @@ class CameraControls {
   }
 }
 
-HELP.unshift(["Camera", [
+// The help of a live view: without what is about several images, and with the keys above instead of those they take.
+const CAMERA_HELP = ["Camera", [
   ["Drag", "orbit"],
   ["Right drag", "pan; also Shift drag, two fingers"],
   ["Wheel", "zoom; also pinch"],
   ["W A S D, Q E", "fly; faster with Shift"],
   ["T", "turn by itself"],
   ["Ctrl drag, wheel", "move and zoom the image instead"],
-]]);
+]];
+const OTHER_KEYS = { "→ ←  or  D A": "→ ←", "Drag, H J K L": "H J K L", "Wheel, + −": "+ −" };
+const TAKEN_KEYS = ["1 … 9", "↑ ↓  or  W S", "E, Shift E"];
+
+HELP.splice(0, HELP.length, CAMERA_HELP, ...HELP.filter(([title]) => title !== "Compare").map(([title, keys]) => [
+  title, keys.filter(([key]) => !TAKEN_KEYS.includes(key)).map(([key, what]) => [OTHER_KEYS[key] ?? key, what])]));

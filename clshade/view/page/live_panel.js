@@ -16,17 +16,18 @@ class LivePanel {
     const title = (text, ...others) => create("h2", {}, text, ...others);
     this.turning = create("button", { type: "button", textContent: "Turn", title: "Go round the scene (T)", ariaPressed: "false" });
     this.section.append(title("Camera", create("span", { className: "buttons" }, this.turning, reset)), create("p", { className: "meaning", textContent: "Drag: orbit · right drag: pan · wheel: zoom · WASD QE: fly" }));
-    this.section.append(title("Shader"));
-    this.shaders = new Choice(this.section, (shader) => this.set({ shader }));
-    this.section.append(title("Samples per pixel at rest"));
-    this.samples = new Choice(this.section, (samples) => this.set({ samples }));
-    this.section.append(title("Layers to render"));
-    this.layers = create("div", { className: "chips" });
-    this.section.append(this.layers, this.lightsTitle = title("Lights"), this.lights = create("div"));
+    const row = (text, hint) => create("div", { className: "choose", title: hint }, create("h2", { textContent: text }));
+    const [shader, samples, layers] = [row("Shader", "Where the scene is lit"), row("Samples", "Per pixel, once the view is still"),
+      row("Layers", "To render with the picture: they can be shown below")];
+    this.shaders = new Choice(shader, (value) => this.set({ shader: value }));
+    this.samples = new Choice(samples, (value) => this.set({ samples: value }));
+    this.layers = create("div", { className: "toggles" });
+    layers.append(this.layers);
+    this.section.append(shader, samples, layers, this.lightsTitle = title("Lights"), this.lights = create("div"));
     const snapshot = create("button", { type: "button", id: "snapshot", textContent: "Snapshot",
       title: "Write the EXR and PNG that `clshade render` writes for this view" });
     snapshot.addEventListener("click", () => {
-      this.result.replaceChildren("rendering …");
+      this.result.replaceChildren("Rendering …");
       send({ type: "snapshot" });
     });
     this.result = create("div", { id: "written" });
@@ -99,6 +100,11 @@ class LivePanel {
     this.set({ lights: this.state.lights.map((each, index) => (index === k ? factor : each)) });
   }
 
+  /** Forget the snapshot that was asked for. */
+  failed() {
+    this.result.replaceChildren();
+  }
+
   /** Show a snapshot's files, and the command that makes them. */
   written({ files, command, warnings }) {
     const copy = create("button", { type: "button", textContent: "Copy" });
@@ -112,12 +118,12 @@ class LivePanel {
 
   /** Show what a picture took. rate: frames per second, or null at rest. */
   times({ samples, full, drawn, times_ms: times }, wanted, rate) {
-    const size = drawn[0] === full[0] ? full.join(" × ") : `${drawn.join(" × ")} of ${full.join(" × ")}`;
+    const size = drawn[0] === full[0] ? full.join(" × ") : `${drawn.join(" × ")}, enlarged`;
     const { frame, convert, total, ...stages } = times;
     const listed = Object.entries(stages).filter(([, ms]) => ms >= 0.05).sort(([, a], [, b]) => b - a)
       .map(([name, ms]) => `${name} ${ms.toFixed(1)}`).join(", ");
     const lines = [
-      `${size}, ${samples} of ${wanted} ${wanted === 1 ? "sample" : "samples"}${rate === null ? "" : `, ${rate.toFixed(0)} frames/s`}`,
+      `${size}, ${samples === wanted ? "" : `${samples} of `}${wanted} ${wanted === 1 ? "sample" : "samples"}${rate === null ? "" : `, ${rate.toFixed(0)} frames/s`}`,
       `frame ${frame.toFixed(1)} ms (${listed}), sent after ${convert.toFixed(1)} ms`,
     ];
     this.figures.replaceChildren(...lines.map((textContent) => create("div", { textContent })));
