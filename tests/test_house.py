@@ -327,7 +327,8 @@ def test_every_command_is_a_module_of_its_own():
     assert {name: f"clshade.cli.commands.{name}" for name in main.COMMANDS} == main._MODULES
     commands = {name for name in SOURCES if name.startswith("cli.commands.")}
     shared = {
-        f"cli.commands.{name}" for name in ("arguments", "parser", "farm_options", "scene_options", "scene_outputs")
+        f"cli.commands.{name}"
+        for name in ("arguments", "parser", "farm_options", "live_view", "scene_options", "scene_outputs")
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared
     for name in main.COMMANDS:

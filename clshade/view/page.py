@@ -8,8 +8,9 @@ import html as markup
 import json
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -28,7 +29,7 @@ from ..images.tonemap import Operator, checked
 
 SCRIPTS = (
     *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "textures.js", "display_webgl.js"),
-    *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewer.js"),
+    *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewport.js", "viewer.js"),
     *("controls.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
 )  # in this order: each may use what those before it declare
 SHADERS = ("tonemap.glsl", "display.glsl")
@@ -83,8 +84,8 @@ def html(
     settings = checked_settings(tonemap, exposure)
     scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
     style = "\n".join([_part("style.css"), *extra_styles])
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # deflate releases the GIL
-        blocks: list[Future[str]] = []
+    blocks: list[Future[str]] = []
+    with _threads() as threads:
         described = [_described(name, picture, threads, blocks) for name, picture in images.items()]
         chunks = [_block("text/plain", f"chunk-{number}", text.result()) for number, text in enumerate(blocks)]
     first = _first_drawn(images, described)
@@ -139,6 +140,17 @@ def _block(kind: str, name: str, text: str) -> str:
 def _json(value: Any) -> str:
     """Return JSON in which no markup can begin: in an HTML script only `<` can."""
     return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
+
+
+@contextmanager
+def _threads() -> Iterator[ThreadPoolExecutor]:
+    """Yield a pool of threads, for deflate releases the GIL; after an error or Ctrl-C it starts nothing more."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        try:
+            yield threads
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, blocks: list[Future[str]]) -> dict[str, Any]:

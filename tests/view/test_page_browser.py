@@ -331,6 +331,17 @@ def test_without_webgl(launch, written, how):
 
 
 @pytest.mark.long
+def test_damaged_data_is_said(browser, written, tmp_path):
+    text = written.read_text("utf-8")
+    start = text.index('id="chunk-0">') + len('id="chunk-0">')
+    (tmp_path / "a.html").write_text(text[:start] + "AAAA" + text[start + 40 :], "utf-8")
+    shown = browser.new_page()
+    shown.goto((tmp_path / "a.html").as_uri())
+    assert "damaged" in until(shown, "document.getElementById('notice').textContent")
+    shown.close()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("shape", [(1, 1), (1, 3000), (2500, 1), (7, 5)])
 def test_odd_sizes(browser, tmp_path, shape):
     planes = {"Y": np.full(shape, 0.5, np.float32), "id": np.ones(shape, np.uint32)}
@@ -342,6 +353,21 @@ def test_odd_sizes(browser, tmp_path, shape):
     assert pixels(shown, 3, 2)[2, 1].tolist() == [255, 0, 255]
     for key in ("Shift+Digit1", "c", "0", "+", "+", "n", "Space"):
         shown.keyboard.press(key)
+    assert shown.faults == []
+    shown.close()
+
+
+@pytest.mark.long
+def test_in_a_notebook(browser, written, tmp_path):
+    """A notebook's document may have a policy of its own, which frames inherit; this one allows what Jupyter's does."""
+    made = page.Page(written.read_text("utf-8"))
+    (tmp_path / "a.html").write_text(
+        f"<!DOCTYPE html><html data-ready><body>{made._repr_html_()}</body></html>", "utf-8"
+    )
+    shown = opened(browser, tmp_path / "a.html")
+    inner = shown.frames[1]
+    inner.wait_for_selector("html[data-ready]", state="attached")
+    assert inner.evaluate("[viewer.drawn.image.width, viewer.canvas.width > 100, origin]") == [COLUMNS, True, "null"]
     assert shown.faults == []
     shown.close()
 

@@ -11,6 +11,13 @@ function create(tag, properties = {}, ...children) {
   return element;
 }
 
+/** Create a small square of a color, [r, g, b]. */
+function createSwatch(color) {
+  const swatch = create("i", { className: "swatch" });
+  swatch.style.backgroundColor = `rgb(${color.join(" ")})`;
+  return swatch;
+}
+
 /** A row of buttons, one of which is on. choices: [{value, label, title}]. */
 class Choice {
   constructor(parent, onchoose, className = "choice") {

@@ -81,6 +81,17 @@ function srgbToLinear(value) {
   return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
 }
 
+const codeTables = new Map();
+
+/** Return the values of codes from 0 to `most`; linear: of sRGB-encoded colors. */
+function codeValues(most, linear) {
+  const key = `${most} ${linear}`;
+  if (!codeTables.has(key)) {
+    codeTables.set(key, Float32Array.from({ length: most + 1 }, (_, code) => linear ? srgbToLinear(code / most) : code / most));
+  }
+  return codeTables.get(key);
+}
+
 /**
  * One channel. type: half (bits in a Uint16Array), float, uint, or u8 and u16 for the codes of a PNG.
  * data: values as stored, row by row from the top; null until `load` has decoded them.
@@ -95,7 +106,6 @@ class Channel {
       `or Uint8Array, found ${given.constructor.name}`);
     this.data = given.load ? null : given.data ?? given;
     this.decode = given.load;
-    this.table = null; // value by code, if codes are not the values
     this.texture = null; // the display's
   }
 
@@ -118,10 +128,6 @@ class Channel {
 
   tableOf(linear) {
     if (this.type === "half") return halves();
-    if (this.type !== "u8" && this.type !== "u16") return null;
-    const most = this.type === "u8" ? 255 : 65535;
-    const table = new Float32Array(most + 1);
-    for (let code = 0; code <= most; code++) table[code] = linear ? srgbToLinear(code / most) : code / most;
-    return table;
+    return this.type === "u8" || this.type === "u16" ? codeValues(this.type === "u8" ? 255 : 65535, linear) : null;
   }
 }

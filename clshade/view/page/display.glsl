@@ -33,12 +33,17 @@ struct Sum {
   bool nan, infinite, negative;
 };
 
+// By bits: compilers may take for granted that there is no NaN.
+uvec3 magnitude(vec3 v) {
+  return floatBitsToUint(v) & 0x7FFFFFFFu;
+}
+
 bvec3 infinite(vec3 v) {
-  return bvec3(isinf(v.x), isinf(v.y), isinf(v.z));
+  return equal(magnitude(v), uvec3(0x7F800000u));
 }
 
 bvec3 notANumber(vec3 v) {
-  return bvec3(isnan(v.x), isnan(v.y), isnan(v.z));
+  return greaterThan(magnitude(v), uvec3(0x7F800000u));
 }
 
 bool isInside(ivec2 p, ivec2 size) {
@@ -76,11 +81,11 @@ vec3 numberColor(uvec3 numbers, int count) {
 }
 
 vec3 difference(vec3 a, vec3 b) {
-  bvec3 bothNan = bvec3(isnan(a.x) && isnan(b.x), isnan(a.y) && isnan(b.y), isnan(a.z) && isnan(b.z));
+  bvec3 nanA = notANumber(a), nanB = notANumber(b);
   vec3 found = abs(a - b);
   if (metric == 2) found *= found;
   if (metric == 3) found /= abs(b) + 0.01;
-  for (int k = 0; k < 3; k++) if (bothNan[k] || a[k] == b[k]) found[k] = 0.0;
+  for (int k = 0; k < 3; k++) if ((nanA[k] && nanB[k]) || a[k] == b[k]) found[k] = 0.0;
   return found;
 }
 
@@ -136,7 +141,7 @@ vec3 drawn(vec2 at, bool second) {
     if (second) return valueColor(texelB(center), kindB, countB, lowB, highB);
     return valueColor(texelA(center), kindA, countA, lowA, highA);
   }
-  int side = clamp(int(ceil(1.0 / zoom)), 1, 8); // reduced images are means in linear light
+  int side = clamp(int(1.0 / zoom + 0.5), 1, 8); // reduced images are means in linear light
   Sum sum = Sum(vec3(0.0), 0, false, false, false);
   for (int j = 0; j < side; j++) {
     for (int i = 0; i < side; i++) {

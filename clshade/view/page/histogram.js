@@ -10,7 +10,7 @@ const HISTOGRAM_COLORS = {
 function drawHistogram(canvas, full, white) {
   const ratio = window.devicePixelRatio;
   canvas.width = Math.round(canvas.clientWidth * ratio);
-  canvas.height = Math.round(88 * ratio);
+  canvas.height = Math.round(canvas.clientHeight * ratio);
   const context = canvas.getContext("2d");
   const { histograms, inStops } = full ?? { histograms: [] };
   if (!histograms.length) return null;

@@ -110,13 +110,10 @@ class LayerTable {
 function setValues(row, found) {
   const { texts = [], exact = "", name = "", color = null } = found ?? {};
   const cells = texts.map((textContent) => create("span", { textContent }));
-  if (color) {
-    const swatch = create("i", { className: "swatch" });
-    swatch.style.backgroundColor = `rgb(${color.join(" ")})`;
-    cells.unshift(swatch);
-  }
+  if (color) cells.unshift(createSwatch(color));
   if (name) cells.push(create("em", { textContent: name }));
   row.lastChild.title = exact;
+  row.lastChild.className = texts.length > 1 ? "three" : "";
   row.lastChild.replaceChildren(...cells);
 }
 

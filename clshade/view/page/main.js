@@ -48,9 +48,10 @@ async function decodeOthers(viewer) {
 const manifest = JSON.parse(document.getElementById("manifest").textContent);
 const viewer = startViewer(manifest);
 addImages(viewer, manifest);
-viewer.addEventListener("drawn", () => {
+viewer.addEventListener("drawn", function first() {
   if (!viewer.drawn) return;
+  viewer.removeEventListener("drawn", first);
   document.documentElement.dataset.ready = "true";
   setTimeout(() => decodeOthers(viewer).catch((error) => viewer.failed(error)), 100);
-}, { once: true });
+});
 viewer.canvas.focus({ preventScroll: true });

@@ -1,7 +1,6 @@
 "use strict";
 // Panning, zooming, the wipe's line and the pixel below the pointer.
 
-const MOST_ZOOM = 256; // CSS pixels per pixel of the image
 const CLICK_DISTANCE = 4; // CSS pixels; a longer way is a drag
 
 /** Attach mouse, pen and touch to a viewer. */

@@ -36,7 +36,10 @@ class Overlay {
     this.context = canvas.getContext("2d");
   }
 
-  /** parts: [{shown, from, to}], columns of the canvas that each image takes; wipe: x of the line, or null. */
+  /**
+   * parts: [{shown, from, to, texts, colors}], columns of the canvas that each image takes, and what returns functions of
+   * a pixel: to the texts in it, and to its display color. wipe: x of the line, or null.
+   */
   draw(parts, view, { wipe, pinned, ratio, border }) {
     const { context, canvas } = this;
     context.clearRect(0, 0, canvas.width, canvas.height);
@@ -86,25 +89,22 @@ class Overlay {
 
   values(part, view, ratio) {
     const { shown } = part;
+    const [texts, colorAt] = [part.texts(), part.colors()];
     const { left, right, top, bottom } = this.seen(part, view);
-    const reads = shown.planes.map((plane) => plane.reader());
-    const size = Math.min(13 * ratio, view.zoom / Math.max(4.2, reads.length + 1));
+    const size = Math.min(13 * ratio, view.zoom / Math.max(4.8, shown.count + 1));
+    const digits = view.zoom >= 80 * ratio ? 5 : 3;
     const { context } = this;
     context.font = `${size}px ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace`;
     context.textAlign = "center";
     context.textBaseline = "middle";
-    context.lineWidth = 3 * ratio;
-    context.lineJoin = "round";
-    context.strokeStyle = "rgba(0, 0, 0, 0.75)";
-    context.fillStyle = "#fff";
     for (let y = top; y <= bottom; y++) {
       for (let x = left; x <= right; x++) {
-        reads.forEach((read, k) => {
-          const text = formatted(read(y * shown.image.width + x), view.zoom >= 80 * ratio ? 5 : 3);
-          const place = [view.x + (x + 0.5) * view.zoom,
-            view.y + (y + 0.5) * view.zoom + (k - (reads.length - 1) / 2) * size * 1.2];
-          context.strokeText(text, ...place, view.zoom * 0.94);
-          context.fillText(text, ...place, view.zoom * 0.94);
+        const color = colorAt(x, y);
+        if (!color) continue;
+        context.fillStyle = color[0] * 0.3 + color[1] * 0.6 + color[2] * 0.1 > 110 ? "#000" : "#fff";
+        texts(x, y, digits).forEach((text, k, all) => {
+          const line = view.y + (y + 0.5) * view.zoom + (k - (all.length - 1) / 2) * size * 1.2;
+          context.fillText(text, view.x + (x + 0.5) * view.zoom, line, view.zoom * 0.94);
         });
       }
     }

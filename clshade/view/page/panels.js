@@ -1,6 +1,8 @@
 "use strict";
 // The panel beside the image: what is selected, and the knobs.
 
+const MOST_NUMBERS = 10; // whose names are listed
+
 /** The panel's sections follow the viewer's events. */
 class Panels {
   constructor(viewer, title) {
@@ -131,6 +133,7 @@ class Panels {
     this.operators.update(OPERATORS.map((value) => ({ value, label: OPERATOR_NAMES[value] })), inStops ? null : operator);
     this.inStops.input.checked = inStops;
     this.marking.input.checked = marking;
+    this.marking.box.hidden = kind === KIND.numbers;
     const [low, high] = this.shownRange();
     setNumber(this.low, Number(low.toPrecision(6)));
     setNumber(this.high, Number(high.toPrecision(6)));
@@ -145,7 +148,8 @@ class Panels {
     document.getElementById("histogram").hidden = !full;
     if (!full) return;
     const title = full.inStops ? "Histogram in stops" : "Histogram";
-    document.querySelector("#histogram h2").textContent = full.histograms.length ? title : "Values";
+    document.querySelector("#histogram h2").textContent = full.histograms.length ? title : "Numbers";
+    document.querySelector("#histogram .numbers").replaceChildren(...this.numberLabels(layer, full.numbers ?? []));
     const canvas = document.querySelector("#histogram canvas");
     canvas.hidden = !full.histograms.length;
     if (!canvas.hidden) drawHistogram(canvas, full, -viewer.settings.exposure);
@@ -154,6 +158,14 @@ class Panels {
     document.querySelector("#histogram .counts").replaceChildren(create("span", { textContent: range }), ...parts
       .filter(([, , count]) => count)
       .map(([name, label, count]) => create("span", {}, create("i", { className: name }), `${count.toLocaleString("en")} ${label}`)));
+  }
+
+  /** Return the most frequent numbers with their colors and names. */
+  numberLabels(layer, numbers) {
+    const labels = numbers.slice(0, MOST_NUMBERS).map(([number]) => create("span", {}, createSwatch(numberColor([number])),
+      `${number} ${layer.image.nameOf(layer, number)}`));
+    const more = numbers.length - labels.length;
+    return more > 0 ? [...labels, create("span", { textContent: `and ${more.toLocaleString("en")} more` })] : labels;
   }
 
   /** Update what depends on the image that was drawn. */

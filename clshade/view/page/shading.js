@@ -84,6 +84,18 @@ function shader(shown, reference, settings, colormaps) {
   };
 }
 
+/** Return a function from x, y of a pixel and a number of digits to its values, or to the differences, as texts. */
+function pixelTexts(shown, reference, metric) {
+  const linear = Boolean(metric);
+  const reads = shown.planes.map((plane) => plane.reader(linear && shown.isEncoded));
+  const others = metric ? reference.planes.map((plane) => plane.reader(reference.isEncoded)) : [];
+  return (x, y, digits) => reads.map((read, k) => {
+    const value = read(y * shown.image.width + x);
+    if (!metric) return formatted(value, digits);
+    return others[k] ? formatted(difference(value, others[k](y * reference.image.width + x), metric), digits) : "";
+  });
+}
+
 function lightShader(shown, { exposure, operator, marking, inStops }, colormap) {
   const codes = toneCodes(operator, exposure);
   const gain = 2 ** exposure;

@@ -62,6 +62,16 @@ function linearHistogram(read, count, low, high) {
   return bins;
 }
 
+/** Return [number, pixels] of each number but 0, the most frequent first. */
+function countNumbers(read, count) {
+  const found = new Map();
+  for (let i = 0; i < count; i++) {
+    const number = read(i);
+    if (number) found.set(number, (found.get(number) ?? 0) + 1);
+  }
+  return [...found].sort(([, a], [, b]) => b - a);
+}
+
 /** Return what is needed to draw a loaded layer: its kind, and the range of each of its planes. */
 function quickStatistics(layer) {
   const kind = kindOf(layer);
@@ -85,7 +95,7 @@ function fullStatistics(layer) {
     const histograms = (reads.length === 3 ? [luminance, ...reads] : reads).map((read) => stopsHistogram(read, count));
     return { ...total, inStops: true, histograms };
   }
-  if (kind === KIND.numbers) return { ...total, inStops: false, histograms: [] };
+  if (kind === KIND.numbers) return { ...total, inStops: false, histograms: [], numbers: reads.length === 1 ? countNumbers(reads[0], count) : [] };
   const histograms = reads.map((read) => linearHistogram(read, count, total.low, total.high));
   return { ...total, inStops: false, histograms };
 }

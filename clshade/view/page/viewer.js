@@ -13,11 +13,10 @@ const MOST_EXPOSURE = 100; // stops
  * canvas: what takes pointer events. onpointer: a function of a pointer or wheel event and {x, y} of the pixel below it,
  * which may lie outside of the image; where it returns true, the viewer itself does nothing.
  */
-class Viewer extends EventTarget {
+class Viewer extends Viewport {
   /** settings: exposure and operator at first. */
   constructor(canvas, overlay, display, settings) {
-    super();
-    this.canvas = canvas;
+    super(canvas);
     this.overlay = new Overlay(overlay);
     this.display = display;
     this.display.onrestored = () => this.requestDraw();
@@ -33,8 +32,6 @@ class Viewer extends EventTarget {
     this.mode = "single";
     this.metric = "absolute";
     this.wipeAt = 0.5; // of the canvas's width
-    this.view = { x: 0, y: 0, zoom: 1 }; // pixels of the canvas
-    this.fitted = true;
     this.hovered = null;
     this.pinned = null;
     this.held = null; // "A" or "B" while a key is held
@@ -173,76 +170,7 @@ class Viewer extends EventTarget {
     if (high > 0 && Number.isFinite(high)) this.set({ exposure: Math.round(-Math.log2(high) * 100) / 100 });
   }
 
-  // View
-
-  get ratio() {
-    return window.devicePixelRatio || 1;
-  }
-
-  /** Return a mouse event's place in pixels of the canvas. */
-  canvasPoint(event) {
-    const box = this.canvas.getBoundingClientRect();
-    return { x: (event.clientX - box.left) * this.ratio, y: (event.clientY - box.top) * this.ratio };
-  }
-
-  /** Return the image's pixel at a mouse event, which may lie outside of the image. */
-  pixelAt(event) {
-    const { x, y } = this.canvasPoint(event);
-    return { x: Math.floor((x - this.view.x) / this.view.zoom), y: Math.floor((y - this.view.y) / this.view.zoom) };
-  }
-
-  resized() {
-    const box = this.canvas.parentElement.getBoundingClientRect();
-    const [width, height] = [box.width, box.height].map((side) => Math.max(1, Math.round(side * this.ratio)));
-    for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
-    if (this.fitted) this.fit();
-    this.draw(); // at once: a resized canvas is blank
-  }
-
-  /** Show the whole image, at most at 16 times its size. */
-  fit() {
-    const { width, height } = this.canvas;
-    const image = this.image ?? { width: 1, height: 1 };
-    const zoom = Math.min(width / image.width, height / image.height) * 0.96;
-    this.view.zoom = zoom > 1 ? Math.min(zoom, 16 * this.ratio) : zoom;
-    this.center();
-    this.fitted = true;
-    this.changed();
-  }
-
-  center() {
-    const image = this.image ?? { width: 1, height: 1 };
-    const { zoom } = this.view;
-    this.view.x = Math.round((this.canvas.width - image.width * zoom) / 2);
-    this.view.y = Math.round((this.canvas.height - image.height * zoom) / 2);
-  }
-
-  actualSize(point) {
-    this.zoomBy(1 / this.view.zoom, point);
-  }
-
-  toggleActualSize(point) {
-    if (this.view.zoom === 1) this.fit();
-    else this.actualSize(point);
-  }
-
-  zoomBy(factor, point = { x: this.canvas.width / 2, y: this.canvas.height / 2 }) {
-    const least = 1 / Math.max(this.image?.width ?? 1, this.image?.height ?? 1);
-    let zoom = Math.max(least, Math.min(MOST_ZOOM * this.ratio, this.view.zoom * factor));
-    if (Math.abs(zoom - 1) < 1e-3) zoom = 1;
-    const { x, y, zoom: before } = this.view;
-    this.view = { x: point.x - ((point.x - x) / before) * zoom, y: point.y - ((point.y - y) / before) * zoom, zoom };
-    if (zoom >= 1) [this.view.x, this.view.y] = [Math.round(this.view.x), Math.round(this.view.y)];
-    this.fitted = false;
-    this.changed();
-  }
-
-  pan(x, y) {
-    this.view.x += x;
-    this.view.y += y;
-    this.fitted = false;
-    this.changed();
-  }
+  // Comparison
 
   setWipe(fraction) {
     this.wipeAt = Math.max(0, Math.min(1, fraction));
@@ -287,6 +215,14 @@ class Viewer extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
+  resized() {
+    const box = this.canvas.parentElement.getBoundingClientRect();
+    const [width, height] = [box.width, box.height].map((side) => Math.max(1, Math.round(side * this.ratio)));
+    for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
+    if (this.fitted) this.fit();
+    this.draw(); // at once: a resized canvas is blank
+  }
+
   requestDraw() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
@@ -325,9 +261,12 @@ class Viewer extends EventTarget {
     if (this.image && (!shown || (!sole && !reference))) return; // what is drawn stays until the data is there
     const wipe = this.wipeX();
     const metric = !sole && this.mode === "difference" ? this.metric : null;
-    this.display.draw(shown, reference, view, { ...settings, wipe, metric });
-    const parts = shown ? [{ shown, from: 0, to: wipe ?? canvas.width }] : [];
-    if (wipe !== null) parts.push({ shown: reference, from: wipe, to: canvas.width });
+    const all = { ...settings, wipe, metric };
+    this.display.draw(shown, reference, view, all);
+    const part = (each, other, from, to) => ({ shown: each, from, to,
+      texts: () => pixelTexts(each, other, metric), colors: () => shader(each, other, all, this.display.colormaps) });
+    const parts = shown ? [part(shown, reference, 0, wipe ?? canvas.width)] : [];
+    if (wipe !== null && shown) parts.push(part(reference, null, wipe, canvas.width));
     this.overlay.draw(parts, view, { wipe, pinned: this.pinned, ratio: this.ratio, border: this.border });
     this.drawn = shown;
     this.dispatchEvent(new Event("drawn"));
