@@ -61,7 +61,7 @@ class LiveServer:
         self._socket, self._page = listening, page
         self.port: int = listening.getsockname()[1]
         self.drawing = ThreadPoolExecutor(1, "clshade-view")
-        self._changed = False  # whether clients were told that a file is another than was read
+        self.is_outdated = False  # whether a file of the scene is another than was read
 
     @property
     def url(self) -> str:
@@ -141,10 +141,10 @@ class LiveServer:
         """Tell clients when a file of the scene is no longer the one that was read."""
         while True:
             await asyncio.sleep(WATCH_SECONDS)
-            changed = self.scene.source.stamps() != self.scene.stamps
-            if changed != self._changed:
-                self._changed = changed
-                await self.tell_all({"type": "changed", "changed": changed})
+            outdated = self.scene.source.stamps() != self.scene.stamps
+            if outdated != self.is_outdated:
+                self.is_outdated = outdated
+                await self.tell_all({"type": "changed", "changed": outdated})
 
     async def reload(self) -> None:
         """Read the scene again, for all clients."""
@@ -153,7 +153,7 @@ class LiveServer:
         except (ClshadeError, MemoryError) as error:
             await self.tell_all({"type": "error", "text": _line(error)})
             return
-        self._changed = False
+        self.is_outdated = False
         for client in self.clients:
             client.session.reloaded()
             client.changed.set()
@@ -180,15 +180,23 @@ class _Client:
     async def run(self) -> None:
         """Handle input and send pictures until the connection ends."""
         await self.tell({"type": "scene", **self.session.description()})
-        sending = asyncio.create_task(self._send_pictures())
+        if self.server.is_outdated:
+            await self.tell({"type": "changed", "changed": True})
+        tasks = [asyncio.create_task(each) for each in (self._receive(), self._send_pictures())]
         try:
-            async for message in self.socket:
-                if message.type == WSMsgType.TEXT:
-                    await self._handle(message.data)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
-                await sending
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        for task in done:
+            with contextlib.suppress(ConnectionError):
+                task.result()
+
+    async def _receive(self) -> None:
+        async for message in self.socket:
+            if message.type == WSMsgType.TEXT:
+                await self._handle(message.data)
 
     async def _handle(self, text: str) -> None:
         try:

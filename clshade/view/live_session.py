@@ -133,6 +133,7 @@ class Session:
     def _change(self, view: View) -> None:
         self.view = view
         self.version += 1
+        self._probed = None
         self._refinement.restart(view.settings.samples, self._scene.scene.face_count, self._clock())
 
     def reloaded(self) -> None:
@@ -141,7 +142,7 @@ class Session:
         self._first = first = scene.first_view()
         lights = self.view.lights if len(self.view.lights) == len(first.lights) else first.lights
         camera = scene.placed(self.view.camera)
-        self._final = self._probed = None
+        self._final = None
         self._scene_version = scene.version
         self._change(replace(self.view, camera=camera, lights=lights))
 
@@ -207,11 +208,12 @@ class Session:
         columns, rows = view.camera.resolution
         column = integer("probe", "column", column, 0, columns - 1)
         row = integer("probe", "row", row, 0, rows - 1)
-        if self._probed is None or self._probed[:2] != (view, self._scene_version):
+        probed = self._probed
+        if probed is None or probed[:2] != (view, self._scene_version):
             settings = replace(view.settings, layers=LAYERS)
             frame = self._scene.render(replace(view, settings=settings), self)
-            self._probed = view, self._scene_version, frame
-        return {"version": version, "column": column, "row": row, "values": pixel(self._probed[2], column, row)}
+            self._probed = probed = view, self._scene_version, frame
+        return {"version": version, "column": column, "row": row, "values": pixel(probed[2], column, row)}
 
     def snapshot(self) -> dict[str, Any]:
         """Write the EXR and PNG that `render` writes for this view; return their names, the command and warnings.

@@ -246,7 +246,7 @@ def test_two_sessions_share_a_scene_and_keep_their_own_cameras():
 
 def test_renderers_stay_few():
     session, _ = session_of(*SMALL)
-    for k in range(20):
+    for k in range(10):
         session.handle({"type": "set", "lights": [k / 10.0] * len(session.view.lights)})
         next_drawing(session)
     assert session._scene.open_renderers <= 8
