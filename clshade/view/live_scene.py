@@ -132,6 +132,14 @@ class LiveScene:
         for key in list(self._renderers):
             self._close(key)
 
+    def prepare(self) -> None:
+        """Compile the kernels of the first and the last pictures, so that no client has to wait for them."""
+        view = self.first_view()
+        camera = replace(view.camera, resolution=(16, 16))
+        for samples in {1, view.settings.samples}:
+            self.render(replace(view, camera=camera, settings=replace(view.settings, samples=samples)), self)
+        self.release(self)
+
     @property
     def open_renderers(self) -> int:
         return len(self._renderers)

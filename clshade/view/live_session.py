@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import time
 from collections.abc import Callable, Mapping
@@ -244,7 +245,7 @@ class Session:
         """Return what a client has to know at first."""
         scene, view = self._scene.scene, self.view
         return {
-            "name": self._scene.source.name,
+            "name": os.path.basename(self._scene.source.name),
             "triangles": scene.face_count,
             "resolution": list(view.camera.resolution),
             "settings": {"shader": view.settings.shader, "samples": view.settings.samples},

@@ -118,6 +118,7 @@ def test_only_the_own_page_with_the_token_is_let_in():
                 assert await status(path) == 403 or server.token in path
             assert await status(page, Origin="http://evil.example") == 403
             assert await status(page, Origin="null") == 403
+            assert await status(page, Origin=f"http://localhost:{server.port}") == 403  # of another host
             assert await status(page, Origin=f"https://{host}") == 403
             assert await status(page, Host="evil.example") == 403
             assert await status(page, Host=f"evil.example:{server.port}") == 403

@@ -75,7 +75,8 @@ def run_live(arguments: argparse.Namespace, name: str) -> None:
     listening = live_server.listen(arguments.port)
     with listening:
         scene = LiveScene(source)
-        server = live_server.LiveServer(scene, listening, partial(live_page, source.name))
+        scene.prepare()
+        server = live_server.LiveServer(scene, listening, partial(live_page, os.path.basename(name)))
         try:
             asyncio.run(server.serve(partial(_announce, server.url, arguments.open)))
         finally:

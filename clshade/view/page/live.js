@@ -30,6 +30,7 @@ class Live {
     this.connection.addEventListener("closed", () => this.ended());
     viewer.addEventListener("change", () => this.tellDisplay());
     viewer.addEventListener("hover", () => this.probe());
+    this.noticeTimer = setTimeout(() => this.notice("", 0), NOTICE_MS); // the viewer may have said something
   }
 
   message(message) {
