@@ -14,7 +14,7 @@ from ..scene.adjust_camera import adjusted
 from ..scene.adjust_lights import scaled_lights
 from ..scene.camera import Camera
 from ..scene.model import Scene
-from ..scene.settings import Settings
+from ..scene.settings import Layer, Settings
 
 MOST_RENDERERS = 8  # open at a time, of all clients: each keeps the scene in device memory
 LENS = ("view_angle", "orthographic")  # arguments of `adjusted` that are no pose
@@ -64,6 +64,11 @@ class View:
     camera: Camera
     settings: Settings
     lights: tuple[float, ...]
+
+
+def in_motion(settings: Settings, *, layers: tuple[Layer, ...] = (), samples: int = 1) -> Settings:
+    """Return the settings of pictures before the last one."""
+    return replace(settings, samples=samples, sample_shading=False, layers=layers)
 
 
 class LiveScene:
@@ -135,9 +140,9 @@ class LiveScene:
     def prepare(self) -> None:
         """Compile the kernels of the first and the last pictures, so that no client has to wait for them."""
         view = self.first_view()
-        camera = replace(view.camera, resolution=(16, 16))
-        for samples in {1, view.settings.samples}:
-            self.render(replace(view, camera=camera, settings=replace(view.settings, samples=samples)), self)
+        view = replace(view, camera=replace(view.camera, resolution=(16, 16)))
+        self.render(replace(view, settings=in_motion(view.settings)), self)
+        self.render(view, self)
         self.release(self)
 
     @property

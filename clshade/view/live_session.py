@@ -18,7 +18,7 @@ from ..scene.settings import LAYERS, SHADERS, Settings
 from . import orbit_controls
 from .live_command import render_command
 from .live_message import enlarged, packed, pixel, planes, rgba8
-from .live_scene import LiveScene, View
+from .live_scene import LiveScene, View, in_motion
 from .refinement import Refinement, Step
 
 
@@ -159,17 +159,14 @@ class Session:
     def draw(self, task: Task) -> Drawing:
         """Draw a picture and encode it for the client."""
         start = time.perf_counter()
-        step, view = task.step, task.view
-        last = step.last
-        layers = view.settings.layers if last or task.display.as_floats else ()
-        settings = replace(view.settings, samples=step.samples, layers=layers)
+        step, view, settings = task.step, task.view, task.view.settings
+        last, floats = step.last, step.last or task.display.as_floats
         if not last:
-            settings = replace(settings, sample_shading=False)
+            settings = in_motion(settings, layers=settings.layers if floats else (), samples=step.samples)
         columns, rows = full = view.camera.resolution
         coarse = (max(columns // step.scale, 1), max(rows // step.scale, 1))
         frame = self._scene.render(View(_at(view.camera, coarse), settings, view.lights), self)
         drawn = time.perf_counter()
-        floats = last or task.display.as_floats
         if floats:
             size, arrays = full, {name: enlarged(plane, (rows, columns)) for name, plane in planes(frame).items()}
         else:
