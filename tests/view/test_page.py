@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_line import assert_refused, listing, run
 from PIL import Image
+from processes import ROOT
 
 from clshade.errors import InputError, OutputError
 from clshade.images import exr
@@ -134,6 +135,13 @@ def test_names_of_another_form_are_left_out(names):
     assert page.info(picture)["names"] == {}
 
 
+def test_every_part_is_used_and_installed():
+    parts = {path.name for path in (ROOT / "clshade" / "view" / "page").iterdir()}
+    assert parts == {*page.SCRIPTS, *page.SHADERS, "page.html", "style.css"}
+    (patterns,) = re.findall(r'^"clshade.view" = \[(.*)\]$', (ROOT / "pyproject.toml").read_text(), re.M)
+    assert {f'"page/*.{name.rpartition(".")[2]}"' for name in parts} == set(patterns.split(", "))
+
+
 def test_settings_are_checked():
     with pytest.raises(InputError, match="tonemap: operator: expected one of"):
         page.html({}, tonemap="film")
@@ -184,6 +192,7 @@ def test_the_command_writes_a_page(files, tmp_path, capsys):
         (("a.exr", "-o", "none/a.html"), ("none/a.html", "no folder")),
         (("a.exr", "-o", "link.html"), ("--output", "another file than is read")),
         (("a.exr", "--exposure", "nan"), ("exposure", "nan")),
+        (("a.exr", "--tonemap", "film"), ("tonemap", "expected one of none, srgb", "film")),
     ],
 )
 def test_the_command_refuses(files, tmp_path, capsys, arguments, parts):

@@ -12,6 +12,7 @@ from browsers import WITHOUT_GL, opened, until
 from clshade.images import exr
 from clshade.images.channels import color_group, grouped
 from clshade.images.image_file import Picture, read_picture
+from clshade.images.statistics import LUMINANCE
 from clshade.images.thumbnails import thumbnails
 from clshade.images.tonemap import OPERATORS, tonemap
 from clshade.view import page
@@ -57,7 +58,11 @@ def channels_of_a():
     depth = np.linspace(2, 9, ROWS * COLUMNS, dtype=np.float32).reshape(ROWS, COLUMNS)
     depth[:4] = np.inf
     numbers = (np.arange(ROWS * COLUMNS, dtype=np.uint32) * 7919 % 5000).reshape(ROWS, COLUMNS)
-    return {"RGB": rgb, "Z": depth, "N": normals, "object_id": numbers, HOSTILE: depth[::-1]}
+    uv = np.stack([depth, -3.0 * depth], axis=-1)
+    uv[:4] = 0.25
+    places = np.stack([np.full_like(depth, 3.0), *uv.transpose(2, 0, 1)], axis=-1)
+    layers = {"RGB": rgb, "Z": depth, "N": normals, "object_id": numbers, "uv": uv, "P": places}
+    return {**layers, HOSTILE: depth[::-1]}
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +130,28 @@ def test_special_values_are_marked(shown):
     assert "1 negative" in counts
 
 
+def test_false_color_is_in_stops(shown):
+    from matplotlib import colormaps
+
+    rgb = np.maximum(ramp(), 1e-30)
+    rgb[0, 0] = 1.0
+    stops = np.log2(rgb @ LUMINANCE) + 2.0
+    expected = colormaps["turbo"](np.clip((stops + 8.0) / 12.0, 0.0, 1.0), bytes=True)[..., :3].astype(int)
+    (found,) = pixels_of_each(shown, [{"inStops": True, "exposure": 2.0, "marking": False}])
+    off = np.abs(found - expected)[1:]
+    assert off.max() <= 8  # one of 256 colors
+    assert (off > 0).mean() < 0.02
+
+
+def test_the_histogram_counts_every_pixel(shown):
+    found = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
+    finite = ramp()[..., 0].astype(float)
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    edges = np.arange(-256, 257) / 8.0
+    assert found[1] == np.histogram(np.log2(finite), edges)[0].tolist()
+    assert sum(found[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
+
+
 def test_the_probe_shows_the_values_of_the_file(shown, files):
     channels = exr.read(files / "a.exr")[0]
     shown.evaluate("viewer.pin({ x: 17, y: 5 })")
@@ -143,7 +170,7 @@ def test_the_probe_shows_the_values_of_the_file(shown, files):
 
 def test_layers_are_chosen_and_drawn_by_their_kind(shown):
     expected = thumbnails(exr.flatten(channels_of_a()))
-    for name in ("Z", "N", "object_id"):
+    for name in ("Z", "N", "object_id", "uv", "P"):
         shown.click(f"#layers tr[data-layer={name}] button")
         off = np.abs(pixels(shown) - expected[name].pixels.astype(int))
         assert off.max() <= (0 if name == "object_id" else 2), name  # depths: percentiles of all pixels, and in float32
@@ -175,7 +202,7 @@ def test_the_keyboard(shown):
     assert after("v", "viewer.settings.inStops") is True
     assert after("m", "viewer.settings.marking") is False
     assert after("r", "viewer.settings") == {"exposure": 0, "operator": "srgb", "marking": True, "inStops": False}
-    assert after("ArrowRight", "viewer.layerName") in ("A", "N", "Z", "object_id", HOSTILE)
+    assert after("ArrowRight", "viewer.layerName") in channels_of_a()
     assert after("2", "viewer.selected") == "b"
     assert after("ArrowDown", "viewer.selected") == "c"
     assert after("Shift+Digit2", "[viewer.reference, viewer.mode]") == ["b", "wipe"]
@@ -320,7 +347,7 @@ def test_without_webgl(launch, written, how):
     for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
         assert np.abs(found - tonemap(ramp(), each["operator"], 1.5).astype(int)).max() <= 1, each
     expected = thumbnails(exr.flatten(channels_of_a()))
-    for name in ("Z", "N", "object_id"):
+    for name in ("Z", "N", "object_id", "uv", "P"):
         shown.evaluate("(name) => viewer.setLayer(name)", name)
         until(shown, "viewer.drawn.layer.name === viewer.layerName")
         assert np.abs(pixels(shown) - expected[name].pixels.astype(int)).max() <= 2, name

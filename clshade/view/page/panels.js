@@ -153,7 +153,7 @@ class Panels {
     const canvas = document.querySelector("#histogram canvas");
     canvas.hidden = !full.histograms.length;
     if (!canvas.hidden) drawHistogram(canvas, full, -viewer.settings.exposure);
-    const parts = [["nan", "NaN", full.nan], ["infinite", "infinite", full.infinite], ["negative", "negative", full.negative]];
+    const parts = [["nan", "NaN", full.nan], ["infinite", "infinite", full.infinite], ["negative", "negative", full.inStops ? full.negative : 0]];
     const range = full.low <= full.high ? `${formatted(full.low, 5)} to ${formatted(full.high, 5)}` : "none is finite";
     document.querySelector("#histogram .counts").replaceChildren(create("span", { textContent: range }), ...parts
       .filter(([, , count]) => count)
