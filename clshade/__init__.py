@@ -19,6 +19,7 @@ _HOMES = {
     "Material": "clshade.scene.model",
     "Texture": "clshade.scene.model",
     "Mesh": "clshade.scene.model",
+    "Scalars": "clshade.scene.model",
     "Scene": "clshade.scene.model",
     "Settings": "clshade.scene.model",
     "load": "clshade.scene.formats.load",
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh
     from .scene.model import PointLight as PointLight
+    from .scene.model import Scalars as Scalars
     from .scene.model import Scene as Scene
     from .scene.model import Settings as Settings
     from .scene.model import Texture as Texture

@@ -15,11 +15,13 @@ from processes import OPEN, python
 from clshade import course
 from clshade.errors import DeviceError
 from clshade.pipeline import programs
-from clshade.pipeline.opencl import environment
+from clshade.pipeline.opencl import cache_slots, environment
 from clshade.pipeline.opencl.device import Device, open_device
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("POCL_AFFINITY", "0")  # pinned threads of several processes would get in each other's way
+
+cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -62,13 +62,17 @@ _CURVES: dict[str, Callable[[Array], Array]] = {
 }
 
 
-def _codes(values: Array, operator: str, exposure: float) -> Array:
-    """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
+def _encoded(values: Array, operator: str, exposure: float) -> Array:
+    """Evaluate the formula: 0 to 1 (float64) for non-negative float64 values, +infinity included."""
     with np.errstate(over="ignore", under="ignore"):
         x = np.minimum(values * 2.0**exposure, _SATURATED)
         y = np.clip(_CURVES[operator](x), 0.0, 1.0)
-    encoded = y if operator == "none" else srgb_curve(y)
-    return np.floor(255.0 * encoded + 0.5).astype(np.int64)
+    return y if operator == "none" else srgb_curve(y)
+
+
+def _codes(values: Array, operator: str, exposure: float) -> Array:
+    """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
+    return np.floor(255.0 * _encoded(values, operator, exposure) + 0.5).astype(np.int64)
 
 
 def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
@@ -194,6 +198,17 @@ def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
     else:
         _map32(flat, codes.reshape(-1), _table(operator, exposure))
     return codes
+
+
+def display_values(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
+    """Return what `tonemap` rounds to 8 bits: float64 of the same shape, 0 to 1, for outputs of more bits.
+
+    NaN and negative values give 0. Raises InputError for an operator or exposure that `tonemap` refuses.
+    """
+    stops = checked(operator, exposure)
+    values = np.asarray(rgb, np.float64)
+    found: Floats = _encoded(np.where(values > 0.0, values, 0.0), operator, stops)
+    return found
 
 
 def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:

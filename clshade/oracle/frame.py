@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
 from ..scene.model import Scene, Settings
+from ..scene.scalar_colors import without_colors
 from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, alpha_passes, gather
@@ -33,7 +34,8 @@ class OracleFrame:
         its own absolute value.
     conditions: (M, N, 4) the terms of kappa, see `shade.conditions`; 1 where nothing is lit.
     kappa: (M, N) condition number of the light's geometry: how far it amplifies rounding errors.
-    jump: (M, N, 3) how much highlights that rounding may open or close can change the color, see `shade.jumps`.
+    jump: (M, N, 3) how much highlights that rounding may open or close (see `shade.jumps`), and colors of a color map that
+        it may exchange, can change the color.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
     those of the sample nearest the center, kappa, its terms and the exponent the worst of all, budget and jump the mean.
@@ -71,7 +73,7 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
-    corners = gather(scene)
+    corners = gather(scene, None if settings.scalars is None else settings.scalars.name)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
@@ -173,6 +175,24 @@ def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: In
     return weights
 
 
+def weight_condition(prepared: Prepared, piece: Integers, reach: Floats, orthographic: bool) -> Floats:
+    """Return how much rounding of camera-space positions in float64 is amplified in barycentric coordinates, (K,), at least
+    1. reach: (K,) the largest coordinate of each face's corners.
+
+    A depth is accurate to 2^-53 of that, and so 1/z to reach/z of itself. Where an edge crosses the near plane is a
+    quotient by the difference of its depths.
+    """
+    depths, corner_depths = prepared.pieces.z[piece], prepared.z[prepared.pieces.face[piece]]
+    nearest = depths.min(axis=1)
+    found = np.ones(len(reach)) if orthographic else np.fmax(reach / nearest, 1.0)
+    clipped = (prepared.pieces.weights[piece] != np.eye(3)).any(axis=(1, 2))
+    for a, b in zip(corner_depths.T, np.roll(corner_depths, -1, axis=1).T, strict=True):
+        crosses = clipped & ((a < nearest) != (b < nearest))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.where(crosses, np.fmax(found, reach / np.abs(a - b)), found)
+    return found
+
+
 def face_weight_steps(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Floats, Floats]:
@@ -192,6 +212,7 @@ def face_weight_steps(
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
     """Render the frame of a scene's own camera."""
+    scene = without_colors(scene, settings.scalars)
     camera = scene.camera
     columns, rows = camera.resolution
     center = prepare(scene, settings)
@@ -216,6 +237,7 @@ def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) 
 
     Takes the time of these pixels, and of setting up the scene's triangles.
     """
+    scene = without_colors(scene, settings.scalars)
     camera = scene.camera
     columns = np.asarray(columns, np.int64)
     upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
@@ -343,7 +365,9 @@ def _shade_batch(
     steps = None
     if settings.texture_filter == "trilinear":
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps)
+    reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
+    condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

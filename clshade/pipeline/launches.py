@@ -269,8 +269,14 @@ class Stages:
         return self._per_item("layer_number", count, owners, triangles, numbers, shown)
 
     def surface_layers(
-        self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple[Any, ...], tiles: int
+        self,
+        surface: SurfaceInputs,
+        owners: Buffer,
+        own: tuple[Buffer | None, Buffer | None],
+        outputs: tuple[Any, ...],
+        tiles: int,
     ) -> cl.Event:
-        """Draw layers. outputs: normals, points, albedos, texture coordinates, weights; None if not asked for."""
+        """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
+        weights, scalars; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
+        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, *own, *outputs)

@@ -178,6 +178,7 @@ class Renderer:
             "normals": optional(packed.normals),
             "normal_faces": optional(packed.normal_faces),
             "colors": optional(colors),
+            "color_map": optional(packed.color_map),
             "uvs": optional(packed.uvs),
             "uv_faces": optional(packed.uv_faces),
             "face_materials": optional(packed.face_materials),
@@ -195,6 +196,7 @@ class Renderer:
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
         self._image_of: tuple[Any, ...] | None = None  # the resolution and the room that it was written for
+        self._map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
         self._upload_lights(packed.light_unit)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
@@ -222,7 +224,7 @@ class Renderer:
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """Return the (3F, 4) colors for texture_at vertex: the texel at each corner times the vertex color."""
-        colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
+        colors: Array = packed.colors  # type: ignore[assignment]
         rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
         looked_up = Buffer.empty(self.device, (len(rows), 4), self._structs.real)
         uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
@@ -230,7 +232,7 @@ class Renderer:
         textures, texels = (Buffer(self.device, np.asarray(table)) for table in (packed.textures, packed.texels))
         stages = lookup_stages(self.device, self.features, self.stages.lanes)
         stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
-        colors[rows] *= looked_up.to_host()
+        colors[rows, :3] *= looked_up.to_host()[:, :3]
         return colors
 
     # Per frame
@@ -259,6 +261,7 @@ class Renderer:
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
             image["streamed"] = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
+            image["map_colors"] = self._map_colors
             image["unlit"] = self.settings.shader == "nolight"
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:

@@ -19,6 +19,9 @@ MOST_SAMPLES = 64  # per pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are clamped to it: their squares stay within float32's range
 MOST_DEPTH = 2.0**100  # scaled depths are clamped to it: their reciprocals stay within float32's range
 MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the previous down to 1
+MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and those below mean something else
+NAN_POSITION = 2.0**120  # of what has no number
+WHITE_POSITION = 2.0**124  # of what no color map colors
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -32,6 +35,8 @@ CONSTANTS = {
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
+    "NAN_POSITION": NAN_POSITION,
+    "WHITE_POSITION": WHITE_POSITION,
     "WRAP_REPEAT": 0,
     "WRAP_CLAMP": 1,
     "WRAP_MIRROR": 2,
@@ -141,6 +146,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "transparent", 1, "whether there is no background"),
         ("int", "streamed", 1, "whether pixels are written past the caches: rows must begin at multiples of 64 bytes"),
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
+        ("int", "map_colors", 1, "colors of the color map from its low end to its high one; with SCALARS"),
         ("int", "unlit", 1, "whether colors are taken as they are, shader nolight, where they are lit nonetheless"),
         ("real", "background", 3, "linear RGB"),
         ("real", "unscale", 1, "turns a scaled depth into scene units"),

@@ -11,6 +11,8 @@ from ..scene.model import Scene, default_tonemap
 from ..scene.settings import Settings
 from .live_scene import Source, View
 
+REPEATED = ("scalars",)  # fields of Settings that no client changes: the source's options have them
+
 
 def render_command(source: Source, scene: Scene, view: View, tonemap: Operator | None, exposure: float) -> list[str]:
     """Return the arguments, from `clshade render` on, without an output."""
@@ -25,7 +27,7 @@ def render_command(source: Source, scene: Scene, view: View, tonemap: Operator |
     usual = Settings.from_preset(preset)
     for field in fields(Settings):
         value = getattr(view.settings, field.name)
-        if value != getattr(usual, field.name):
+        if field.name not in REPEATED and value != getattr(usual, field.name):
             arguments += _setting(field.name, value)
     if any(factor != 1.0 for factor in view.lights):
         arguments.append(f"--light-intensity={_listed(view.lights)}")

@@ -16,7 +16,7 @@ from ..pipeline.frame import Frame, output_paths
 from ..scene.model import default_tonemap
 from ..scene.settings import LAYERS, SHADERS, Settings
 from . import orbit_controls
-from .live_command import render_command
+from .live_command import REPEATED, render_command
 from .live_message import enlarged, packed, pixel, planes, rgba8
 from .live_scene import LiveScene, View, in_motion
 from .refinement import Refinement, Step
@@ -124,7 +124,7 @@ class Session:
             scales = tuple(number("view", "lights", factor, least=0.0) for factor in factors)
             view = replace(view, lights=scales)
         if fields:
-            known("view", fields, Settings.__dataclass_fields__)
+            known("view", fields, Settings.__dataclass_fields__.keys() - REPEATED)
             view = replace(view, settings=replace(view.settings, **fields))
         other = display.as_floats != self.display.as_floats
         self.display = display

@@ -9,7 +9,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.images import tonemap as tm
-from clshade.images.tonemap import OPERATORS, tonemap
+from clshade.images.tonemap import OPERATORS, display_values, tonemap
 from clshade.oracle.tonemap import tonemap as oracle
 
 EXPOSURES = (0.0, 1.0, 0.5, -3.7, 21.3)
@@ -188,6 +188,18 @@ def test_no_table_entry_holds_two_thresholds(operator):
         bits = tm._thresholds(operator, float(exposure), np.float32)
         assert (np.diff(bits >> tm._LOW_BITS) > 0).all()
         assert bits[0] >= 0x00800000  # a normal float
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_display_values_are_what_is_rounded_to_codes(operator):
+    values = np.random.default_rng(3).lognormal(0, 3, (40, 50, 3)).astype(np.float32)
+    values[0, 0] = [-1.0, np.nan, np.inf]
+    found = display_values(values, operator, 1.5)
+    assert found.dtype == np.float64
+    assert (np.floor(255.0 * found + 0.5) == tonemap(values, operator, 1.5)).all()
+    assert found[0, 0].tolist() == [0.0, 0.0, found.max()]
+    with pytest.raises(InputError, match="exposure"):
+        display_values(values, operator, np.nan)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
     from ...pipeline.frame import SavingOptions
-    from ...scene.model import Scene
+    from ...scene.model import Scalars, Scene
 
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # arguments of clshade.scene.formats.load.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
@@ -141,6 +141,17 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         choices=settings.PRECISIONS,
         help="of the arithmetic (default: float32, the same bits everywhere)",
     )
+    group.add_argument("--scalars", metavar="NAME", help="data on the meshes to color them by, with a color map")
+    group.add_argument(
+        "--colormap", metavar="NAME|C,C,...", help="one of Matplotlib's, or colors from low to high (default: viridis)"
+    )
+    group.add_argument(
+        "--clim",
+        type=numbers(float, 2, "two numbers such as 0,1"),
+        metavar="LOW,HIGH",
+        help="values of the color map's ends (default: the least and largest in the scene)",
+    )
+    group.add_argument("--nan-color", metavar="COLOR", help="of faces without a number (default: darkgray)")
 
 
 def picture_options(group: argparse._ArgumentGroup) -> list[str]:
@@ -161,8 +172,9 @@ def picture_options(group: argparse._ArgumentGroup) -> list[str]:
     group.add_argument(
         "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
     )
+    group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
-    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic"]
+    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar"]
 
 
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
@@ -174,6 +186,7 @@ def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
         "compression": arguments.compression,
         "crop": arguments.crop,
         "deterministic": arguments.deterministic,
+        "colorbar": arguments.colorbar,
     }
 
 
@@ -182,7 +195,24 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     from ...scene.model import Settings
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
+    given["scalars"] = _chosen_scalars(arguments)
     return {name: value for name, value in given.items() if value is not None}
+
+
+def _chosen_scalars(arguments: argparse.Namespace) -> Scalars | None:
+    """Return the scalars and their color map, if scalars were named. Raises InputError for options that need them."""
+    names = ("colormap", "clim", "nan_color")
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name, None) is not None}
+    if getattr(arguments, "scalars", None) is None:
+        for name in (*given, *(("colorbar",) if getattr(arguments, "colorbar", False) else ())):
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: expected --scalars NAME beside it, found none")
+        return None
+    from ...scene.model import Scalars
+
+    if "," in given.get("colormap", ""):
+        given["colormap"] = given["colormap"].split(",")
+    return Scalars(arguments.scalars, **given)
 
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
