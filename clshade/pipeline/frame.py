@@ -232,7 +232,9 @@ class Frame:
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
-        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
+        metadata["settings"] = ", ".join(
+            f"{key}={value}" for key, value in vars(self.settings).items() if key != "edges" or value is not None
+        )
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
         metadata |= self._names()
         if not deterministic:

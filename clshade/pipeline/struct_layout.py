@@ -13,7 +13,8 @@ import numpy as np
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # means "beyond the guard band" in snapped positions
-TILE_SIZE = 16  # pixels per side
+TILE_BITS = 4
+TILE_SIZE = 1 << TILE_BITS  # pixels per side
 FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
 MOST_SAMPLES = 64  # per pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are clamped to it: their squares stay within float32's range
@@ -25,6 +26,7 @@ CONSTANTS = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
     "GUARD_PIXELS": GUARD_PIXELS,
     "SNAP_LIMIT": SNAP_LIMIT,
+    "TILE_BITS": TILE_BITS,
     "TILE_SIZE": TILE_SIZE,
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
@@ -146,6 +148,31 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "unscale", 1, "turns a scaled depth into scene units"),
         ("real", "light_unit", 1, "what light is counted in: a power of two"),
         ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
+        ("real", "line_color", 3, "linear RGB; with LINES"),
+        ("real", "marked_color", 3, "of lines along edges of more than two faces"),
+    ],
+    "Line": [
+        ("double", "w", 2, "1/depth of its ends, scaled; with painter's order minus the first rank of its faces"),
+        ("double", "inset", 1, "fraction of its length: its visibility is not asked nearer to an end"),
+        ("int", "x", 2, "snapped ends, 1/256 px"),
+        ("int", "y", 2, "snapped ends, 1/256 px, up"),
+        ("int", "first_face", 1, "index of the first of its faces in the faces of all edges"),
+        ("int", "faces", 1, "that contain the edge"),
+        ("int", "marked", 1, "whether they are more than two"),
+        ("int", "pad", 1, ""),
+    ],
+    "LineGrid": [
+        ("int", "margin", 1, "tiles around the image, on each side, that lines may reach from"),
+        ("int", "across", 1, "tiles a row, those of the margin included"),
+        ("int", "up", 1, "tiles a column"),
+        ("int", "width", 1, "of the lines, 1/256 px"),
+    ],
+    "Hider": [
+        ("double", "nearest", 1, "the largest w of its corners; with painter's order minus its rank"),
+        ("int", "index", 1, "of the triangle: a face, or the number of faces plus that of a clipped piece"),
+        ("int", "low", 2, "least x and y of its corners, 1/256 px"),
+        ("int", "high", 2, "largest x and y"),
+        ("int", "pad", 1, ""),
     ],
     "Counters": [
         ("int", "visible", 1, "triangles that may be seen"),
@@ -180,6 +207,9 @@ class Structs(NamedTuple):
     Material: np.dtype
     Texture: np.dtype
     Image: np.dtype
+    Line: np.dtype
+    LineGrid: np.dtype
+    Hider: np.dtype
     Counters: np.dtype
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
 from ..base.arrays import Converted, kept
 from ..base.validation import choice, flag, integer, known, number, sequence, set_fields, value_error
 from ..images.layer_words import LAYER_WORDS
+from .edges import EDGE_KINDS, AskedKinds, Edges
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -66,6 +67,7 @@ class SettingsFields(TypedDict, total=False):
     samples: int
     sample_shading: bool
     resolve: Resolve
+    edges: Edges | AskedKinds | None
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -134,6 +136,9 @@ class Settings:
         keeps single bright samples from standing out, but makes edges of bright surfaces darker
         than they are. Without a background, the covered samples are weighted against each other,
         and their mean is premultiplied.
+    edges : Edges, str, iterable of str, or None, default None
+        Edges of the meshes drawn as lines: `Edges`, or their kinds alone, such as "feature". Layers
+        stay those of the surfaces.
 
     Raises
     ------
@@ -155,6 +160,7 @@ class Settings:
     samples: int = 1
     sample_shading: bool = False
     resolve: Resolve = "mean"
+    edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -181,6 +187,10 @@ class Settings:
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
+        if self.edges is not None and not isinstance(self.edges, Edges):
+            if not isinstance(self.edges, str) and sequence(self.edges) is None:
+                raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)
+            set_fields(self, edges=Edges(self.edges))
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:
