@@ -3,13 +3,13 @@
 // sample, in float64: a triangle, not of the edge, that covers the point and is nearer, by more than snapping its corners
 // can account for.
 //
-// Triangles and lines are listed by tile, of the image and of a margin around it as wide as a line reaches. A list's order
-// depends on the run, but whether any line shows, and any triangle hides, does not.
+// Triangles and lines are listed by square cells of the image and of a margin around it as wide as a line reaches. A list's
+// order depends on the run, but whether any line shows, and any triangle hides, does not.
 #include "samples.clh"
 
 #if FP64
-#define TILE_UNITS (TILE_SIZE << SUBPIXEL_BITS)
 #define COVER_SLACK 0x1p-12   // 1/256 px by which triangles reach further: points on a common side belong to one at least
+#define MOST_HIDERS 24
 #define EQUAL_DEPTH 0x1p-40  // relative difference of 1/depths up to which they count as equal
 
 // A triangle that hides lines.
@@ -77,30 +77,31 @@ INLINE int2 edge_change(const HidingTriangle *t, int k)
     return (int2)((t->y[i] - t->y[j]) * t->turn, (t->x[j] - t->x[i]) * t->turn);
 }
 
-INLINE int grid_tile(int units, int margin, int tiles)
+// The column or row of cells of a position, 1/256 px.
+INLINE int cell_at(int units, int cells, global const LineGrid *grid)
 {
-    return clamp((units >> (SUBPIXEL_BITS + TILE_BITS)) + margin, 0, tiles - 1);
+    return clamp((units >> grid->cell_bits) + grid->margin, 0, cells - 1);
 }
 
-// Whether the triangle may cover points of the tile whose lower left corner is at `at`.
-INLINE int reaches_tile(const HidingTriangle *t, int2 at)
+// Whether the triangle may cover points of the cell whose lower left corner is at `at`.
+INLINE int reaches_cell(const HidingTriangle *t, int2 at, int size)
 {
     for (int k = 0; k < 3; ++k) {
         int2 change = edge_change(t, k);
         int i = NEXT_CORNER(k);
-        long most = (long)change.x * (at.x + (change.x > 0 ? TILE_UNITS + 1 : -1) - t->x[i]) +
-                    (long)change.y * (at.y + (change.y > 0 ? TILE_UNITS + 1 : -1) - t->y[i]);
+        long most = (long)change.x * (at.x + (change.x > 0 ? size + 1 : -1) - t->x[i]) +
+                    (long)change.y * (at.y + (change.y > 0 ? size + 1 : -1) - t->y[i]);
         if (most < 0)
             return 0;
     }
     return 1;
 }
 
-// Counts triangles into the tiles that they may cover; with `writes` puts them into the tiles' lists.
+// Counts triangles into the cells that they may cover; with `writes` puts them into the cells' lists.
 ITEM_BY_ITEM
 kernel void list_hiders(HIDING_PARAMETERS,
                         global const LineGrid *grid,  // 1
-                        global uint *cursors,         // tiles of the grid: counts, or where the next entry goes
+                        global uint *cursors,         // cells: counts, or where the next entry goes
                         global Hider *hiders,         // the lists
                         int writes, int count)        // F + C
 {
@@ -119,17 +120,17 @@ kernel void list_hiders(HIDING_PARAMETERS,
 #else
     hider.nearest = -(double)ranks[t.face];
 #endif
-    int margin = grid->margin << (SUBPIXEL_BITS + TILE_BITS);
-    int right = (grid->across << (SUBPIXEL_BITS + TILE_BITS)) - margin, top = (grid->up << (SUBPIXEL_BITS + TILE_BITS)) - margin;
+    int size = 1 << grid->cell_bits, margin = grid->margin * size;
+    int right = grid->across * size - margin, top = grid->up * size - margin;
     if (hider.high[0] < -margin || hider.high[1] < -margin || hider.low[0] > right || hider.low[1] > top)
         return;
-    int first_x = grid_tile(hider.low[0], grid->margin, grid->across), last_x = grid_tile(hider.high[0], grid->margin, grid->across);
-    int first_y = grid_tile(hider.low[1], grid->margin, grid->up), last_y = grid_tile(hider.high[1], grid->margin, grid->up);
+    int first_x = cell_at(hider.low[0], grid->across, grid), last_x = cell_at(hider.high[0], grid->across, grid);
+    int first_y = cell_at(hider.low[1], grid->up, grid), last_y = cell_at(hider.high[1], grid->up, grid);
     int few = first_x == last_x || first_y == last_y;
     for (int y = first_y; y <= last_y; ++y)
         for (int x = first_x; x <= last_x; ++x) {
-            int2 at = ((int2)(x, y) - grid->margin) * TILE_UNITS;
-            if (!few && !reaches_tile(&t, at))
+            int2 at = ((int2)(x, y) - grid->margin) * size;
+            if (!few && !reaches_cell(&t, at, size))
                 continue;
             uint slot = atomic_inc(cursors + y * grid->across + x);
             if (writes)
@@ -137,12 +138,11 @@ kernel void list_hiders(HIDING_PARAMETERS,
         }
 }
 
-// The same for lines and the tiles of the image that they may reach.
+// The same for lines and the cells that they cross.
 ITEM_BY_ITEM
 kernel void list_lines(global const Line *lines,     // L
-                       global const Image *image,    // 1
                        global const LineGrid *grid,  // 1
-                       global uint *cursors,         // tiles of the image
+                       global uint *cursors,         // cells
                        global uint *listed,          // the lists
                        int writes, int count)        // L
 {
@@ -150,22 +150,20 @@ kernel void list_lines(global const Line *lines,     // L
     if (index >= count)
         return;
     Line l = lines[index];
-    int reach = (grid->width + 1) / 2, rows = image->tiles / image->tiles_x;
-    int right = image->columns << SUBPIXEL_BITS, top = image->rows << SUBPIXEL_BITS;
-    int low_x = min(l.x[0], l.x[1]) - reach, high_x = max(l.x[0], l.x[1]) + reach;
-    int low_y = min(l.y[0], l.y[1]) - reach, high_y = max(l.y[0], l.y[1]) + reach;
-    if (high_x < 0 || high_y < 0 || low_x > right || low_y > top)
-        return;
-    int first_x = grid_tile(low_x, 0, image->tiles_x), last_x = grid_tile(high_x, 0, image->tiles_x);
-    int first_y = grid_tile(low_y, 0, rows), last_y = grid_tile(high_y, 0, rows);
+    int first_x = cell_at(min(l.x[0], l.x[1]) - 1, grid->across, grid);
+    int last_x = cell_at(max(l.x[0], l.x[1]) + 1, grid->across, grid);
+    int first_y = cell_at(min(l.y[0], l.y[1]) - 1, grid->up, grid);
+    int last_y = cell_at(max(l.y[0], l.y[1]) + 1, grid->up, grid);
+    int size = 1 << grid->cell_bits;
+    int2 middle = (int2)(size / 2) - grid->margin * size - (int2)(l.x[0], l.y[0]);
     long dx = l.x[1] - l.x[0], dy = l.y[1] - l.y[0];
-    long most = (abs(l.x[1] - l.x[0]) + (long)abs(l.y[1] - l.y[0])) * (TILE_UNITS / 2 + reach + 1);
+    long most = (long)(abs(l.x[1] - l.x[0]) + abs(l.y[1] - l.y[0])) * (size / 2 + 1);
     for (int y = first_y; y <= last_y; ++y)
         for (int x = first_x; x <= last_x; ++x) {
-            long across = dx * (y * TILE_UNITS + TILE_UNITS / 2 - l.y[0]) - dy * (x * TILE_UNITS + TILE_UNITS / 2 - l.x[0]);
+            long across = dx * (y * size + middle.y) - dy * (x * size + middle.x);
             if (across > most || across < -most)
                 continue;
-            uint slot = atomic_inc(cursors + y * image->tiles_x + x);
+            uint slot = atomic_inc(cursors + y * grid->across + x);
             if (writes)
                 listed[slot] = index;
         }
@@ -198,104 +196,287 @@ typedef struct {
     double w;     // 1/depth
 } LinePoint;
 
-// The point of the line, less the inset at either end, that is nearest to p.
-INLINE LinePoint nearest_point(const Line *l, int2 p)
+INLINE int cell_of(LinePoint q, global const LineGrid *grid)
 {
-    long dx = l->x[1] - l->x[0], dy = l->y[1] - l->y[0];
-    long along = (p.x - l->x[0]) * dx + (p.y - l->y[0]) * dy, length2 = dx * dx + dy * dy;
-    LinePoint q = {l->x[0], l->y[0], fmax(l->w[0], l->w[1])};
-    if (length2 == 0)
-        return q;
-    double t = (double)along / (double)length2, last = 1.0 - l->inset;
-    t = t < l->inset ? l->inset : t;
-    t = t > last ? last : t;
-    q.x = l->x[0] + t * (double)dx;
-    q.y = l->y[0] + t * (double)dy;
+    int x = cell_at((int)floor(q.x), grid->across, grid), y = cell_at((int)floor(q.y), grid->up, grid);
+    return y * grid->across + x;
+}
+
+// The point of a line with length at the fraction t of it.
+INLINE LinePoint point_at(const Line *l, double t)
+{
+    LinePoint q;
+    q.x = l->x[0] + t * (double)(l->x[1] - l->x[0]);
+    q.y = l->y[0] + t * (double)(l->y[1] - l->y[0]);
     q.w = l->w[0] + t * (l->w[1] - l->w[0]);
     return q;
 }
 
-// Whether the triangle covers point q and is nearer there, wherever within 1/512 px its corners and the line's ends were
-// before they were snapped.
-INLINE int hides(const HidingTriangle *t, LinePoint q)
+INLINE int has_length(const Line *l)
 {
+    return l->x[0] != l->x[1] || l->y[0] != l->y[1];
+}
+
+// The point of the line, less the inset at either end, that is nearest to p; of a line seen end-on the nearer end.
+INLINE LinePoint nearest_point(const Line *l, int2 p)
+{
+    if (!has_length(l)) {
+        LinePoint q = {l->x[0], l->y[0], fmax(l->w[0], l->w[1])};
+        return q;
+    }
+    long dx = l->x[1] - l->x[0], dy = l->y[1] - l->y[0];
+    long along = (p.x - l->x[0]) * dx + (p.y - l->y[0]) * dy, length2 = dx * dx + dy * dy;
+    double t = (double)along / (double)length2, last = 1.0 - l->inset;
+    t = t < l->inset ? l->inset : t;
+    t = t > last ? last : t;
+    return point_at(l, t);
+}
+
+// The triangle's edge function k at point q, and a bound of what COVER_SLACK adds to it.
+typedef struct {
+    double value, slack;
+} EdgeAt;
+
+INLINE EdgeAt edge_at_point(const HidingTriangle *t, int k, LinePoint q)
+{
+    int2 change = edge_change(t, k);
+    int i = NEXT_CORNER(k);
+    double a = change.x, b = change.y;
+    EdgeAt e = {a * (q.x - t->x[i]) + b * (q.y - t->y[i]), (fabs(a) + fabs(b)) * COVER_SLACK};
+    return e;
+}
+
+// Above 0 where the triangle is nearer than point q wherever within 1/512 px its corners, and the line's ends, were before they
+// were snapped: by more than it changes over 1/256 px to the right and up.
+INLINE double lead_at(const HidingTriangle *t, LinePoint q)
+{
+#if DEPTH_TEST
     double ahead = 0.0, slope_x = 0.0, slope_y = 0.0;
     for (int k = 0; k < 3; ++k) {
         int2 change = edge_change(t, k);
-        int i = NEXT_CORNER(k);
-        double a = change.x, b = change.y;
-        double e = a * (q.x - t->x[i]) + b * (q.y - t->y[i]);
-        if (e < -(fabs(a) + fabs(b)) * COVER_SLACK)
-            return 0;
         double nearer = t->w[k] - q.w;
-        ahead += e * nearer;
-        slope_x += a * nearer;
-        slope_y += b * nearer;
+        ahead += edge_at_point(t, k, q).value * nearer;
+        slope_x += (double)change.x * nearer;
+        slope_y += (double)change.y * nearer;
     }
-#if DEPTH_TEST
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
-    return ahead > (fabs(slope_x) + fabs(slope_y)) + (EQUAL_DEPTH * fabs(q.w)) * fabs((double)area);
+    return ahead - ((fabs(slope_x) + fabs(slope_y)) + (EQUAL_DEPTH * fabs(q.w)) * fabs((double)area));
 #else
-    return 1;  // its rank was compared
+    return 1.0;  // its rank was compared
 #endif
 }
 
-INLINE int is_hidden(const Line *l, LinePoint q, global const int *edge_faces, global const LineGrid *grid,
-                     global const uint *starts, global const Hider *hiders, HIDING_PARAMETERS)
+INLINE int hides(const HidingTriangle *t, LinePoint q)
 {
-    int x = grid_tile((int)floor(q.x), grid->margin, grid->across), y = grid_tile((int)floor(q.y), grid->margin, grid->up);
-    int tile = y * grid->across + x;
-    for (uint i = starts[tile]; i < starts[tile + 1]; ++i) {
-        global const Hider *h = hiders + i;
-        if (h->nearest <= q.w || q.x < h->low[0] || q.x > h->high[0] || q.y < h->low[1] || q.y > h->high[1])
+    for (int k = 0; k < 3; ++k) {
+        EdgeAt e = edge_at_point(t, k, q);
+        if (e.value < -e.slack)
+            return 0;
+    }
+    return lead_at(t, q) > 0.0;
+}
+
+// Part of the way between two points, in fractions of it; empty if `to` is less than `from`.
+typedef struct {
+    double from, to;
+} Way;
+
+// Cuts the way to where a linear function with these values at the two points is not negative.
+INLINE void cut_way(Way *way, double first, double last)
+{
+    if (first < 0.0 && last < 0.0)
+        way->to = -1.0;
+    else if (first < 0.0)
+        way->from = fmax(way->from, first / (first - last));
+    else if (last < 0.0)
+        way->to = fmin(way->to, first / (first - last));
+}
+
+// Where the triangle covers the way between two points, made wider by `slacks` times COVER_SLACK.
+INLINE Way covered_way(const HidingTriangle *t, const LinePoint *end, double slacks)
+{
+    Way way = {0.0, 1.0};
+    for (int k = 0; k < 3; ++k) {
+        EdgeAt first = edge_at_point(t, k, end[0]), last = edge_at_point(t, k, end[1]);
+        cut_way(&way, first.value + slacks * first.slack, last.value + slacks * last.slack);
+    }
+    return way;
+}
+
+// Whether the triangle may be nearer than a point.
+INLINE int is_nearer(global const Hider *h, LinePoint q)
+{
+    return h->nearest > q.w;
+}
+
+// The part of a line within a cell, and the triangles that may hide it there.
+typedef struct {
+    LinePoint end[2];
+    HidingTriangle hider[MOST_HIDERS];
+    Way hidden[MOST_HIDERS];  // where each certainly hides the part
+    int count;  // of hiders; beyond MOST_HIDERS they are looked up again
+} Part;
+
+// Cuts the part from t[0] to t[1] to where position + t * change lies from `low` to `high`.
+INLINE void cut_part(double *t, double position, double change, double low, double high)
+{
+    if (change == 0.0)
+        return;
+    double a = (low - position) / change, b = (high - position) / change;
+    t[0] = fmax(t[0], fmin(a, b));
+    t[1] = fmin(t[1], fmax(a, b));
+}
+
+// Sets the ends of the part within a cell, 1/256 px more on each side. Returns 0 if there is none.
+INLINE int set_ends(Part *part, const Line *l, int2 cell, int size)
+{
+    if (!has_length(l)) {
+        part->end[0] = part->end[1] = nearest_point(l, (int2)(0));
+        return 1;
+    }
+    double t[2] = {l->inset, 1.0 - l->inset};
+    cut_part(t, l->x[0], l->x[1] - l->x[0], cell.x - 1, cell.x + size + 1);
+    cut_part(t, l->y[0], l->y[1] - l->y[0], cell.y - 1, cell.y + size + 1);
+    if (t[0] > t[1])
+        return 0;
+    part->end[0] = point_at(l, t[0]);
+    part->end[1] = point_at(l, t[1]);
+    return 1;
+}
+
+INLINE int has_face(const Line *l, global const int *edge_faces, int face)
+{
+    int own = 0;
+    for (int k = 0; k < l->faces; ++k)
+        own |= edge_faces[l->first_face + k] == face;
+    return own;
+}
+
+// Whether the parts that triangles hide make up the whole.
+INLINE int is_all_hidden(const Part *part)
+{
+    double known = 0.0;
+    int count = min(part->count, MOST_HIDERS);
+    for (int again = 1; again && known < 1.0;) {
+        again = 0;
+        for (int i = 0; i < count; ++i)
+            if (part->hidden[i].from <= known && part->hidden[i].to > known) {
+                known = part->hidden[i].to;
+                again = 1;
+            }
+    }
+    return known >= 1.0;
+}
+
+// Finds the triangles that may hide a part, of those in the list from `hiders` to `end`. Returns whether they hide all of it.
+INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, global const Hider *hiders,
+                       global const Hider *end, HIDING_PARAMETERS)
+{
+    double least = fmin(part->end[0].w, part->end[1].w);
+    int left = (int)floor(fmin(part->end[0].x, part->end[1].x)), right = (int)floor(fmax(part->end[0].x, part->end[1].x));
+    int bottom = (int)floor(fmin(part->end[0].y, part->end[1].y)), top = (int)floor(fmax(part->end[0].y, part->end[1].y));
+    part->count = 0;
+    for (global const Hider *h = hiders; h < end; ++h) {
+        if (h->nearest <= least || right < h->low[0] || left > h->high[0] || top < h->low[1] || bottom > h->high[1])
             continue;
         HidingTriangle t;
         hiding_triangle(&t, h->index, HIDING_ARGUMENTS);
-        if (!hides(&t, q))
+        Way seen = covered_way(&t, part->end, 2.0);
+        if (seen.from > seen.to || has_face(l, edge_faces, t.face))
             continue;
-        int own = 0;
-        for (int k = 0; k < l->faces; ++k)
-            own |= edge_faces[l->first_face + k] == t.face;
-        if (!own)
-            return 1;
+        // Less than COVER_SLACK, more than rounding: adjacent triangles overlap, and point by point all of it is hidden too.
+        Way hidden = covered_way(&t, part->end, 0.5);
+        cut_way(&hidden, lead_at(&t, part->end[0]), lead_at(&t, part->end[1]));
+#if !DEPTH_TEST
+        hidden.to = is_nearer(h, part->end[0]) ? hidden.to : -1.0;
+#endif
+        if (part->count < MOST_HIDERS) {
+            part->hider[part->count] = t;
+            part->hidden[part->count] = hidden;
+        }
+        ++part->count;
     }
+    return is_all_hidden(part);
+}
+
+INLINE int is_hidden(const Part *part, const Line *l, LinePoint q, global const int *edge_faces, global const Hider *hiders,
+                     global const Hider *end, HIDING_PARAMETERS)
+{
+    for (int i = 0; i < min(part->count, MOST_HIDERS); ++i)
+        if (hides(part->hider + i, q))
+            return 1;
+    if (part->count > MOST_HIDERS)
+        for (global const Hider *h = hiders; h < end; ++h) {
+            HidingTriangle t;
+            if (!is_nearer(h, q))
+                continue;
+            hiding_triangle(&t, h->index, HIDING_ARGUMENTS);
+            if (hides(&t, q) && !has_face(l, edge_faces, t.face))
+                return 1;
+        }
     return 0;
 }
 
-// A work-group does a tile, a work-item a pixel.
+// Sets the bits of the samples of a pixel that show a line's part in a cell.
+INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell, global const Image *image,
+                          global const LineGrid *grid, global const int *edge_faces, global const Hider *hiders,
+                          global const Hider *end, global uint *shown, HIDING_PARAMETERS)
+{
+    global uint *own = shown + 4 * ((long)(image->rows - 1 - pixel.y) * image->columns + pixel.x) + 2 * l->marked;
+    uint found[2] = {0, 0};
+    for (int s = 0; s < SAMPLE_COUNT(image); ++s) {
+        int2 p = sample_at(image, s, pixel.x, pixel.y);
+        if ((own[s / 32] >> s % 32 & 1) || !covers(l, p, grid->width))
+            continue;
+        LinePoint q = nearest_point(l, p);
+        if (cell_of(q, grid) != cell)
+            continue;
+        if (part->count == 0 || !is_hidden(part, l, q, edge_faces, hiders, end, HIDING_ARGUMENTS))
+            found[s / 32] |= 1u << s % 32;
+    }
+    for (int i = 0; i < 2; ++i)
+        if (found[i])
+            atomic_or(own + i, found[i]);
+}
+
+// A work-group does a cell: those samples whose nearest points of lines lie in it. Its work-items share the lines.
+ITEM_BY_ITEM
 kernel void line_samples(HIDING_PARAMETERS,
                          global const Image *image,       // 1
                          global const LineGrid *grid,     // 1
                          global const Line *lines,        // L
                          global const int *edge_faces,    // the faces of all edges
-                         global const uint *line_starts,  // tiles of the image + 1: where their lists begin
+                         global const uint *line_starts,  // cells + 1: where their lists begin
                          global const uint *listed,       // lines
-                         global const uint *starts,       // tiles of the grid + 1
+                         global const uint *starts,       // cells + 1
                          global const Hider *hiders,
-                         global ulong2 *shown)            // M x N, row 0 at the top: bit s is set where a line shows at
-                                                          // sample s; likewise of lines along edges of more than two faces
+                         global uint *shown)              // M x N x 4, 0 at first, row 0 at the top: the low and the high 32
+                                                          // bits of the samples that show a line; and one along an edge of
+                                                          // more than two faces
 {
-    int tile = get_group_id(0), item = get_local_id(0);
-    int column = tile % image->tiles_x * TILE_SIZE + item % TILE_SIZE;
-    int row = tile / image->tiles_x * TILE_SIZE + item / TILE_SIZE;
-    if (column >= image->columns || row >= image->rows)
-        return;
-    ulong found[2] = {0, 0};
-    int reach = (grid->width + 1) / 2 + SUBPIXELS;
-    int2 center = center_of(column, row);
-    for (uint i = line_starts[tile]; i < line_starts[tile + 1]; ++i) {
+    int cell = get_group_id(0);
+    int2 at = ((int2)(cell % grid->across, cell / grid->across) - grid->margin) << grid->cell_bits;
+    global const Hider *list = hiders + starts[cell], *end = hiders + starts[cell + 1];
+    int reach = (grid->width + 1) / 2 + 1;
+    Part part;
+    for (uint i = line_starts[cell] + get_local_id(0); i < line_starts[cell + 1]; i += get_local_size(0)) {
         Line l = lines[listed[i]];
-        if (center.x < min(l.x[0], l.x[1]) - reach || center.x > max(l.x[0], l.x[1]) + reach ||
-            center.y < min(l.y[0], l.y[1]) - reach || center.y > max(l.y[0], l.y[1]) + reach)
+        if (!set_ends(&part, &l, at, 1 << grid->cell_bits) || find_hiders(&part, &l, edge_faces, list, end, HIDING_ARGUMENTS))
             continue;
-        for (int s = 0; s < SAMPLE_COUNT(image); ++s) {
-            int2 p = sample_at(image, s, column, row);
-            if ((found[l.marked] >> s & 1) || !covers(&l, p, grid->width))
-                continue;
-            if (!is_hidden(&l, nearest_point(&l, p), edge_faces, grid, starts, hiders, HIDING_ARGUMENTS))
-                found[l.marked] |= 1UL << s;
-        }
+        // The pixels that a sample in reach of the part, or beyond the inset, may belong to.
+        int2 low = (int2)((int)floor(fmin(part.end[0].x, part.end[1].x)), (int)floor(fmin(part.end[0].y, part.end[1].y)));
+        int2 high = (int2)((int)ceil(fmax(part.end[0].x, part.end[1].x)), (int)ceil(fmax(part.end[0].y, part.end[1].y)));
+        low = max((low - (reach + LINE_INSET)) >> SUBPIXEL_BITS, (int2)(0));
+        high = min((high + (reach + LINE_INSET)) >> SUBPIXEL_BITS, (int2)(image->columns, image->rows) - 1);
+        long dx = l.x[1] - l.x[0], dy = l.y[1] - l.y[0];
+        long most = (long)(abs(l.x[1] - l.x[0]) + abs(l.y[1] - l.y[0])) * (reach + HALF_PIXEL);
+        for (int y = low.y; y <= high.y; ++y)
+            for (int x = low.x; x <= high.x; ++x) {
+                int2 center = center_of(x, y);
+                long across = dx * (center.y - l.y[0]) - dy * (center.x - l.x[0]);
+                if (across <= most && across >= -most)
+                    show_in_pixel(&part, &l, (int2)(x, y), cell, image, grid, edge_faces, list, end, shown, HIDING_ARGUMENTS);
+            }
     }
-    shown[(long)(image->rows - 1 - row) * image->columns + column] = (ulong2)(found[0], found[1]);
 }
 #endif

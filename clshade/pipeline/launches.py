@@ -300,18 +300,18 @@ class Stages:
         return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
-        """Write the lists of triangles per tile, or only count (`hiders` None)."""
+        """Write the lists of triangles per cell, or only count (`hiders` None)."""
         return self._per_item("list_hiders", hiding.count, *hiding, grid, cursors, hiders, hiders is not None)
 
     def list_lines(
-        self, lines: Buffer, image: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int
+        self, lines: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int
     ) -> cl.Event:
-        """Write the lists of lines per tile, or only count (`listed` None)."""
-        return self._per_item("list_lines", count, lines, image, grid, cursors, listed, listed is not None)
+        """Write the lists of lines per cell, or only count (`listed` None)."""
+        return self._per_item("list_lines", count, lines, grid, cursors, listed, listed is not None)
 
     def line_samples(
-        self, hiding: Hiding, image: Buffer, grid: Buffer, lists: tuple[Buffer, ...], shown: Buffer, tiles: int
+        self, hiding: Hiding, image: Buffer, grid: Buffer, lists: tuple[Buffer, ...], shown: Buffer, cells: int
     ) -> cl.Event:
-        """Find the samples that show lines. lists: the lines, the faces of edges, and the lists per tile."""
-        items = struct_layout.TILE_SIZE**2
-        return self._launch("line_samples", (tiles * items,), (items,), *hiding, image, grid, *lists, shown)
+        """Find the samples that show lines. lists: the lines, the faces of edges, and the lists of `cells` cells."""
+        items = 1 if self.device.is_cpu else 64
+        return self._launch("line_samples", (cells * items,), (items,), *hiding, image, grid, *lists, shown)

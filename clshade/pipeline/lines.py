@@ -31,7 +31,7 @@ class Lines:
         self._edges = mesh_edges(positions, faces)
         self._normals = face_normals(positions, faces)
         self._always = always_drawn(self._edges, asked, self._normals)
-        self._ends = positions[self._edges.ends]
+        self._ends = positions[self._edges.ends].astype(np.float64)
         device = stages.device
         self._edge_faces = Buffer(device, self._edges.faces.astype(np.int32))
         self._listed = Buffer.empty(device, 0, np.uint32)
@@ -64,13 +64,13 @@ class Lines:
             ranks = Buffer(device, rank)
             lines["w"] = -self._first_ranks(rank)[index, None]
         hiding = hiding._replace(ranks=ranks)
-        grid = Buffer(device, line_grid(space, self._asked.steps, stages.structs))
+        grid = Buffer(device, line_grid(lines, space, self._asked.steps, stages.structs))
         columns, rows = space.camera.resolution
-        shown = Buffer.empty(device, (rows, columns, 2), np.uint64)
+        shown = Buffer(device, np.zeros((rows, columns, 2), np.uint64))
         table = Buffer(device, lines)
-        tiles = (int(image.array[0]["tiles"]), int(grid.array[0]["across"]) * int(grid.array[0]["up"]))
-        cursors = [Buffer(device, np.zeros(count, np.uint32)) for count in tiles]
-        stages.list_lines(table, image, grid, cursors[0], None, len(lines))
+        cells = int(grid.array[0]["across"]) * int(grid.array[0]["up"])
+        cursors = [Buffer(device, np.zeros(cells, np.uint32)) for _ in range(2)]
+        stages.list_lines(table, grid, cursors[0], None, len(lines))
         stages.list_hiders(hiding, grid, cursors[1], None)
         starts = []
         for buffer in cursors:
@@ -82,10 +82,10 @@ class Lines:
             if begin[-1] >= 1 << 32:
                 raise DeviceError(f"{device.name}: edges: expected lists of less than 2^32 entries, found {begin[-1]}")
         self._make_room(*(int(buffer.array[-1]) for buffer in starts))
-        events["list_lines"] = stages.list_lines(table, image, grid, cursors[0], self._listed, len(lines))
+        events["list_lines"] = stages.list_lines(table, grid, cursors[0], self._listed, len(lines))
         events["list_hiders"] = stages.list_hiders(hiding, grid, cursors[1], self._hiders)
         lists = (table, self._edge_faces, starts[0], self._listed, starts[1], self._hiders)
-        events["line_samples"] = stages.line_samples(hiding, image, grid, lists, shown, tiles[0])
+        events["line_samples"] = stages.line_samples(hiding, image, grid, lists, shown, cells)
         events["line_samples"].wait()  # the tables are freed on return
         return shown
 

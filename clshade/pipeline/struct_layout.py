@@ -13,23 +13,23 @@ import numpy as np
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # means "beyond the guard band" in snapped positions
-TILE_BITS = 4
-TILE_SIZE = 1 << TILE_BITS  # pixels per side
+TILE_SIZE = 16  # pixels per side
 FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
 MOST_SAMPLES = 64  # per pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are clamped to it: their squares stay within float32's range
 MOST_DEPTH = 2.0**100  # scaled depths are clamped to it: their reciprocals stay within float32's range
 MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the previous down to 1
+LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
     "GUARD_PIXELS": GUARD_PIXELS,
     "SNAP_LIMIT": SNAP_LIMIT,
-    "TILE_BITS": TILE_BITS,
     "TILE_SIZE": TILE_SIZE,
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
+    "LINE_INSET": LINE_INSET,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
@@ -162,10 +162,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "pad", 1, ""),
     ],
     "LineGrid": [
-        ("int", "margin", 1, "tiles around the image, on each side, that lines may reach from"),
-        ("int", "across", 1, "tiles a row, those of the margin included"),
-        ("int", "up", 1, "tiles a column"),
+        ("int", "cell_bits", 1, "cells have 2^cell_bits/256 px a side"),
+        ("int", "margin", 1, "cells around the image, on each side, that lines may reach from"),
+        ("int", "across", 1, "cells a row, those of the margin included"),
+        ("int", "up", 1, "cells a column"),
         ("int", "width", 1, "of the lines, 1/256 px"),
+        ("int", "pad", 3, ""),
     ],
     "Hider": [
         ("double", "nearest", 1, "the largest w of its corners; with painter's order minus its rank"),
