@@ -95,7 +95,10 @@ def _sharp(edges: MeshEdges, normal: Floats, count: Integers, angle: float) -> B
     first = order[np.searchsorted(edges.edge[order], pairs)]
     second = order[np.searchsorted(edges.edge[order], pairs) + 1]
     with np.errstate(invalid="ignore"):
-        a, b = (v / np.abs(v).max(axis=1, initial=0.0, keepdims=True) for v in (normal[edges.face[first]], normal[edges.face[second]]))
+        a, b = (
+            v / np.abs(v).max(axis=1, initial=0.0, keepdims=True)
+            for v in (normal[edges.face[first]], normal[edges.face[second]])
+        )
         cosine = dot(a, b) / np.sqrt(dot(a, a) * dot(b, b))
     sharp = np.zeros(len(count), bool)
     sharp[pairs] = np.where(edges.forward[first] == edges.forward[second], -cosine, cosine) < np.cos(np.radians(angle))
@@ -154,7 +157,13 @@ def lines_of(ends: Floats, edge: Integers, scene: Scene, near: float) -> Lines:
 
 
 def samples_with_lines(
-    scene: Scene, settings: Settings, world: Floats, cut: Pieces, z: Floats, front_only: Bools, pixels: tuple[Array, Array]
+    scene: Scene,
+    settings: Settings,
+    world: Floats,
+    cut: Pieces,
+    z: Floats,
+    front_only: Bools,
+    pixels: tuple[Array, Array],
 ) -> Integers:
     """Return what each sample of pixels shows, NONE, LINE or MARKED: (S, K).
 
@@ -182,6 +191,7 @@ def samples_with_lines(
     marked = np.bincount(edges.edge)[lines.edge] > 2
     own = np.unique(edges.edge * len(world) + edges.face)
     offsets = places(settings.samples)
+
     def points(mine: Integers) -> Integers:
         corner = np.stack([pixels[0][mine], pixels[1][mine]], axis=1) * SUBPIXELS
         return (corner[None] + offsets[:, None]).reshape(-1, 2)

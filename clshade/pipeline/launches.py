@@ -303,9 +303,7 @@ class Stages:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""
         return self._per_item("list_hiders", hiding.count, *hiding, grid, cursors, hiders, hiders is not None)
 
-    def list_lines(
-        self, lines: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int
-    ) -> cl.Event:
+    def list_lines(self, lines: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int) -> cl.Event:
         """Write the lists of lines per cell, or only count (`listed` None)."""
         return self._per_item("list_lines", count, lines, grid, cursors, listed, listed is not None)
 
