@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
-from ..scene.edges import Edges
-from ..scene.model import Scene, Settings
+from ..scene.model import Edges, Scene, Settings
 from .clip import GUARD, Pieces
 from .coverage import signed_area
 from .sampling import places
@@ -289,7 +288,7 @@ def _hidden(
     step = max(1, BATCH // max(1, len(q)))
     for start in range(0, len(xy), step):
         some = slice(start, start + step)
-        ahead = slope_x = slope_y = 0.0
+        ahead = slope_x = slope_y = np.zeros(())
         covers = np.ones((len(q), len(area[some])), bool)
         for k in range(3):
             i, j = xy[some, (k + 1) % 3], xy[some, (k + 2) % 3]

@@ -59,7 +59,8 @@ class Hiding(NamedTuple):
     face_count: int
 
     @property
-    def count(self) -> int:
+    def triangles(self) -> int:
+        """Number of faces and pieces."""
         return self.face_count + len(self.pieces.array)
 
 
@@ -301,7 +302,7 @@ class Stages:
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""
-        return self._per_item("list_hiders", hiding.count, *hiding, grid, cursors, hiders, hiders is not None)
+        return self._per_item("list_hiders", hiding.triangles, *hiding, grid, cursors, hiders, hiders is not None)
 
     def list_lines(self, lines: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int) -> cl.Event:
         """Write the lists of lines per cell, or only count (`listed` None)."""

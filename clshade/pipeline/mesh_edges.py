@@ -132,4 +132,5 @@ def facing(positions: Array, faces: Array, normals: Floats, eye: Floats, axis: F
 def outlines(edges: MeshEdges, facing: Integers) -> Bools:
     """Return (E,) bool: the edges whose faces with an area all lie on the same side of them, as seen from the eye."""
     side = np.where(edges.forward, 1, -1) * facing[edges.faces]
-    return np.abs(edges.sums(side)) == edges.sums(side != 0)
+    one_side: Bools = np.abs(edges.sums(side)) == edges.sums(side != 0)
+    return one_side

@@ -362,7 +362,8 @@ class Renderer:
         if self._lines is None:
             return None
         pieces = self._pieces if self._clips else Buffer.empty(self.device, 0, self._structs.Piece)
-        hiding = Hiding(self._faces, self._vertices.projected, pieces, *self._sides, None, self._view, self._face_count)
+        vertices, (numbers, materials) = self._vertices.projected, self._sides
+        hiding = Hiding(self._faces, vertices, pieces, numbers, materials, None, self._view, self._face_count)
         painter = not self.features["DEPTH_TEST"]
         return self._lines.draw(hiding, self._vertices, frame.space, self._image, frame.events, painter=painter)
 
@@ -370,7 +371,7 @@ class Renderer:
         self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress, shown: Buffer | None = None
     ) -> np.void:
         """Run the pixel stage; return the counters. shown: the samples that show lines."""
-        tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
+        tile: tuple[Any, ...] = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
         tile = tile if shown is None else (*tile, shown)
         self._inputs = draw_pixels(self.stages, self._inputs, self._order, visible, tile, frame.tiles, frame.events)
         counters: np.void = self._made.counters.to_host()[0].copy()

@@ -30,6 +30,7 @@ from ..base.validation import (
     vector,
 )
 from .camera import Camera
+from .edges import Edges as Edges
 from .settings import LAYERS as LAYERS
 from .settings import MAX_SAMPLES as MAX_SAMPLES
 from .settings import PRECISIONS as PRECISIONS

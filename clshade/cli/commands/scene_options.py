@@ -206,7 +206,7 @@ def _chosen_edges(arguments: argparse.Namespace) -> Any:
     from ...scene.edges import Edges
 
     options = {"angle": "edge_angle", "width": "edge_width", "color": "edge_color", "only": "edges_only"}
-    given = {name: getattr(arguments, option, None) for name, option in options.items()}
+    given: dict[str, Any] = {name: getattr(arguments, option, None) for name, option in options.items()}
     given = {name: value for name, value in given.items() if value is not None}
     kinds = getattr(arguments, "edges", None)
     if kinds is None:
