@@ -242,7 +242,11 @@ class Frame:
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
-        settings = {key: value for key, value in vars(self.settings).items() if key != "scalars" or value is not None}
+        settings = {
+            key: value
+            for key, value in vars(self.settings).items()
+            if value is not None or key not in ("scalars", "edges")
+        }
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in settings.items())
         metadata |= self._scalars()
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
