@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
 SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
 # Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
-_WITH_VALUES = ("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device")
-_WITH_VALUES += ("scalars", "colormap", "nan_color")
+_WITH_VALUES = (
+    *("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device"),
+    *("scalars", "colormap", "nan_color"),
+)
 _LISTS = ("lights", "components", "resolution", "clim")
 _FLAGS = ("flat", "orthographic", "half", "crop", "deterministic", "colorbar")
 
