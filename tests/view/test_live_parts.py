@@ -131,3 +131,6 @@ def test_options_that_commands_repeat():
     assert source.options == ("--device=pocl", "--lights=0,1", "--resolution=40,30", "--orthographic", "--crop")
     assert source.settings["samples"] == 64
     assert source.output == "teapot"
+    colored = ("--scalars", "q", "--colormap", "jet", "--clim", "-1,2", "--nan-color", "red", "--colorbar")
+    expected = ("--scalars=q", "--colormap=jet", "--nan-color=red", "--clim=-1.0,2.0", "--colorbar")
+    assert source_of("teapot", *colored).options == expected
