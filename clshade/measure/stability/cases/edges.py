@@ -1,4 +1,4 @@
-"""Case 31: lines along edges."""
+"""Case 20b: lines along edges."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ _SHIFT = np.array([1e7, -3e7, 2e7])
 def _grid(cells: int, size: float) -> Mesh:
     """Return a square in the plane z = 0 around the origin, of 2 * cells^2 triangles."""
     steps = np.linspace(-size, size, cells + 1)
-    verts = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((cells + 1, cells + 1))], axis=-1).reshape(-1, 3)
+    verts = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((cells + 1, cells + 1))], axis=-1).reshape(
+        -1, 3
+    )
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1, 1)
     faces = np.concatenate([corner + [0, cells + 1, 1], corner + [1, cells + 1, cells + 2]])
     return Mesh(verts, faces, material=lit.MATERIAL)
@@ -46,4 +48,4 @@ def lines(bench: Bench) -> Outcome:
     return worst(outcomes, "5 views, all edges, twice")
 
 
-CASES = (Case("31", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines),)
+CASES = (Case("20b", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines),)
