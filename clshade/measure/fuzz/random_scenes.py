@@ -217,7 +217,8 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
 
 def _edges(rng: Random, kind: Kind) -> Edges:
     """Return edges of some kinds, drawn with any width."""
-    kinds: Any = rng.choice(EDGE_KINDS, rng.integers(1, 4)).tolist() if rng.random() < 0.7 else ["all"]
+    count = rng.integers(1, 4) if rng.random() < 0.7 else 0
+    kinds = tuple(EDGE_KINDS[k] for k in rng.integers(0, len(EDGE_KINDS), count)) or ("all",)
     width = 10.0 ** rng.uniform(-1.5, 0.8) if rng.random() < 0.8 else rng.uniform(5.0, MAX_WIDTH)
     color = tuple((1.0 if kind.dim else 10.0) * rng.uniform(0.0, 1.0, 3))
     only = kind.settings.edges is not None and kind.settings.edges.only

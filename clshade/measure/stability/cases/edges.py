@@ -1,4 +1,4 @@
-"""Case 31: lines along edges."""
+"""Case 20b: lines along edges."""
 
 from __future__ import annotations
 
@@ -48,4 +48,4 @@ def lines(bench: Bench) -> Outcome:
     return worst(outcomes, "5 views, all edges, twice")
 
 
-CASES = (Case("31", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines),)
+CASES = (Case("20b", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines),)
