@@ -59,7 +59,8 @@ class Viewer extends Viewport {
     this.selected ??= name;
     if (name !== this.selected) this.reference ??= name;
     if (this.fitted && !before && this.images.size === 1) this.fit();
-    if (before && name === this.selected && this.fitted && (before.width !== image.width || before.height !== image.height)) this.fit();
+    const resized = before && (before.width !== image.width || before.height !== image.height);
+    if (resized && name === this.selected && this.fitted) this.fit();
     this.changed();
     if (this.probed) this.dispatchEvent(new Event("hover"));
     return image;
@@ -251,7 +252,8 @@ class Viewer extends Viewport {
   /** Return the image alone that is seen now, or null where two are. */
   get soleImage() {
     if (this.held === "B" || (this.flickered && !this.held)) return this.referenceImage;
-    return this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage ? this.image : null;
+    const isSole = this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage;
+    return isSole ? this.image : null;
   }
 
   draw() {
