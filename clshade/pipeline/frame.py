@@ -242,7 +242,11 @@ class Frame:
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
-        settings = {key: value for key, value in vars(self.settings).items() if key != "scalars" or value is not None}
+        settings = {
+            key: value
+            for key, value in vars(self.settings).items()
+            if value is not None or key not in ("scalars", "edges")
+        }
         metadata["settings"] = ", ".join(f"{key}={value}" for key, value in settings.items())
         metadata |= self._scalars()
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
@@ -373,7 +377,7 @@ class Frame:
         exposure : float, default 0.0
             Exposure of the PNG in stops, -300 to 300.
         half : bool, default False
-            Store the EXR's floats as half, except the layers Z and P.
+            Store the EXR's floats as half, except the layers Z, P and scalar.
         compression : str, default "zip"
             Compression of the EXR, see `clshade.exr.write`.
         crop : bool, default False

@@ -32,10 +32,10 @@ SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
 # Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
 _WITH_VALUES = (
     *("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device"),
-    *("scalars", "colormap", "nan_color"),
+    *("scalars", "colormap", "nan_color", "edge_angle", "edge_width"),
 )
-_LISTS = ("lights", "components", "resolution", "clim")
-_FLAGS = ("flat", "orthographic", "half", "crop", "deterministic", "colorbar")
+_LISTS = ("lights", "components", "resolution", "clim", "edges", "edge_color")
+_FLAGS = ("flat", "orthographic", "half", "crop", "deterministic", "colorbar", "edges_only")
 
 
 def is_scene(name: str) -> bool:

@@ -152,6 +152,33 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         help="values of the color map's ends (default: the least and largest in the scene)",
     )
     group.add_argument("--nan-color", metavar="COLOR", help="of faces without a number (default: darkgray)")
+    _edge_options(parser)
+
+
+def _edge_options(parser: argparse.ArgumentParser) -> None:
+    from ...scene.edges import EDGE_KINDS, MAX_WIDTH
+
+    group = parser.add_argument_group("edges of the meshes, drawn as lines")
+    group.add_argument(
+        "--edges",
+        type=names(EDGE_KINDS),
+        metavar="KIND,...",
+        help="which: all; feature, between faces at an angle; silhouette; boundary, of one face; nonmanifold, of more "
+        "than two, in red",
+    )
+    group.add_argument("--edge-angle", type=float, metavar="DEG", help="least angle of feature edges (default: 30)")
+    group.add_argument(
+        "--edge-width", type=float, metavar="PIXELS", help=f"of the lines, at most {MAX_WIDTH:g} (default: 1.5)"
+    )
+    group.add_argument(
+        "--edge-color",
+        type=numbers(float, 3, "three numbers such as 1,0.5,0"),
+        metavar="R,G,B",
+        help="of the lines, linear (default: 0,0,0)",
+    )
+    group.add_argument(
+        "--edges-only", action="store_true", default=None, help="the lines alone, on white, hidden by the surfaces"
+    )
 
 
 def picture_options(group: argparse._ArgumentGroup) -> list[str]:
@@ -196,6 +223,7 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     given["scalars"] = _chosen_scalars(arguments)
+    given["edges"] = _chosen_edges(arguments)
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -213,6 +241,22 @@ def _chosen_scalars(arguments: argparse.Namespace) -> Scalars | None:
     if "," in given.get("colormap", ""):
         given["colormap"] = given["colormap"].split(",")
     return Scalars(arguments.scalars, **given)
+
+
+def _chosen_edges(arguments: argparse.Namespace) -> Any:
+    """Return the Edges that were asked for, or None."""
+    from ...scene.edges import Edges
+
+    options = {"angle": "edge_angle", "width": "edge_width", "color": "edge_color", "only": "edges_only"}
+    given: dict[str, Any] = {name: getattr(arguments, option, None) for name, option in options.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    kinds = getattr(arguments, "edges", None)
+    if kinds is None:
+        for name in given:
+            flag = options[name].replace("_", "-")
+            raise InputError(f"--{flag}: expected --edges with it, such as --edges feature,silhouette, found none")
+        return None
+    return Edges(kinds, **given)
 
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
