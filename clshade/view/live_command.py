@@ -11,7 +11,7 @@ from ..scene.model import Scene, default_tonemap
 from ..scene.settings import Settings
 from .live_scene import Source, View
 
-REPEATED = ("scalars",)  # fields of Settings that no client changes: the source's options have them
+REPEATED = ("scalars", "edges")  # fields of Settings that no client changes: the source's options have them
 
 
 def render_command(source: Source, scene: Scene, view: View, tonemap: Operator | None, exposure: float) -> list[str]:

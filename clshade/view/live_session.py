@@ -14,7 +14,7 @@ from ..images.tonemap import OPERATORS, Operator
 from ..images.tonemap import checked as checked_exposure
 from ..pipeline.frame import Frame, output_paths
 from ..scene.model import default_tonemap
-from ..scene.settings import LAYERS, SHADERS, Settings
+from ..scene.settings import SHADERS, Settings
 from . import orbit_controls
 from .live_command import REPEATED, render_command
 from .live_message import enlarged, packed, pixel, planes, rgba8
@@ -208,8 +208,7 @@ class Session:
         row = integer("probe", "row", row, 0, rows - 1)
         probed = self._probed
         if probed is None or probed[:2] != (view, self._scene_version):
-            settings = replace(view.settings, layers=LAYERS)
-            frame = self._scene.render(replace(view, settings=settings), self)
+            frame = self._scene.render(replace(view, settings=_with_all_layers(view.settings)), self)
             self._probed = probed = view, self._scene_version, frame
         return {"version": version, "column": column, "row": row, "values": pixel(probed[2], column, row)}
 
@@ -250,13 +249,22 @@ class Session:
             "lights": list(view.lights),
             "tonemap": self._tonemap(self.display),
             "exposure": self.display.exposure,
-            "choices": {"shader": SHADERS, "layers": LAYERS, "tonemap": OPERATORS},
+            "choices": {
+                "shader": SHADERS,
+                "layers": _with_all_layers(view.settings).layers,
+                "tonemap": OPERATORS,
+            },
             "camera": _pose(view.camera),
         }
 
 
 def _numbers(kind: str, fields: Mapping[str, Any], *names: str) -> list[float]:
     return [number(kind, name, fields.get(name, 0.0)) for name in names]
+
+
+def _with_all_layers(settings: Settings) -> Settings:
+    all_: Any = "all"  # those that these settings can have
+    return replace(settings, layers=all_)
 
 
 def _at(camera: Any, resolution: tuple[int, int]) -> Any:

@@ -117,7 +117,7 @@ def test_mouse_keys_and_values(browser, tmp_path, monkeypatch, capsys):
             ),
             "wheel": lambda: page.mouse.wheel(0, -120),
             "w": lambda: (page.keyboard.down("w"), page.wait_for_timeout(150), page.keyboard.up("w")),
-            "t": lambda: (page.keyboard.press("t"), page.wait_for_timeout(150), page.keyboard.press("t")),
+            "t": lambda: (page.keyboard.press("t"), page.wait_for_timeout(800), page.keyboard.press("t")),
         }
         eyes = [page.evaluate("live.header.camera.eye")]
         for name, move in moves.items():

@@ -172,6 +172,7 @@ OPTIONS = [
     *(
         pytest.param(options, marks=pytest.mark.long)
         for options in (
+            ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
             ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
             ("teapot", "--camera-view-angle", "33.3", "--camera-azimuth-angle", "30", "--precision", "float64"),

@@ -134,9 +134,12 @@ class Live {
     if (pinned?.x !== column || pinned?.y !== row || version !== this.header.version) return;
     this.probedValues = values;
     const rows = groupChannels(Object.keys(values)).filter(({ channels }) => !channels.every((name) => image.channels.has(name)));
-    this.others.replaceChildren(...rows.map(({ name, channels }) => create("tr", { className: "codes" },
-      create("th", { textContent: name, scope: "row" }), create("td", { title: channels.map((each) => `${each} ${values[each]}`).join("\n") },
-        create("div", {}, ...channels.map((each) => create("span", { textContent: formatted(Number(String(values[each]).replace("inf", "Infinity"))) })))))));
+    const number = (each) => Number(String(values[each]).replace("inf", "Infinity"));
+    this.others.replaceChildren(...rows.map(({ name, channels }) => {
+      const cells = channels.map((each) => create("span", { textContent: formatted(number(each), 5) }));
+      const title = channels.map((each) => `${each} ${values[each]}`).join("\n");
+      return create("tr", { className: "codes" }, create("th", { textContent: name, scope: "row" }), create("td", { title }, ...cells));
+    }));
   }
 }
 
