@@ -22,6 +22,7 @@ _HOMES = {
     "Scalars": "clshade.scene.model",
     "Scene": "clshade.scene.model",
     "Settings": "clshade.scene.model",
+    "Edges": "clshade.scene.edges",
     "load": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
     from .scene.camera import Camera as Camera
+    from .scene.edges import Edges as Edges
     from .scene.formats.load import load as load
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh

@@ -328,7 +328,9 @@ def test_every_command_is_a_module_of_its_own():
     commands = {name for name in SOURCES if name.startswith("cli.commands.")}
     shared = {
         f"cli.commands.{name}"
-        for name in (*("arguments", "parser", "farm_options", "scene_options", "scene_outputs", "view_options"),)
+        for name in (
+            *("arguments", "parser", "farm_options", "live_view", "scene_options", "scene_outputs", "view_options"),
+        )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared
     for name in main.COMMANDS:

@@ -27,7 +27,7 @@ COMMANDS = {
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
     "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
-    "view": "an HTML page for inspecting and comparing EXR and PNG images",
+    "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
 }

@@ -63,10 +63,14 @@ def _ticks(low: float, high: float, count: int) -> tuple[list[float], list[str]]
     from matplotlib.ticker import MaxNLocator
 
     half = 0.5 * high - 0.5 * low  # halves cannot overflow
-    if not 0.0 < half < 1e300:
-        return [0.0, 1.0] if half else [0.5], [f"{low:.4g}", f"{high:.4g}"] if half else [f"{low:.4g}"]
-    values = [value for value in map(float, MaxNLocator(count).tick_values(low, high)) if low <= value <= high]
+    if not 1e-300 < half < 1e300:
+        return ([0.0, 1.0], [f"{low:g}", f"{high:g}"]) if low < high else ([0.5], [f"{low:g}"])
+    values = [
+        value
+        for value in map(float, MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+        if low <= value <= high
+    ]
     values = values if len(values) > 1 else [low, high]
     digits = math.log10(max(abs(low), abs(high)) / abs(values[1] - values[0])) if values[1] != values[0] else 4.0
-    labels = [f"{value:.{min(max(math.ceil(digits) + 1, 1), 12)}g}" for value in values]
+    labels = [f"{value:.{min(max(math.ceil(digits) + 1, 6), 12)}g}" for value in values]
     return [(0.5 * value - 0.5 * low) / half for value in values], labels

@@ -184,14 +184,19 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
         raise InputError(
             f"tonemap: rgb: expected floats of shape (M, N, 3), found shape {rgb.shape} and type {rgb.dtype}"
         )
-    codes = np.empty(rgb.shape, np.uint8)
-    exact = rgb.dtype == np.float64 or abs(stops) > _TABLE_EXPOSURE
+    return mapped(rgb, operator, stops)
+
+
+def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
+    """Return `tonemap` of floats of any shape; operator and exposure are checked already."""
+    codes = np.empty(values.shape, np.uint8)
+    exact = values.dtype == np.float64 or abs(exposure) > _TABLE_EXPOSURE
     with np.errstate(invalid="ignore"):  # a signaling NaN
-        values = np.ascontiguousarray(rgb, dtype=np.float64 if exact else np.float32).reshape(-1)
+        flat = np.ascontiguousarray(values, dtype=np.float64 if exact else np.float32).reshape(-1)
     if exact:
-        _map64(values, codes.reshape(-1), _thresholds64(operator, stops))
+        _map64(flat, codes.reshape(-1), _thresholds64(operator, exposure))
     else:
-        _map32(values, codes.reshape(-1), _table(operator, stops))
+        _map32(flat, codes.reshape(-1), _table(operator, exposure))
     return codes
 
 

@@ -26,6 +26,8 @@ CHOICES = (
     "ORTHOGRAPHIC",
     "CORNER_COLORS",
     "BRIGHT",
+    "LINES",
+    "LINES_ONLY",
 )
 # Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
 OPTIONAL = (
@@ -255,10 +257,14 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
             (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
         ),
         "OWNERS": _first((not settings.layers, "no layer asked for")),
-        # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists.
+        # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists; lines need
+        # the clipped triangles before the pixel stage.
         "SORTED": _first(
             (
-                settings.visibility == "depth" and settings.shader != "gouraud" and settings.precision != "float64",
+                settings.visibility == "depth"
+                and settings.shader != "gouraud"
+                and settings.precision != "float64"
+                and settings.edges is None,
                 "the depth test decides",
             ),
         ),
@@ -312,6 +318,8 @@ def _choices(
         "CORNER_COLORS": at_corners or own_corners,
         # The error bound of phong is relative to the color at the pixel, that of the others to the brightest corner.
         "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
+        "LINES": settings.edges is not None,
+        "LINES_ONLY": settings.edges is not None and settings.edges.only,
     }
 
 

@@ -300,7 +300,7 @@ class Frame:
         exposure : float, default 0.0
             Exposure of the PNG in stops, -300 to 300.
         half : bool, default False
-            Store the EXR's floats as half, except the layers Z and P.
+            Store the EXR's floats as half, except the layers Z, P and scalar.
         compression : str, default "zip"
             Compression of the EXR, see `clshade.exr.write`.
         crop : bool, default False

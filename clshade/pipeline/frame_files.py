@@ -103,7 +103,9 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
     from ..scene.camera_matrices import camera_metadata
 
     found = camera_metadata(scene.camera)
-    written = {name: value for name, value in vars(settings).items() if name != "scalars" or value is not None}
+    written = {
+        name: value for name, value in vars(settings).items() if value is not None or name not in ("scalars", "edges")
+    }
     found["settings"] = ", ".join(f"{name}={value}" for name, value in written.items())
     if settings.scalars is not None:
         color_map = color_map_of(scene, settings.scalars)

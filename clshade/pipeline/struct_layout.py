@@ -22,6 +22,7 @@ MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of t
 MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and those below mean something else
 NAN_POSITION = 2.0**120  # of what has no number
 WHITE_POSITION = 2.0**124  # of what no color map colors
+LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -31,6 +32,7 @@ CONSTANTS = {
     "TILE_SIZE": TILE_SIZE,
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
+    "LINE_INSET": LINE_INSET,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
@@ -152,6 +154,33 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "unscale", 1, "turns a scaled depth into scene units"),
         ("real", "light_unit", 1, "what light is counted in: a power of two"),
         ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
+        ("real", "line_color", 3, "linear RGB; with LINES"),
+        ("real", "marked_color", 3, "of lines along edges of more than two faces"),
+    ],
+    "Line": [
+        ("double", "w", 2, "1/depth of its ends, scaled; with painter's order minus the first rank of its faces"),
+        ("double", "inset", 1, "fraction of its length: its visibility is not asked nearer to an end"),
+        ("int", "x", 2, "snapped ends, 1/256 px"),
+        ("int", "y", 2, "snapped ends, 1/256 px, up"),
+        ("int", "first_face", 1, "index of the first of its faces in the faces of all edges"),
+        ("int", "faces", 1, "that contain the edge"),
+        ("int", "marked", 1, "whether they are more than two"),
+        ("int", "pad", 1, ""),
+    ],
+    "LineGrid": [
+        ("int", "cell_bits", 1, "cells have 2^cell_bits/256 px a side"),
+        ("int", "margin", 1, "cells around the image, on each side, that lines may reach from"),
+        ("int", "across", 1, "cells a row, those of the margin included"),
+        ("int", "up", 1, "cells a column"),
+        ("int", "width", 1, "of the lines, 1/256 px"),
+        ("int", "pad", 3, ""),
+    ],
+    "Hider": [
+        ("double", "nearest", 1, "the largest w of its corners; with painter's order minus its rank"),
+        ("int", "index", 1, "of the triangle: a face, or the number of faces plus that of a clipped piece"),
+        ("int", "low", 2, "least x and y of its corners, 1/256 px"),
+        ("int", "high", 2, "largest x and y"),
+        ("int", "pad", 1, ""),
     ],
     "Counters": [
         ("int", "visible", 1, "triangles that may be seen"),
@@ -186,6 +215,9 @@ class Structs(NamedTuple):
     Material: np.dtype
     Texture: np.dtype
     Image: np.dtype
+    Line: np.dtype
+    LineGrid: np.dtype
+    Hider: np.dtype
     Counters: np.dtype
 
 

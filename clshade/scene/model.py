@@ -30,6 +30,7 @@ from ..base.validation import (
     vector,
 )
 from .camera import Camera
+from .edges import Edges as Edges
 from .scalars import Scalars as Scalars
 from .scalars import checked_scalars
 from .settings import LAYERS as LAYERS

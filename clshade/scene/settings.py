@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
 from ..base.arrays import Converted, kept
 from ..base.validation import choice, flag, integer, known, number, sequence, set_fields, value_error
 from ..images.layer_words import LAYER_WORDS
+from .edges import EDGE_KINDS, AskedKinds, Edges
 from .scalars import Scalars, as_scalars
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class SettingsFields(TypedDict, total=False):
     sample_shading: bool
     resolve: Resolve
     scalars: Scalars | str | None
+    edges: Edges | AskedKinds | None
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -139,6 +141,9 @@ class Settings:
         and their mean is premultiplied.
     scalars : Scalars, str or None, default None
         Scalars of the meshes that a color map shows, or their name; see `Scalars`.
+    edges : Edges, str, iterable of str, or None, default None
+        Edges of the meshes drawn as lines: `Edges`, or their kinds alone, such as "feature". Layers
+        stay those of the surfaces.
 
     Raises
     ------
@@ -161,6 +166,7 @@ class Settings:
     sample_shading: bool = False
     resolve: Resolve = "mean"
     scalars: Converted[Scalars | str | None, Scalars | None] = field(default=kept(None))
+    edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -191,6 +197,10 @@ class Settings:
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
+        if self.edges is not None and not isinstance(self.edges, Edges):
+            if not isinstance(self.edges, str) and sequence(self.edges) is None:
+                raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)
+            set_fields(self, edges=Edges(self.edges))
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:

@@ -68,6 +68,7 @@ def html(
     images: Mapping[str, Picture],
     *,
     extra_scripts: Sequence[str] = (),
+    extra_styles: Sequence[str] = (),
     title: str = "clshade",
     tonemap: Operator = "srgb",
     exposure: float = 0.0,
@@ -76,13 +77,13 @@ def html(
     """Return the page that shows the images, the first of them first.
 
     images: name -> image; may be empty for a page whose images come from an extra script.
-    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`.
+    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`. extra_styles: CSS after the page's own.
     tonemap, exposure: as chosen at first and by a reset.
     connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
     """
     settings = checked_settings(tonemap, exposure)
     scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
-    style = _part("style.css")
+    style = "\n".join([_part("style.css"), *extra_styles])
     blocks: list[Future[str]] = []
     with _threads() as threads:
         described = [_described(name, picture, threads, blocks) for name, picture in images.items()]

@@ -110,7 +110,6 @@ USAGE = [
     ((), ("COMMAND",)),
     (("inspect",), ("FILE",)),
     (("view",), ("FILE",)),
-    (("view", "a.exr", "--tonemap", "film"), ("--tonemap", "film")),
     (("inspect", "a.exr", "extra"), ("extra",)),
     (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
 ]

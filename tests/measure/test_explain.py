@@ -218,7 +218,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 def test_where_everything_is_needed_nothing_is_saved(device):
     found = feature_savings.explain(
-        rich_scene(), device=device, layers=("Z",), texture_filter="trilinear", visibility="painter"
+        rich_scene(), device=device, layers=("Z",), texture_filter="trilinear", visibility="painter", scalars="data"
     )
     assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
     assert "saved: nothing" in "\n".join(found.lines())

@@ -192,6 +192,7 @@ def test_the_command_writes_a_page(files, tmp_path, capsys):
         (("a.exr", "-o", "none/a.html"), ("none/a.html", "no folder")),
         (("a.exr", "-o", "link.html"), ("--output", "another file than is read")),
         (("a.exr", "--exposure", "nan"), ("exposure", "nan")),
+        (("a.exr", "--tonemap", "film"), ("tonemap", "expected one of none, srgb", "film")),
     ],
 )
 def test_the_command_refuses(files, tmp_path, capsys, arguments, parts):

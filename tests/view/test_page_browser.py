@@ -58,7 +58,11 @@ def channels_of_a():
     depth = np.linspace(2, 9, ROWS * COLUMNS, dtype=np.float32).reshape(ROWS, COLUMNS)
     depth[:4] = np.inf
     numbers = (np.arange(ROWS * COLUMNS, dtype=np.uint32) * 7919 % 5000).reshape(ROWS, COLUMNS)
-    return {"RGB": rgb, "Z": depth, "N": normals, "object_id": numbers, HOSTILE: depth[::-1]}
+    uv = np.stack([depth, -3.0 * depth], axis=-1)
+    uv[:4] = 0.25
+    places = np.stack([np.full_like(depth, 3.0), *uv.transpose(2, 0, 1)], axis=-1)
+    layers = {"RGB": rgb, "Z": depth, "N": normals, "object_id": numbers, "uv": uv, "P": places}
+    return {**layers, HOSTILE: depth[::-1]}
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +170,7 @@ def test_the_probe_shows_the_values_of_the_file(shown, files):
 
 def test_layers_are_chosen_and_drawn_by_their_kind(shown):
     expected = thumbnails(exr.flatten(channels_of_a()))
-    for name in ("Z", "N", "object_id"):
+    for name in ("Z", "N", "object_id", "uv", "P"):
         shown.click(f"#layers tr[data-layer={name}] button")
         off = np.abs(pixels(shown) - expected[name].pixels.astype(int))
         assert off.max() <= (0 if name == "object_id" else 2), name  # depths: percentiles of all pixels, and in float32
@@ -198,7 +202,7 @@ def test_the_keyboard(shown):
     assert after("v", "viewer.settings.inStops") is True
     assert after("m", "viewer.settings.marking") is False
     assert after("r", "viewer.settings") == {"exposure": 0, "operator": "srgb", "marking": True, "inStops": False}
-    assert after("ArrowRight", "viewer.layerName") in ("A", "N", "Z", "object_id", HOSTILE)
+    assert after("ArrowRight", "viewer.layerName") in channels_of_a()
     assert after("2", "viewer.selected") == "b"
     assert after("ArrowDown", "viewer.selected") == "c"
     assert after("Shift+Digit2", "[viewer.reference, viewer.mode]") == ["b", "wipe"]
@@ -343,7 +347,7 @@ def test_without_webgl(launch, written, how):
     for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
         assert np.abs(found - tonemap(ramp(), each["operator"], 1.5).astype(int)).max() <= 1, each
     expected = thumbnails(exr.flatten(channels_of_a()))
-    for name in ("Z", "N", "object_id"):
+    for name in ("Z", "N", "object_id", "uv", "P"):
         shown.evaluate("(name) => viewer.setLayer(name)", name)
         until(shown, "viewer.drawn.layer.name === viewer.layerName")
         assert np.abs(pixels(shown) - expected[name].pixels.astype(int)).max() <= 2, name

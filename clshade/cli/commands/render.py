@@ -237,9 +237,22 @@ def summary(frame: Frame, output: str, others: Sequence[Path] = ()) -> str:
     lines = [
         f"scene   {name}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
         *ignored,
+        *_scalars(frame),
         f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
         f"device  {stats['device']}",
         f"once    {listed(fixed)} ms",
         f"frame   {whole:.2f} ms, the first: {listed(times)}",
     ]
     return "\n".join([*(text_tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])
+
+
+def _scalars(frame: Frame) -> list[str]:
+    """Return a line on the scalars shown, if there are any."""
+    from ...scene.scalar_colors import color_map_of
+
+    scalars = frame.settings.scalars
+    if scalars is None:
+        return []
+    color_map = color_map_of(frame.scene, scalars)
+    colors = scalars.colormap if isinstance(scalars.colormap, str) else f"{color_map.count} colors"
+    return [f"scalars {shown(scalars.name)}: {color_map.low:g} to {color_map.high:g}, {colors}"]

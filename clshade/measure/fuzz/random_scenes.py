@@ -13,6 +13,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...scene.camera import Camera
+from ...scene.edges import EDGE_KINDS, MAX_WIDTH, Edges
 from ...scene.model import WRAPS, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
 from ...scene.settings import (
     AMBIENTS,
@@ -69,6 +70,7 @@ class Kind:
     other_lanes: int = 1
     bright: bool = False
     scalars: str = ""
+    lines: bool = False
 
     @property
     def dim(self) -> bool:
@@ -148,7 +150,12 @@ def kind_of(seed: int, block: int) -> Kind:
     scalars = str(rng.choice(("", "", "", "vertices", "corners")))
     if scalars:
         finer |= {"scalars": "data", "layers": "all"}
-    return replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright, scalars=scalars)
+    kind = replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright, scalars=scalars)
+    if not often(0.15):
+        return kind
+    only = often(0.3)
+    lined = replace(kind.settings, edges=Edges("all", only=only))
+    return replace(kind, settings=lined, lines=True, background=kind.background or only)
 
 
 def scene_of(number: int, seed: int = 0) -> RandomScene:
@@ -203,7 +210,19 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         )
         scene = replace(scene, meshes=(*scene.meshes, mesh))
         settings = replace(settings, scalars=random_map(own, kind.scalars, mesh.scalars["data"]))
+    if kind.lines:
+        settings = replace(settings, edges=_edges(np.random.default_rng([seed, number, 4]), kind))
     return RandomScene(number, kind, scene, settings, again=number // 2 % 4 == 0)
+
+
+def _edges(rng: Random, kind: Kind) -> Edges:
+    """Return edges of some kinds, drawn with any width."""
+    count = rng.integers(1, 4) if rng.random() < 0.7 else 0
+    kinds = tuple(EDGE_KINDS[k] for k in rng.integers(0, len(EDGE_KINDS), count)) or ("all",)
+    width = 10.0 ** rng.uniform(-1.5, 0.8) if rng.random() < 0.8 else rng.uniform(5.0, MAX_WIDTH)
+    color = tuple((1.0 if kind.dim else 10.0) * rng.uniform(0.0, 1.0, 3))
+    only = kind.settings.edges is not None and kind.settings.edges.only
+    return Edges(kinds, float(rng.uniform(0.0, 180.0)), float(width), color, only=only)
 
 
 def _nothing(rng: Random) -> Any:

@@ -46,7 +46,8 @@ class Choice {
 function createSwitch(label, key, onchange) {
   const input = create("input", { type: "checkbox" });
   input.addEventListener("change", () => onchange(input.checked));
-  const box = create("label", { className: "switch" }, input, create("span", { textContent: label }), create("kbd", { textContent: key }));
+  const texts = [create("span", { textContent: label }), create("kbd", { textContent: key })];
+  const box = create("label", { className: "switch" }, input, ...texts);
   return { box, input };
 }
 

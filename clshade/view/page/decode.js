@@ -87,7 +87,8 @@ const codeTables = new Map();
 function codeValues(most, linear) {
   const key = `${most} ${linear}`;
   if (!codeTables.has(key)) {
-    codeTables.set(key, Float32Array.from({ length: most + 1 }, (_, code) => linear ? srgbToLinear(code / most) : code / most));
+    const value = (code) => (linear ? srgbToLinear(code / most) : code / most);
+    codeTables.set(key, Float32Array.from({ length: most + 1 }, (_, code) => value(code)));
   }
   return codeTables.get(key);
 }

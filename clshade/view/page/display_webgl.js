@@ -26,14 +26,15 @@ class WebGlDisplay {
   prepare() {
     const { gl } = this;
     const source = ["tonemap.glsl", "display.glsl"].map((name) => document.getElementById(name).textContent).join("\n");
-    const precision = "precision highp float;\nprecision highp int;\nprecision highp sampler2D;\nprecision highp usampler2D;\n";
+    const precision = ["float", "int", "sampler2D", "usampler2D"].map((type) => `precision highp ${type};\n`).join("");
     const corners = "void main() { gl_Position = vec4(gl_VertexID == 1 ? 3 : -1, gl_VertexID == 2 ? 3 : -1, 0, 1); }";
     this.program = gl.createProgram();
     for (const [type, text] of [[gl.VERTEX_SHADER, corners], [gl.FRAGMENT_SHADER, precision + source]]) {
       const shader = gl.createShader(type);
       gl.shaderSource(shader, `#version 300 es\n${text}`);
       gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
+      const failed = !gl.getShaderParameter(shader, gl.COMPILE_STATUS);
+      if (failed && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(this.program, shader);
     }
     gl.linkProgram(this.program);

@@ -19,7 +19,8 @@ function drawHistogram(canvas, full, white) {
   const bins = last - first + 1;
   // A background may fill one bin; the fifth largest or so leaves the others in sight.
   const heights = histograms.flatMap((counts) => [...counts.subarray(first, last + 1)]).sort((a, b) => b - a);
-  const most = Math.max(1, Math.min(heights[0], 1.5 * (heights[Math.min(heights.length - 1, 4 * histograms.length)] || heights[0])));
+  const typical = heights[Math.min(heights.length - 1, 4 * histograms.length)] || heights[0];
+  const most = Math.max(1, Math.min(heights[0], 1.5 * typical));
   const colors = histograms.length === 1 ? ["rgba(210, 210, 210, 0.6)"] : HISTOGRAM_COLORS[inStops ? "light" : "planes"];
   histograms.forEach((counts, k) => {
     context.beginPath();
@@ -59,7 +60,8 @@ function filledBins(histograms) {
   while (first < last && !matters(first)) first++;
   while (last > first && !matters(last)) last--;
   first = Math.floor(first / BINS_PER_STOP) * BINS_PER_STOP;
-  last = Math.min(BIN_COUNT - 1, Math.max(Math.ceil((last + 1) / BINS_PER_STOP), first / BINS_PER_STOP + 4) * BINS_PER_STOP - 1);
+  const end = Math.max(Math.ceil((last + 1) / BINS_PER_STOP), first / BINS_PER_STOP + 4);
+  last = Math.min(BIN_COUNT, end * BINS_PER_STOP) - 1;
   return [Math.max(0, Math.min(first, BIN_COUNT - 4 * BINS_PER_STOP)), last];
 }
 

@@ -129,7 +129,8 @@ function toggleHelp() {
   if (!dialog.childElementCount) {
     const groups = HELP.map(([title, keys]) => create("section", {}, create("h2", { textContent: title }), create("dl", {},
       ...keys.flatMap(([key, what]) => [create("dt", { textContent: key }), create("dd", { textContent: what })]))));
-    const close = create("button", { type: "button", className: "close", textContent: "×", title: "Close (Esc)", ariaLabel: "Close" });
+    const close = create("button", { type: "button", className: "close", textContent: "×", title: "Close (Esc)" });
+    close.ariaLabel = "Close";
     close.addEventListener("click", () => dialog.close());
     dialog.append(close, create("div", { className: "groups" }, ...groups));
     dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());

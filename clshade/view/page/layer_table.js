@@ -6,7 +6,8 @@ class LayerTable {
     this.viewer = viewer;
     this.label = document.getElementById("hover");
     this.body = document.querySelector("#layers tbody");
-    this.components = new Choice(document.querySelector("#layers .components"), (component) => viewer.setComponent(component));
+    const components = document.querySelector("#layers .components");
+    this.components = new Choice(components, (component) => viewer.setComponent(component));
     this.key = "";
     viewer.addEventListener("hover", () => this.schedule());
     viewer.addEventListener("change", () => this.schedule());
@@ -51,7 +52,9 @@ class LayerTable {
     const letter = (channel) => [...layer.family].find((each) => channel.toUpperCase().endsWith(each)) ?? channel;
     const choices = layer && layer.channels.length > 1 ? [{ value: null, label: "All", title: "(X: next)" },
       ...layer.channels.map((channel, k) => ({ value: k, label: letter(channel), title: channel }))] : [];
-    if (choices.length === 4 && layer.family === "RGB") choices.push({ value: "luminance", label: "Luminance", title: "Of linear Rec. 709" });
+    if (choices.length === 4 && layer.family === "RGB") {
+      choices.push({ value: "luminance", label: "Luminance", title: "Of linear Rec. 709" });
+    }
     this.components.update(choices, this.viewer.component);
   }
 
@@ -85,8 +88,9 @@ class LayerTable {
     if (!color || !pixel || !color.planes.every((plane) => plane.data)) return setValues(this.codes, null);
     const { operator, exposure } = this.viewer.settings;
     const index = pixel.y * color.image.width + pixel.x;
-    const reads = [0, 1, 2].map((k) => color.planes[k] ?? color.planes[0]).map((plane) => plane.reader(color.image.isEncoded(color)));
-    setValues(this.codes, { texts: reads.map((read) => String(toneMappedCode(read(index), operator, exposure))), exact: "" });
+    const linear = color.image.isEncoded(color);
+    const values = [0, 1, 2].map((k) => (color.planes[k] ?? color.planes[0]).reader(linear)(index));
+    setValues(this.codes, { texts: values.map((value) => String(toneMappedCode(value, operator, exposure))), exact: "" });
   }
 
   /** Show a number's name beside the pointer. */
@@ -123,9 +127,10 @@ function valuesAt(image, layer, { x, y }) {
   if (!layer.planes.every((plane) => plane.data)) return { texts: ["…"], exact: "still decoding", name: "" };
   const values = layer.planes.map((plane) => plane.reader()(y * image.width + x));
   const isNumber = layer.planes.some((plane) => plane.isWhole);
+  const exact = (k) => (isNumber ? values[k] : exactText(layer.planes[k], values[k], y * image.width + x));
   return {
     texts: values.map((value) => (isNumber ? String(value) : formatted(value, 5))),
-    exact: layer.channels.map((channel, k) => `${channel} ${isNumber ? values[k] : exactText(layer.planes[k], values[k], y * image.width + x)}`).join("\n"),
+    exact: layer.channels.map((channel, k) => `${channel} ${exact(k)}`).join("\n"),
     name: isNumber && values.length === 1 ? image.nameOf(layer, values[0]) : "",
     color: isNumber ? numberColor(values) : null,
   };

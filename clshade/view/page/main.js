@@ -19,7 +19,8 @@ function startViewer(manifest) {
   new LayerTable(started);
   attachKeys(started);
   if (display instanceof CanvasDisplay) {
-    panels.notice(`No WebGL 2 for images of ${longest} pixels a side in this browser: drawn without it, in 8 bits.`);
+    const size = longest > 1 ? ` for images of ${longest} pixels a side` : "";
+    panels.notice(`No WebGL 2${size} in this browser: drawn without it, in 8 bits.`);
   }
   return started;
 }

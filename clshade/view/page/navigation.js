@@ -18,7 +18,8 @@ function attachNavigation(viewer) {
     canvas.setPointerCapture(event.pointerId);
     touches.set(event.pointerId, event);
     const onLine = viewer.wipeX() !== null && Math.abs(viewer.canvasPoint(event).x - viewer.wipeX()) < 12 * viewer.ratio;
-    drag = { onLine, startX: event.clientX, startY: event.clientY, x: event.clientX, y: event.clientY, click: touches.size === 1 };
+    const { clientX: x, clientY: y } = event;
+    drag = { onLine, startX: x, startY: y, x, y, click: touches.size === 1 };
   });
   canvas.addEventListener("pointermove", (event) => {
     if (taken(event)) return;

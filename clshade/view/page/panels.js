@@ -2,6 +2,12 @@
 // The panel beside the image: what is selected, and the knobs.
 
 const MOST_NUMBERS = 10; // whose names are listed
+const MEANINGS = {
+  [KIND.direction]: "Colors are (n + 1) / 2 of X, Y and Z.",
+  [KIND.numbers]: "Each number has a color of its own; 0 is black.",
+  [KIND.position]: "Colors span each component’s range.",
+  [KIND.coordinates]: "Colors are the fractions of the coordinates.",
+};
 
 /** The panel's sections follow the viewer's events. */
 class Panels {
@@ -79,8 +85,10 @@ class Panels {
     const ready = viewer.mode === "difference" && [layer, other].every((each) => each?.planes.every((plane) => plane.data));
     box.hidden = !ready;
     if (!ready) return;
-    if (this.compared?.[0] !== layer || this.compared[1] !== other) this.compared = [layer, other, compareLayers(layer, other)];
-    box.textContent = this.compared[2];
+    if (this.compared?.layer !== layer || this.compared.other !== other) {
+      this.compared = { layer, other, text: compareLayers(layer, other) };
+    }
+    box.textContent = this.compared.text;
   }
 
   // Exposure, tone map, range
@@ -92,8 +100,8 @@ class Panels {
     this.slider.addEventListener("input", () => viewer.set({ exposure: Number(this.slider.value) }));
     this.slider.addEventListener("dblclick", () => viewer.set({ exposure: 0 }));
     this.stops = createNumber("Exposure in stops", 0.5, (exposure) => viewer.set({ exposure }));
-    this.light = create("div", {}, create("h2", {}, "Exposure", create("span", { className: "field" }, this.stops, " stops")), this.slider,
-      create("h2", { textContent: "Tone map" }));
+    const field = create("span", { className: "field" }, this.stops, " stops");
+    this.light = create("div", {}, create("h2", {}, "Exposure", field), this.slider, create("h2", { textContent: "Tone map" }));
     this.operators = new Choice(this.light, (operator) => viewer.set({ operator }));
     this.inStops = createSwitch("False color in stops", "V", (inStops) => viewer.set({ inStops }));
     this.light.append(this.inStops.box);
@@ -124,9 +132,7 @@ class Panels {
     const kind = viewer.drawn && !differs ? viewer.drawn.kind : KIND.color;
     this.light.hidden = kind !== KIND.color;
     this.range.hidden = kind !== KIND.quantity;
-    const meanings = { [KIND.direction]: "Colors are (n + 1) / 2 of X, Y and Z.", [KIND.numbers]: "Each number has a color of its own; 0 is black.",
-      [KIND.position]: "Colors span each component’s range.", [KIND.coordinates]: "Colors are the fractions of the coordinates." };
-    this.meaning.textContent = meanings[kind] ?? "";
+    this.meaning.textContent = MEANINGS[kind] ?? "";
     this.meaning.hidden = !this.meaning.textContent;
     this.slider.value = String(exposure);
     setNumber(this.stops, Math.round(exposure * 100) / 100);
@@ -153,7 +159,8 @@ class Panels {
     const canvas = document.querySelector("#histogram canvas");
     canvas.hidden = !full.histograms.length;
     if (!canvas.hidden) drawHistogram(canvas, full, -viewer.settings.exposure);
-    const parts = [["nan", "NaN", full.nan], ["infinite", "infinite", full.infinite], ["negative", "negative", full.negative]];
+    const negative = full.inStops ? full.negative : 0; // of light alone it is worth a word
+    const parts = [["nan", "NaN", full.nan], ["infinite", "infinite", full.infinite], ["negative", "negative", negative]];
     const range = full.low <= full.high ? `${formatted(full.low, 5)} to ${formatted(full.high, 5)}` : "none is finite";
     document.querySelector("#histogram .counts").replaceChildren(create("span", { textContent: range }), ...parts
       .filter(([, , count]) => count)
@@ -203,7 +210,8 @@ class Panels {
     const sole = viewer.soleImage;
     const tag = (image, letter) => {
       const layer = viewer.layerOf(image);
-      const missing = viewer.layerName && layer && layer.name !== viewer.layerName ? `, no ${viewer.layerName}: ${layer.name}` : "";
+      const isOther = viewer.layerName && layer && layer.name !== viewer.layerName;
+      const missing = isOther ? `, no ${viewer.layerName}: ${layer.name}` : "";
       return create("span", {}, create("b", { textContent: letter }), `${image.name}${missing}`);
     };
     const one = viewer.images.size > 1 && sole ? [tag(sole, sole === viewer.image ? "" : "B")] : [];
@@ -221,8 +229,9 @@ class Panels {
     if (!image || this.infoOf === image.info) return;
     this.infoOf = image.info;
     const channels = [...image.channels.values()].map((channel) => `${channel.name} ${TYPE_NAMES[channel.type]}`).join(", ");
-    const entries = [["image", image.name], ["size", `${image.width} × ${image.height}`], ["channels", channels], ...Object.entries(image.info.header)];
-    box.querySelector("dl").replaceChildren(...entries.flatMap(([name, text]) => [create("dt", { textContent: name }), create("dd", { textContent: String(text) })]));
+    const own = [["image", image.name], ["size", `${image.width} × ${image.height}`], ["channels", channels]];
+    box.querySelector("dl").replaceChildren(...[...own, ...Object.entries(image.info.header)].flatMap(([name, text]) => [
+      create("dt", { textContent: name }), create("dd", { textContent: String(text) })]));
   }
 
   update() {
@@ -237,7 +246,8 @@ function compareLayers(layer, reference) {
   const [a, b] = [layer.image, reference.image];
   const [width, height] = [Math.min(a.width, b.width), Math.min(a.height, b.height)];
   const planes = Math.min(layer.planes.length, reference.planes.length);
-  const pairs = Array.from({ length: planes }, (_, k) => [layer.planes[k].reader(a.isEncoded(layer)), reference.planes[k].reader(b.isEncoded(reference))]);
+  const pairs = Array.from({ length: planes }, (_, k) => [
+    layer.planes[k].reader(a.isEncoded(layer)), reference.planes[k].reader(b.isEncoded(reference))]);
   let [unequal, largest, squares, finite, where] = [0, 0, 0, 0, ""];
   for (let y = 0; y < height; y++) {
     for (let x = 0; x < width; x++) {
@@ -255,5 +265,6 @@ function compareLayers(layer, reference) {
   }
   const shares = `${unequal.toLocaleString("en")} of ${(width * height).toLocaleString("en")} pixels differ`;
   if (layer.statistics?.kind === KIND.numbers) return shares;
-  return `${shares}; largest ${formatted(largest, 4)}${where}; RMSE ${formatted(finite ? Math.sqrt(squares / finite) : 0, 4)}`;
+  const rmse = finite ? Math.sqrt(squares / finite) : 0;
+  return `${shares}; largest ${formatted(largest, 4)}${where}; RMSE ${formatted(rmse, 4)}`;
 }

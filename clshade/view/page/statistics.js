@@ -95,7 +95,10 @@ function fullStatistics(layer) {
     const histograms = (reads.length === 3 ? [luminance, ...reads] : reads).map((read) => stopsHistogram(read, count));
     return { ...total, inStops: true, histograms };
   }
-  if (kind === KIND.numbers) return { ...total, inStops: false, histograms: [], numbers: reads.length === 1 ? countNumbers(reads[0], count) : [] };
+  if (kind === KIND.numbers) {
+    const numbers = reads.length === 1 ? countNumbers(reads[0], count) : [];
+    return { ...total, inStops: false, histograms: [], numbers };
+  }
   const histograms = reads.map((read) => linearHistogram(read, count, total.low, total.high));
   return { ...total, inStops: false, histograms };
 }

@@ -8,7 +8,8 @@ class Textures {
   constructor(gl) {
     this.gl = gl;
     this.held = new Set(); // channels, least recently used first
-    this.empty = { plane: this.make("float", 1, 1, new Float32Array(1)), number: this.make("uint", 1, 1, new Uint32Array(1)) };
+    const [plane, number] = [this.make("float", 1, 1, new Float32Array(1)), this.make("uint", 1, 1, new Uint32Array(1))];
+    this.empty = { plane, number };
   }
 
   format(type) {

@@ -37,6 +37,7 @@ class Viewer extends Viewport {
     this.held = null; // "A" or "B" while a key is held
     this.flickered = false;
     this.border = false;
+    this.statisticsTime = 0; // when they were computed last
     new ResizeObserver(() => this.resized()).observe(canvas.parentElement);
     attachNavigation(this);
   }
@@ -58,7 +59,8 @@ class Viewer extends Viewport {
     this.selected ??= name;
     if (name !== this.selected) this.reference ??= name;
     if (this.fitted && !before && this.images.size === 1) this.fit();
-    if (before && name === this.selected && this.fitted && (before.width !== image.width || before.height !== image.height)) this.fit();
+    const resized = before && (before.width !== image.width || before.height !== image.height);
+    if (resized && name === this.selected && this.fitted) this.fit();
     this.changed();
     if (this.probed) this.dispatchEvent(new Event("hover"));
     return image;
@@ -250,7 +252,8 @@ class Viewer extends Viewport {
   /** Return the image alone that is seen now, or null where two are. */
   get soleImage() {
     if (this.held === "B" || (this.flickered && !this.held)) return this.referenceImage;
-    return this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage ? this.image : null;
+    const isSole = this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage;
+    return isSole ? this.image : null;
   }
 
   draw() {
@@ -272,10 +275,12 @@ class Viewer extends Viewport {
     this.dispatchEvent(new Event("drawn"));
   }
 
-  /** Compute the layer's statistics when nothing else is to do. */
+  /** Compute the layer's statistics soon: of images that follow each other when they pause, or every two seconds. */
   scheduleStatistics() {
-    const delay = this.layerOf(this.image)?.stale ? 500 : 50; // images that follow each other share one
-    this.statisticsTimer ??= setTimeout(() => {
+    const follows = this.layerOf(this.image)?.stale;
+    if (this.statisticsTimer && !(follows && performance.now() - this.statisticsTime < 2000)) return;
+    clearTimeout(this.statisticsTimer);
+    this.statisticsTimer = setTimeout(() => {
       this.statisticsTimer = null;
       for (const image of [this.image, this.referenceImage]) {
         const layer = this.layerOf(image);
@@ -286,7 +291,8 @@ class Viewer extends Viewport {
         layer.stale = false;
         if (live) this.requestDraw();
       }
+      this.statisticsTime = performance.now();
       this.dispatchEvent(new Event("statistics"));
-    }, delay);
+    }, follows ? 300 : 50);
   }
 }
