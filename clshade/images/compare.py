@@ -21,7 +21,7 @@ from .layer_words import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels compared at a time
-_TOLD = 3  # regions of large error per layer that the text names
+_LISTED = 3  # regions of large error per layer that the text names
 UNEQUAL = math.inf  # error of a value that is NaN or infinite and differs from the other
 
 
@@ -136,7 +136,7 @@ class Comparison:
     def _cluster_lines(self) -> list[str]:
         """Return a line on where the large errors are, for each layer with more than one different pixel."""
         return [
-            wrapped(f"{in_line(name)} differs most in {'; '.join(map(str, leading(each.clusters, _TOLD)))}", 2)
+            wrapped(f"{in_line(name)} differs most in {'; '.join(map(str, leading(each.clusters, _LISTED)))}", 2)
             for name, each in self.layers.items()
             if each.different > 1 and each.clusters
         ]

@@ -264,12 +264,12 @@ def _images(
 def _loaded(images: Sequence[Callable[[], Array]], name: str) -> Iterator[Array]:
     """Yield the images, some of them loaded ahead, which releases the GIL. name: of the film, to report progress on; "":
     do not."""
-    told = time.monotonic()
+    reported = time.monotonic()
     with ThreadPoolExecutor(_AHEAD) as beside:
         waiting = deque(beside.submit(load) for load in images[:_AHEAD])
         for number in range(len(images)):
             waiting.extend(beside.submit(load) for load in images[number + _AHEAD : number + _AHEAD + 1])
             yield waiting.popleft().result()
-            if name and time.monotonic() - told >= LINES:
-                told = time.monotonic()
+            if name and time.monotonic() - reported >= LINES:
+                reported = time.monotonic()
                 console.progress(f"{shown(name)}: {number + 1}/{len(images)} frames encoded")
