@@ -254,7 +254,7 @@ class Frame:
 
         Parameters
         ----------
-        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes, else
             ``"srgb"``.
         exposure : float, default 0.0
@@ -317,7 +317,7 @@ class Frame:
         ----------
         path : str or path-like
             File name; an extension .exr or .png is dropped.
-        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
             scenes, else ``"srgb"``.
         exposure : float, default 0.0
