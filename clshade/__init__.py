@@ -19,8 +19,10 @@ _HOMES = {
     "Material": "clshade.scene.model",
     "Texture": "clshade.scene.model",
     "Mesh": "clshade.scene.model",
+    "Scalars": "clshade.scene.model",
     "Scene": "clshade.scene.model",
     "Settings": "clshade.scene.model",
+    "Edges": "clshade.scene.edges",
     "load": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
@@ -48,10 +50,12 @@ if TYPE_CHECKING:
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
     from .scene.camera import Camera as Camera
+    from .scene.edges import Edges as Edges
     from .scene.formats.load import load as load
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh
     from .scene.model import PointLight as PointLight
+    from .scene.model import Scalars as Scalars
     from .scene.model import Scene as Scene
     from .scene.model import Settings as Settings
     from .scene.model import Texture as Texture

@@ -15,23 +15,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
-from clshade.course import figures  # noqa: E402
-from clshade.course.figures import Figure  # noqa: E402
-
-
-def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:
-    """Return the figures, and the pairs (gouraud, phong) whose difference is shown."""
-    drawn: list[Figure] = []
-    for shader in ("gouraud", "phong"):
-        first = len(drawn) + 1
-        for k, term in enumerate(("ambient", "diffuse", "specular")):
-            drawn.append(Figure(first + k, shader, f"{term} only", (term,)))
-        drawn.append(Figure(first + 3, shader, "all terms"))
-        for k in range(3):
-            drawn.append(Figure(first + 4 + k, shader, f"light {k + 1} only", lights=(k,)))
-        drawn.append(Figure(first + 7, shader, "all lights"))
-    return drawn, [(drawn[k], drawn[k + 8]) for k in range(4)]
-
+from clshade.course import demo, figures  # noqa: E402
 
 if __name__ == "__main__":
-    sys.exit(figures.main(str(__doc__).splitlines()[0], plan, "demo.png"))
+    sys.exit(demo.main(str(__doc__).splitlines()[0], figures.lit(), "demo.png"))

@@ -14,15 +14,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
-from clshade.course import figures  # noqa: E402
-from clshade.course.figures import Figure  # noqa: E402
-
-
-def plan() -> tuple[list[Figure], list[tuple[Figure, Figure]]]:
-    """Return the figures, and the pair (gouraud, phong) whose difference is shown."""
-    drawn = [Figure(17 + k, shader, "map", mapped=True) for k, shader in enumerate(("gouraud", "phong", "nolight"))]
-    return drawn, [(drawn[0], drawn[1])]
-
+from clshade.course import demo, figures  # noqa: E402
 
 if __name__ == "__main__":
-    sys.exit(figures.main(str(__doc__).splitlines()[0], plan, "demotmap.png"))
+    sys.exit(demo.main(str(__doc__).splitlines()[0], figures.mapped(), "demotmap.png"))

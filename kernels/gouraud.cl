@@ -8,7 +8,7 @@
 ITEM_BY_ITEM
 kernel void gouraud_corners(SURFACE_PARAMETERS,
                             global const uint *order,     // T, visible triangles
-                            global real4 *to_light,       // (F + C) x 3, linear RGB, written for visible triangles
+                            global real4 *to_light,       // (F + C) x 3, linear RGB and position, written for visible triangles
                             int count)                    // T
 {
     Inputs inputs = SURFACE_ARGUMENTS;
@@ -29,7 +29,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #endif
     }
     for (int k = 0; k < 3; ++k) {
-        real p[3][LANES], n[3][LANES], c[3][LANES];
+        real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES];
         for (int lane = 0; lane < LANES; ++lane) {
 #if CENTROID
             real4 point = centroid_of(in, face[lane]);
@@ -49,6 +49,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             p[0][lane] = point.x, p[1][lane] = point.y, p[2][lane] = point.z;
             n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
             c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
+            position[lane] = HAS_POSITIONS ? color.w : 0.0f;
         }
         at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
@@ -58,7 +59,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         STORE_LANES(at.color.g, c[1]);
         STORE_LANES(at.color.b, c[2]);
         for (int lane = 0; lane < LANES && first + lane < count; ++lane)
-            to_light[3 * taken[lane] + k] = (real4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
+            to_light[3 * taken[lane] + k] = (real4)(c[0][lane], c[1][lane], c[2][lane], position[lane]);
     }
 }
 #endif

@@ -7,17 +7,18 @@
 #if !defined(LAYER_N) || !defined(LAYER_P) || !defined(LAYER_ALBEDO) || !defined(LAYER_UV)
 #error "a layer is not defined"
 #endif
-#if !defined(LAYER_BARYCENTRICS) || !defined(MIRRORED)
+#if !defined(LAYER_BARYCENTRICS) || !defined(LAYER_SCALAR) || !defined(MIRRORED)
 #error "a layer, or whether placements mirror, is not defined"
 #endif
 
-// The layers at the pixels of a block, 0 where there is no triangle. The normal is not yet of unit length.
+// The layers at the pixels of a block, where there is no triangle NAN_POSITION for the scalar and 0 for the rest. The normal is not yet of unit length.
 typedef struct {
     reals3 normal, point;
     colors3 albedo;
     Texels texels;
     reals u, v;
     reals3 weights;
+    reals scalar;
 } Shown;
 
 // Weights in the mesh's order of corners: if a placement mirrors, the renderer has swapped the last two. Rounding may
@@ -31,7 +32,7 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
 
 // Sets the lanes in `mine`, which triangle t owns.
 INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at,
-                       global const int *mirrored)
+                       global const int *mirrored, global const real *scalars)
 {
     int face = t->face;
     Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
@@ -49,9 +50,13 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 #if LAYER_ALBEDO
 #if VERTEX_COLORS || CORNER_COLORS
-    reals3 mixed = mix_vectors(m, in->colors[color_index(in, face, 0)], in->colors[color_index(in, face, 1)],
-                               in->colors[color_index(in, face, 2)]);
+    real4 c0 = in->colors[color_index(in, face, 0)], c1 = in->colors[color_index(in, face, 1)];
+    real4 c2 = in->colors[color_index(in, face, 2)];
+    reals3 mixed = mix_vectors(m, c0, c1, c2);
     colors3 color = {mixed.x, mixed.y, mixed.z};
+#if HAS_POSITIONS
+    color = times_map_color(color, weigh(m, c0.w, c1.w, c2.w), in);
+#endif
     put_color(&shown->albedo, mine, color);
 #else
     colors3 white = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
@@ -64,6 +69,10 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
     shown->u = where(mine, uv.u.high + uv.u.low, shown->u);
     shown->v = where(mine, uv.v.high + uv.v.low, shown->v);
 #endif
+#if LAYER_SCALAR
+    global const real *s = scalars + 3 * face;
+    shown->scalar = where(mine, weigh(m, s[0], s[1], s[2]), shown->scalar);
+#endif
 #if LAYER_BARYCENTRICS
 #if MIRRORED
     put_weights(&shown->weights, mine, m, mirrored[face]);
@@ -74,17 +83,18 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 }
 
 // The layers of a block whose first pixel is sampled at `at`.
-Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored)
+Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored, global const real *scalars)
 {
     Shown shown;
     shown.u = shown.v = (reals)(0.0f);
     shown.normal.x = shown.normal.y = shown.normal.z = (reals)(0.0f);
     shown.point = shown.weights = shown.normal;
     shown.albedo.r = shown.albedo.g = shown.albedo.b = (reals)(0.0f);
+    shown.scalar = (reals)((real)NAN_POSITION);
     shown.texels = no_texels();
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = next_owner(owner, todo, &mine);
-        show_owner(&shown, mine, in, in->triangles + index, at, mirrored);
+        show_owner(&shown, mine, in, in->triangles + index, at, mirrored, scalars);
     }
     return shown;
 }
@@ -115,12 +125,13 @@ typedef struct {
     global real *albedos;         // M x N x 3, linear RGB
     global real *coordinates;     // M x N x 2, the mesh's u and v
     global real *weights;         // M x N x 3, of the face's corners
+    global real *scalars;         // M x N, as the table of scalars
 } LayerOutputs;
 
 #define LAYER_PARAMETERS                                                                                           \
     global real *to_normals, global real *to_points, global real *to_albedos, global real *to_coordinates,         \
-        global real *to_weights
-#define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights}
+        global real *to_weights, global real *to_scalars
+#define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights, to_scalars}
 
 void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
 {
@@ -142,6 +153,9 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, i
 #if LAYER_BARYCENTRICS
     write_vector(to->weights, shown->weights, in->image, column, row);
 #endif
+#if LAYER_SCALAR
+    write_layer(to->scalars, 1, 0, shown->scalar, in->image, column, row);
+#endif
 }
 
 // The owners of a block's pixels, -1 for none and beyond the image.
@@ -161,6 +175,7 @@ ITEM_BY_ITEM
 kernel void surface_layers(SURFACE_PARAMETERS,
                            global const int *owners,      // M x N, from the pixel stage
                            global const int *mirrored,    // F, whether the face's placement mirrors; with MIRRORED
+                           global const real *scalars,    // F x 3, scaled, NAN_POSITION for none; with LAYER_SCALAR
                            LAYER_PARAMETERS)
 {
     Inputs inputs = SURFACE_ARGUMENTS;
@@ -174,7 +189,7 @@ kernel void surface_layers(SURFACE_PARAMETERS,
         if (column >= image->columns || row >= image->rows)
             continue;
         ints owner = owners_in(owners, image, column, row);
-        Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored);
+        Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored, scalars);
         write_shown(&outputs, &shown, in, column, row);
     }
 }

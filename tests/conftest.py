@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browsers import SOFTWARE_GL, chromium
 from devices import working_devices
 from processes import OPEN, python
 
 from clshade import course
 from clshade.errors import DeviceError
 from clshade.pipeline import programs
-from clshade.pipeline.opencl import environment
+from clshade.pipeline.opencl import cache_slots, environment
 from clshade.pipeline.opencl.device import Device, open_device
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("POCL_AFFINITY", "0")  # pinned threads of several processes would get in each other's way
+
+cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -81,3 +85,16 @@ def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "clshade").mkdir()
     monkeypatch.setattr(environment, "_home", tmp_path)
     return tmp_path / "clshade"
+
+
+@pytest.fixture(scope="module")  # not longer: see `chromium` on asyncio
+def launch() -> Iterator[Callable[..., Any]]:
+    """Return a function that starts headless Chromium with the given arguments."""
+    with chromium() as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def browser(launch: Callable[..., Any]) -> Any:
+    """Return headless Chromium with WebGL by software."""
+    return launch(*SOFTWARE_GL)

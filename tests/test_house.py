@@ -20,7 +20,7 @@ CHAIN = {
     "base": "",
     "images": "base",
     "scene": "base images",
-    "oracle": "base.arrays base.validation scene.model scene.camera scene.geometry",
+    "oracle": "base.arrays base.validation scene.model scene.camera scene.geometry scene.scalar_colors",
     "pipeline": "base images scene",
     "course": "base images scene pipeline",
     "farm": "base images scene pipeline",
@@ -327,7 +327,10 @@ def test_every_command_is_a_module_of_its_own():
     assert {name: f"clshade.cli.commands.{name}" for name in main.COMMANDS} == main._MODULES
     commands = {name for name in SOURCES if name.startswith("cli.commands.")}
     shared = {
-        f"cli.commands.{name}" for name in ("arguments", "parser", "farm_options", "scene_options", "scene_outputs")
+        f"cli.commands.{name}"
+        for name in (
+            *("arguments", "parser", "farm_options", "live_view", "scene_options", "scene_outputs", "view_options"),
+        )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared
     for name in main.COMMANDS:

@@ -42,7 +42,8 @@ BLOCKS = [
     for found in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
-OTHERS_OPTIONS = {"--dist", "--info", "--port", "--nworkers", "--nthreads"}  # of pytest-xdist, oiiotool, dask
+# Of pytest-xdist, oiiotool, dask, Chromium.
+OTHERS_OPTIONS = {"--dist", "--info", "--port", "--nworkers", "--nthreads", "--headless", "--window-size"}
 
 
 def at_line(block: Block) -> str:

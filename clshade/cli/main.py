@@ -27,6 +27,7 @@ COMMANDS = {
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
     "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
+    "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
 }
@@ -39,6 +40,7 @@ _MODULES = {
     "bench": "clshade.cli.commands.bench",
     "stability": "clshade.cli.commands.stability",
     "fuzz": "clshade.cli.commands.fuzz",
+    "view": "clshade.cli.commands.view",
     "inspect": "clshade.cli.commands.inspect",
     "compare": "clshade.cli.commands.compare",
 }

@@ -1,30 +1,22 @@
-"""The course's figures as demos/demo.py and demos/demotmap.py draw them: scene, images, files, contact sheet."""
+"""Figures 1 to 19 of the course: what each shows, which of them a scene can show, and their images."""
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ..base.text_tables import create_folder
-from ..errors import ClshadeError, InputError
-from ..images import contact_sheet
-from ..scene.builtin.scenes import builtin
-from ..scene.formats.load import load
-from ..scene.formats.texture import as_texture
+from ..base import console
 from ..scene.model import Scene
 from ..scene.settings import Shader
 
-SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they are in the current folder
+LIGHTS = 3  # of a scene of the course
+TERMS = ("ambient", "diffuse", "specular")
+LIT: tuple[Shader, Shader] = ("gouraud", "phong")
 
 
 @dataclass
@@ -37,7 +29,7 @@ class Figure:
     number: int
     shader: Shader
     what: str
-    terms: tuple[str, ...] = ("ambient", "diffuse", "specular")
+    terms: tuple[str, ...] = TERMS
     lights: tuple[int, ...] = (0, 1, 2)
     mapped: bool = False
     image: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
@@ -64,64 +56,69 @@ class Figure:
         return f"figure{self.number:02d}-{self.shader}-{self.what.replace(' ', '-')}"
 
 
-# The scene
+class Missing(NamedTuple):
+    """Figures that a scene cannot show, and why."""
+
+    numbers: tuple[int, ...]
+    why: str
 
 
-def parse(description: str, arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Parse the command line of either demo."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument(
-        "--scene", metavar="FILE", help=f"course scene (default: ./{SCENE} if there is one, else a built-in scene)"
+# The plan
+
+
+def lit(lights: int = LIGHTS) -> list[Figure]:
+    """Return figures 1 to 16, with vertex colors.
+
+    1-4 gouraud: ambient, diffuse, specular light, all three; 5-8 gouraud: the first, second, third light, all of them;
+    9-16 the same with phong. lights: number of lights of the scene.
+    """
+    every = tuple(range(lights))
+    figures: list[Figure] = []
+    for shader in LIT:
+        shown: list[tuple[str, tuple[str, ...], tuple[int, ...]]] = [(f"{term} only", (term,), every) for term in TERMS]
+        shown.append(("all terms", TERMS, every))
+        shown += [(f"light {k + 1} only", TERMS, (k,)) for k in range(LIGHTS)]
+        shown.append(("all lights", TERMS, every))
+        figures += [Figure(len(figures) + 1 + k, shader, *each) for k, each in enumerate(shown)]
+    return figures
+
+
+def mapped(lights: int = LIGHTS) -> list[Figure]:
+    """Return figures 17 to 19, with the texture map: gouraud, phong and without light."""
+    every = tuple(range(lights))
+    return [Figure(17 + k, shader, "map", lights=every, mapped=True) for k, shader in enumerate((*LIT, "nolight"))]
+
+
+def pairs(figures: Sequence[Figure]) -> list[tuple[Figure, Figure]]:
+    """Return the pairs (gouraud, phong) of each combination of terms; of several such figures the first."""
+    first: dict[tuple[Shader, tuple[str, ...]], Figure] = {}
+    for figure in figures:
+        first.setdefault((figure.shader, figure.terms), figure)
+    return [(figure, first["phong", terms]) for (shader, terms), figure in first.items() if shader == "gouraud"]
+
+
+def possible(scene: Scene) -> tuple[list[Figure], list[Missing]]:
+    """Return the figures that the scene can show, and those that it cannot.
+
+    Figures of all lights show all that the scene has, also more than three.
+    """
+    count, mesh = len(scene.lights), scene.meshes[0]
+    found = f"the scene has {count or 'no'} light{'s' * (count != 1)}"
+    reasons: tuple[tuple[str, Callable[[Figure], bool]], ...] = (
+        (found, lambda each: max(each.lights, default=-1) >= count),
+        (found, lambda each: not count and not each.mapped and "ambient" not in each.terms),
+        ("the scene has no texture coordinates", lambda each: each.mapped and mesh.uvs is None),
+        ("the scene has no texture", lambda each: each.mapped and mesh.material.texture is None),
     )
-    parser.add_argument(
-        "--texture",
-        metavar="FILE",
-        help=f"texture of demotmap.py (default: ./{TEXTURE} if there is one); demo.py draws the vertex colors",
-    )
-    parser.add_argument("--out", metavar="DIR", default=".", help="folder of the images (default: the current one)")
-    parser.add_argument(
-        "--resolution", metavar="N,M", help="columns and rows, in place of the scene's; the pixels become square"
-    )
-    parser.add_argument("--device", help="pocl, intel, part of a platform's name ... (default: CLSHADE_DEVICE, PoCL)")
-    return parser.parse_args(arguments)
-
-
-def _resolution(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    try:
-        columns, rows = (int(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--resolution: expected two whole numbers such as 512,512, found {text!r}") from None
-    return columns, rows
-
-
-def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
-    """Return the scene named on the command line, in the current folder or built in; with a texture if `mapped`."""
-    texture = options.texture if options.texture or not os.path.isfile(TEXTURE) else TEXTURE
-    path, resolution = options.scene, _resolution(options.resolution)
-    if path is None and os.path.isfile(SCENE) and (texture or not mapped):
-        path = SCENE
-    if path is None:
-        size = {} if resolution is None else {"resolution": resolution}
-        scene = builtin("course", **size)
-        if mapped and options.texture:
-            scene = _with_texture(scene, texture)
-    else:
-        if mapped and not texture:
-            raise InputError(f"--texture: expected an image for {path}, found none")
-        scene = load(path, texture=texture if mapped else None, resolution=resolution)
-    if len(scene.lights) != 3:
-        raise InputError(f"{scene.name}: lights: expected three, found {len(scene.lights)}")
-    if scene.preset != "course":
-        raise InputError(f"{path}: expected a course scene (.npy), found a mesh without lights and camera")
-    return scene
-
-
-def _with_texture(scene: Scene, path: str) -> Scene:
-    mesh = scene.meshes[0]
-    material = replace(mesh.material, texture=as_texture(path, srgb=False, lookup="course"))
-    return replace(scene, meshes=(replace(mesh, material=material),))
+    drawn: list[Figure] = []
+    missing: dict[str, list[int]] = {}
+    for figure in lit(count) + mapped(count):
+        why = next((why for why, applies in reasons if applies(figure)), None)
+        if why is None:
+            drawn.append(figure)
+        else:
+            missing.setdefault(why, []).append(figure.number)
+    return drawn, [Missing(tuple(numbers), why) for why, numbers in missing.items()]
 
 
 # Drawing
@@ -147,114 +144,23 @@ def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
     from ..pipeline.opencl.device import shared_device
 
     shared_device()  # its errors come before the progress bar
-    needed = {(figure.shader, figure.terms): figure for figure in figures}
-    for figure in tqdm(needed.values(), unit="program", desc="programs", leave=False):
+    needed = {(figure.shader, figure.terms, figure.mapped): figure for figure in figures}
+    for figure in tqdm(needed.values(), unit="program", desc="programs", leave=False, disable=console.quiet()):
         draw(scene, figure)
 
 
-def draw_all(scene: Scene, figures: Sequence[Figure]) -> Iterator[Figure]:
+def draw_all(scene: Scene, figures: Iterable[Figure]) -> Iterator[Figure]:
     """Draw and time each figure as if it were the first of its scene."""
     from .. import course
 
     for figure in figures:
         course.release()
-        start = time.perf_counter()
-        figure.image = draw(scene, figure)
-        figure.milliseconds = (time.perf_counter() - start) * 1e3
+        figure.milliseconds = milliseconds(scene, figure)
         yield figure
 
 
-# Files
-
-
-def save(scene: Scene, figure: Figure, folder: Path) -> None:
-    """Write the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
-    from ..images import exr, png
-    from ..scene.camera_matrices import camera_metadata
-
-    metadata = camera_metadata(scene.camera)
-    metadata.update(
-        title=figure.title, scene=scene.name, settings="preset=course", renderTimeSeconds=figure.milliseconds / 1e3
-    )
-    exr.write(folder / f"{figure.stem}.exr", figure.linear, metadata=metadata)
-    png.write(folder / f"{figure.stem}.png", figure.picture)
-
-
-# The contact sheet
-
-
-def _numbers(vector: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"
-
-
-def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
-    """Return a panel of the figure, clamped, with the position and intensity of its lights and its drawing time."""
-    lights = [scene.lights[k] for k in figure.lights]
-    lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
-    text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
-    return contact_sheet.Panel(contact_sheet.reduced(figure.picture), figure.title, text)
-
-
-def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
-    """Return a panel of the difference of two figures in the channel that differs most."""
-    apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
-    white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
-    level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
-    text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
-    text += f"\nmean {apart.mean():.2g}, largest {apart.max():.2g}"
-    return contact_sheet.Panel(contact_sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
-
-
-def heading(scene: Scene) -> str:
-    columns, rows = scene.camera.resolution
-    return (
-        f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}; ambient light {_numbers(scene.ambient)}; "
-        "times: one call, programs built before"
-    )
-
-
-# The whole run
-
-
-def _run(
-    options: argparse.Namespace, figures: Sequence[Figure], pairs: Sequence[tuple[Figure, Figure]], sheet_name: str
-) -> None:
-    from tqdm import tqdm
-
-    from ..images import png
-
-    if options.device:
-        os.environ["CLSHADE_DEVICE"] = options.device
-    scene = find_scene(options, figures[0].mapped)
-    folder = create_folder(options.out)
-    importing = threading.Thread(target=contact_sheet.prepare, daemon=True)
-    importing.start()
-    build_all(scene, figures)
-    importing.join()
-    for _ in tqdm(draw_all(scene, figures), total=len(figures), unit="figure", desc=scene.name):
-        pass
-    with ThreadPoolExecutor(1) as writer:
-        written = [writer.submit(save, scene, figure, folder) for figure in figures]
-        panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs]
-        png.write(folder / sheet_name, contact_sheet.compose(panels, heading(scene)))
-        for result in written:
-            result.result()
-    print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")
-
-
-def main(
-    description: str,
-    plan: Callable[[], tuple[list[Figure], list[tuple[Figure, Figure]]]],
-    sheet_name: str,
-    arguments: Sequence[str] | None = None,
-) -> int:
-    """Run a demo; return its exit code: 0 done, 2 bad input, 130 interrupted."""
-    options = parse(description, arguments)
-    try:
-        _run(options, *plan(), sheet_name)
-    except ClshadeError as error:
-        print(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+def milliseconds(scene: Scene, figure: Figure) -> float:
+    """Draw the figure, keep its image, and return the time of the call."""
+    start = time.perf_counter()
+    figure.image = draw(scene, figure)
+    return (time.perf_counter() - start) * 1e3

@@ -16,7 +16,6 @@ from distributed import CancelledError, Client, Future, KilledWorker
 from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame import output_paths
 from .job import DrawnFrame, Lost, Silent, Task
 from .members import Members
 from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
@@ -71,7 +70,9 @@ class Dispatcher:
         self._flights: dict[int, _Flight] = {}
         self._by_key: dict[str, _Flight] = {}  # of all attempts at frames not drawn yet
         self._stuck: dict[str, str] = {}  # keys of frames that a worker has had for too long, and the worker
-        self._unseen: dict[int, tuple[Path, float]] = {}  # files of drawn frames not visible here yet, and since when
+        self._unseen: dict[
+            int, tuple[list[Path], float]
+        ] = {}  # files of drawn frames not visible here yet, and since when
         self._keys = itertools.count()
         self._latest = 0.0  # duration of the latest frame, seconds
         self._asked, self._seen = float("-inf"), time.monotonic()
@@ -184,7 +185,7 @@ class Dispatcher:
             with contextlib.suppress(Exception):
                 flight.future.release()
         self._latest = (drawn.render_ms + drawn.save_ms) / 1e3
-        self._unseen[drawn.number] = flight.task.path, time.monotonic()
+        self._unseen[drawn.number] = flight.task.paths, time.monotonic()
         return drawn
 
     def _check_future(self, future: Future[Any]) -> None:
@@ -222,11 +223,11 @@ class Dispatcher:
 
     def _await_files(self) -> None:
         """Raise WorkerError for a drawn frame whose files do not appear."""
-        missing = {n: found for n, found in self._unseen.items() if not all(p.exists() for p in output_paths(found[0]))}
+        missing = {n: found for n, found in self._unseen.items() if not all(path.exists() for path in found[0])}
         self._unseen = missing
-        for number, (path, since) in missing.items():
+        for number, (paths, since) in missing.items():
             if time.monotonic() - since > VISIBLE:
-                expected = f"workers that write to this machine's {path.parent}"
+                expected = f"workers that write to this machine's {paths[0].parent}"
                 found = f"frame {number} written elsewhere"
                 raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {found}")
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..base.input_files import quoted
 from ..errors import InputError
-from ..pipeline.frame import output_paths
+from ..pipeline.frame import FILES, FileKind, output_paths
 
 MOST = 1_000_000  # frames of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"
@@ -93,11 +94,11 @@ class Pattern:
     width: int
     after: str
 
-    def names(self, number: int) -> tuple[str, str]:
-        """Return the EXR and PNG names of a frame, as str: a million Path objects take twenty seconds."""
+    def names(self, number: int, files: Sequence[FileKind] = FILES) -> tuple[str, ...]:
+        """Return the EXR and PNG names of a frame, or of one, as str: a million Path objects take twenty seconds."""
         digits = f"{number:0{self.width}d}" if self.width else ""
         stem = f"{self.before}{digits}{self.after}"
-        return f"{stem}.exr", f"{stem}.png"
+        return tuple(f"{stem}.{kind}" for kind in FILES if kind in files)
 
 
 def parse_pattern(text: str, count: int) -> Pattern:

@@ -7,12 +7,12 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame import SavingOptions, output_paths
+from ..pipeline.frame import FILES, FileKind, SavingOptions, chosen_paths
 from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
@@ -32,16 +32,23 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders."""
+    """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders.
+    files: which of them are written."""
 
     number: int
     camera: Camera
     path: Path
+    files: Sequence[FileKind] = FILES
+
+    @property
+    def paths(self) -> list[Path]:
+        """The files."""
+        return list(chosen_paths(self.path, self.files).values())
 
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """A frame whose files are written. render_ms, save_ms: time to draw and to write it. size: bytes of the two files.
+    """A frame whose files are written. render_ms, save_ms: time to draw and to write it. size: bytes of its files.
     worker: the process that drew it, host:pid."""
 
     number: int
@@ -104,9 +111,10 @@ class FrameWriter:
                 ready()
             frame = renderer.render(task.camera)
             drawn = time.perf_counter()
-            warnings = frame.write(task.path, **self._job.saving)
+            saving: SavingOptions = {**self._job.saving, "files": task.files}
+            warnings = frame.write(task.path, **saving)
             done = time.perf_counter()
-            size = sum(path.stat().st_size for path in output_paths(task.path))
+            size = sum(path.stat().st_size for path in task.paths)
         except ClshadeError as error:
             raise type(error)(f"frame {task.number}: {error}") from error
         except Exception as error:

@@ -19,7 +19,7 @@ from ..base.validation import integer, known, number, value_error
 from ..errors import InputError
 from ..images import png
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame import SAVING, SavingOptions, check_output
+from ..pipeline.frame import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.settings import FrameOptions
@@ -104,7 +104,7 @@ def draw_frames(
     saving: SavingOptions | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
-    """Draw frames of a scene and write each as EXR and PNG, the same files whoever draws them.
+    """Draw frames of a scene and write each as EXR and PNG, or one of them, the same files whoever draws them.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def draw_frames(
         has not drawn its frame: others draw what it has. Default: wait for it, with a warning after
         ten seconds.
     overwrite : bool, default False
-        Draw frames whose two files exist as well; otherwise they are skipped. An existing file is
+        Draw frames whose files exist as well; otherwise they are skipped. An existing file is
         complete, for files are replaced atomically (``clshade.base.atomic_files``).
     progress : bool, default True
         Show a progress bar, or lines, on standard error.
@@ -171,12 +171,15 @@ def draw_frames(
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
-    left = list(cameras) if overwrite else _left(pattern, cameras)
+    files = tuple(chosen_paths(pattern.names(0)[0], chosen.get("files", FILES)))
+    left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
         _compare_sizes(pattern, next(number for number in cameras if number not in drawn_now), cameras)
-    tasks = (Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute()) for number in left)
+    tasks = (
+        Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute(), files) for number in left
+    )
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
@@ -245,8 +248,8 @@ def _frames(numbers: Sequence[int]) -> str:
     return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
-def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
-    """Return the frames that lack one of their two files. The folder is listed once: a stat per file of a million
+def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind] = FILES) -> list[int]:
+    """Return the frames that lack one of their files. The folder is listed once: a stat per file of a million
     frames takes a minute."""
     folder = os.path.dirname(pattern.names(0)[0])
     try:
@@ -254,7 +257,7 @@ def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
     except FileNotFoundError:
         return list(numbers)
     except (OSError, ValueError):  # a folder that may be entered but not read, or an invalid name
-        return [number for number in numbers if not all(map(_is_there, pattern.names(number)))]
+        return [number for number in numbers if not all(map(_is_there, pattern.names(number, files)))]
     if not listed:
         return list(numbers)
 
@@ -263,7 +266,7 @@ def _left(pattern: Pattern, numbers: Iterable[int]) -> list[int]:
         base = os.path.basename(name)
         return (base.lower() in listed or not base.isascii()) and _is_there(name)
 
-    return [number for number in numbers if not all(map(is_there, pattern.names(number)))]
+    return [number for number in numbers if not all(map(is_there, pattern.names(number, files)))]
 
 
 def _is_there(name: str) -> bool:

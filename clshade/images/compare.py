@@ -15,11 +15,13 @@ from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
 from .channels import Group, grouped
+from .clusters import Cluster, find_clusters, leading
 from .image_file import Picture, named_pixel
 from .layer_words import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels compared at a time
+_TOLD = 3  # regions of large error per layer that the text names
 UNEQUAL = math.inf  # error of a value that is NaN or infinite and differs from the other
 
 
@@ -42,6 +44,7 @@ class Difference:
         NaN equals NaN, infinity equals infinity of the same sign.
     maximum, mean, rmse, relmse: over the values that are finite in both, see `metrics.ImageError`; None if exact.
     psnr, ssim, flip: of display colors; None for other layers, and without the packages that they need.
+    clusters: the regions of large error, largest first, see `clusters.find_clusters`.
     """
 
     exact: bool
@@ -57,12 +60,14 @@ class Difference:
     ssim: float | None = None
     flip: float | None = None
     worst: Worst | None = None
+    clusters: tuple[Cluster, ...] = ()
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON: null for the infinite PSNR of equal images."""
         found = asdict(self)
         worst = None if self.worst is None else plain(self.worst._asdict(), words=True)
-        return {**plain({name: value for name, value in found.items() if name != "worst"}), "worst": worst}
+        figures = {name: value for name, value in found.items() if name not in ("worst", "clusters")}
+        return {**plain(figures), "worst": worst, "clusters": [each.stats() for each in self.clusters]}
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,8 @@ class Comparison:
             for name, each in self.layers.items()
         ]
         height, width = self.shape
-        return [f"{width} x {height} pixels", *as_lines(header, rows), *self._worst_lines(), self._verdict()]
+        table = as_lines(header, rows)
+        return [f"{width} x {height} pixels", *table, *self._worst_lines(), *self._cluster_lines(), self._verdict()]
 
     def _worst_lines(self) -> list[str]:
         return [
@@ -125,6 +131,14 @@ class Comparison:
             )
             for name, each in self.layers.items()
             if each.worst is not None
+        ]
+
+    def _cluster_lines(self) -> list[str]:
+        """Return a line on where the large errors are, for each layer with more than one different pixel."""
+        return [
+            wrapped(f"{in_line(name)} differs most in {'; '.join(map(str, leading(each.clusters, _TOLD)))}", 2)
+            for name, each in self.layers.items()
+            if each.different > 1 and each.clusters
         ]
 
     def _verdict(self) -> str:
@@ -264,7 +278,9 @@ def _difference(picture: Picture, reference: Picture, pair: tuple[Group, Group],
     measures: dict[str, Any] = {}
     if not exact:
         measures = {**_measures(*pair), **_seen_measures(picture, *pair)}
-    return Difference(exact, errors.size, **counts, **measures, worst=_worst(picture, reference, pair, errors))
+    found = find_clusters(errors, threshold) if counts["different"] else ()
+    worst = _worst(picture, reference, pair, errors)
+    return Difference(exact, errors.size, **counts, **measures, worst=worst, clusters=found)
 
 
 def _worst(picture: Picture, reference: Picture, pair: tuple[Group, Group], errors: Array) -> Worst | None:

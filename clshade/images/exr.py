@@ -44,7 +44,12 @@ SUFFIXES = {
     "uv": "UV",
     "barycentrics": "UVW",
 }  # names of a layer's components; R G B A for every other layer
-FULL_PRECISION = ("Z", "P")  # layers that `half` does not affect: depths and positions need their digits
+FULL_PRECISION = (
+    "Z",
+    "P",
+    "scalar",
+)  # layers that `half` does not affect: depths, positions and data need their digits
+FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
@@ -134,7 +139,11 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
     if isinstance(window, str):
         if window not in ("drawn", "covered"):
             raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
-        far = {"Z": np.where(np.isposinf(planes["Z"]), 0, planes["Z"])} if window == "covered" and "Z" in planes else {}
+        far = {
+            name: np.where(np.isnan(planes[name]) if math.isnan(value) else planes[name] == value, 0, planes[name])
+            for name, value in FAR.items()
+            if window == "covered" and name in planes
+        }
         return drawn_window({**planes, **far})
     x0, y0, x1, y1 = (int(edge) for edge in window)
     if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
@@ -270,7 +279,7 @@ def write(
         Lossy: pxr24 rounds float32 to 24 bits; b44 and b44a round half and leave float32 as it is;
         dwaa and dwab round colors.
     half : bool, default False
-        Store floats as half, except the layers Z and P.
+        Store floats as half, except the layers Z, P and scalar.
     metadata : mapping, optional
         Further header attributes: text, numbers and (4, 4) matrices; None omits one. Defaults:
         software "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See
@@ -333,8 +342,8 @@ def encode(
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
     header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
-    if window == "covered" and "Z" in planes:
-        header[exr_limits.OUTSIDE["Z"]] = math.inf
+    if window == "covered":
+        header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
     if compression in LOSSY:
@@ -439,8 +448,8 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     -------
     channels : dict of str to ndarray
         One (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at the top, in the
-        display window. Outside the data window values are 0, or what the header says of Z (see
-        `write`). R, G, B, A come first. A multi-part file gives the channels of all parts; a name
+        display window. Outside the data window values are 0, or what the header says of Z and
+        scalar (see `write`). R, G, B, A come first. A multi-part file gives the channels of all parts; a name
         that an earlier part has is prefixed with the name of its part and a dot.
     header : dict
         Attributes of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as in

@@ -12,7 +12,10 @@ from ..base import host_memory
 from ..base.input_files import file_error
 
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
-OUTSIDE = {"Z": "Zbackground"}  # channels -> the header attribute with their value outside the data window
+OUTSIDE = {
+    "Z": "Zbackground",
+    "scalar": "scalarBackground",
+}  # channels -> the header attribute with their value outside the data window
 MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
 
 # The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2

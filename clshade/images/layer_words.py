@@ -10,5 +10,6 @@ LAYER_WORDS = {
     **dict.fromkeys(("object", "objects", "mesh", "mesh_id", "segmentation"), "object_id"),
     **dict.fromkeys(("material", "materials"), "material_id"),
     **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
+    **dict.fromkeys(("scalars", "values", "data"), "scalar"),
     **dict.fromkeys(("uvs", "st", "texcoord", "texcoords", "texture_coordinates"), "uv"),
 }

@@ -66,13 +66,22 @@ _CURVES: dict[str, Callable[[Array], Array]] = {
 }
 
 
+def _exposed(values: Array, exposure: float) -> Floats:
+    """Return non-negative float64 values at an exposure, +infinity replaced by a value that is white in every operator."""
+    with np.errstate(over="ignore", under="ignore"):
+        x: Floats = np.minimum(values * 2.0**exposure, _SATURATED)
+    return x
+
+
+def _encoded(x: Array, operator: str) -> Array:
+    """Evaluate what is left to do for each channel: 0 to 1."""
+    y = np.clip(_CURVES[operator](x), 0.0, 1.0)
+    return y if operator == "none" else srgb_curve(y)
+
+
 def _codes(values: Array, operator: str, exposure: float) -> Array:
     """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
-    with np.errstate(over="ignore", under="ignore"):
-        x = np.minimum(values * 2.0**exposure, _SATURATED)
-        y = np.clip(_CURVES[operator](x), 0.0, 1.0)
-    encoded = y if operator == "none" else srgb_curve(y)
-    return np.floor(255.0 * encoded + 0.5).astype(np.int64)
+    return np.floor(255.0 * _encoded(_exposed(values, exposure), operator) + 0.5).astype(np.int64)
 
 
 def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
@@ -141,11 +150,8 @@ def _map_joint(rgb: Array, codes: Array, operator: str, stops: float) -> None:
     forward, thresholds = JOINT[operator][0], _thresholds64(operator, 0.0)
     for start in range(0, len(rgb), _BLOCK):
         block = rgb[start : start + _BLOCK].astype(np.float64)
-        dark = ~(block > 0.0)  # NaN too
-        block[dark] = 0.0
-        with np.errstate(over="ignore", under="ignore"):
-            np.minimum(block * 2.0**stops, _SATURATED, out=block)
-        found = np.searchsorted(thresholds, forward(block), side="right")
+        x = _exposed(np.where(block > 0.0, block, 0.0), stops)  # NaN is not above 0
+        found = np.searchsorted(thresholds, forward(x), side="right")
         found[np.isnan(rgb[start : start + _BLOCK])] = 0
         codes[start : start + _BLOCK] = found
 
@@ -202,18 +208,35 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
         raise InputError(
             f"tonemap: rgb: expected floats of shape (M, N, 3), found shape {rgb.shape} and type {rgb.dtype}"
         )
-    codes = np.empty(rgb.shape, np.uint8)
+    return mapped(rgb, operator, stops)
+
+
+def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
+    """Return `tonemap` of floats, (..., 3) if the operator is of JOINT, else of any shape; arguments are checked already."""
+    codes = np.empty(values.shape, np.uint8)
     if operator in JOINT:
-        _map_joint(rgb.reshape(-1, 3), codes.reshape(-1, 3), operator, stops)
+        _map_joint(values.reshape(-1, 3), codes.reshape(-1, 3), operator, exposure)
         return codes
-    exact = rgb.dtype == np.float64 or abs(stops) > _TABLE_EXPOSURE
+    exact = values.dtype == np.float64 or abs(exposure) > _TABLE_EXPOSURE
     with np.errstate(invalid="ignore"):  # a signaling NaN
-        values = np.ascontiguousarray(rgb, dtype=np.float64 if exact else np.float32).reshape(-1)
+        flat = np.ascontiguousarray(values, dtype=np.float64 if exact else np.float32).reshape(-1)
     if exact:
-        _map64(values, codes.reshape(-1), _thresholds64(operator, stops))
+        _map64(flat, codes.reshape(-1), _thresholds64(operator, exposure))
     else:
-        _map32(values, codes.reshape(-1), _table(operator, stops))
+        _map32(flat, codes.reshape(-1), _table(operator, exposure))
     return codes
+
+
+def display_values(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
+    """Return what `tonemap` rounds to 8 bits: float64 of the same shape, 0 to 1, for outputs of more bits.
+
+    NaN gives 0, negative values count as 0. Raises InputError for an operator or exposure that `tonemap` refuses.
+    """
+    stops = checked(operator, exposure)
+    values = np.asarray(rgb, np.float64)
+    x = _exposed(np.where(values > 0.0, values, 0.0), stops)
+    found: Floats = _encoded(JOINT[operator][0](x) if operator in JOINT else x, operator)
+    return np.where(np.isnan(values), 0.0, found)
 
 
 def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:

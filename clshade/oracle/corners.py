@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Settings, Texture
+from ..scene.scalar_colors import at_corners
 from .normals import placed_normal_errors, placed_normals, vertex_normal_errors, vertex_normals
 from .texture import bilerp, brightest, levels, trilinear
 from .transform import mirrors, world_vertices
@@ -22,7 +23,7 @@ class Corners:
 
     world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) how much rounding in float64
     may change the worst of them. colors: (F, 3, 3) vertex colors, white if the mesh has none. uvs: (F, 3, 2), `usable_uvs`,
-    0 if the mesh has none. mesh: (F,) index into scene.meshes.
+    0 if the mesh has none. scalars: (F, 3), NaN if the mesh has none. mesh: (F,) index into scene.meshes.
     """
 
     world: Floats
@@ -30,6 +31,7 @@ class Corners:
     normal_error: Floats
     colors: Floats
     uvs: Floats
+    scalars: Floats
     mesh: Integers
 
 
@@ -53,9 +55,10 @@ def usable_uvs(uvs: Reals) -> Floats:
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
 
 
-def gather(scene: Scene) -> Corners:
-    """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed."""
-    world, normals, errors, colors, uvs, owner = [], [], [], [], [], []
+def gather(scene: Scene, scalars: str | None = None) -> Corners:
+    """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed.
+    scalars: the name of those to gather."""
+    world, normals, errors, colors, uvs, numbers, owner = [], [], [], [], [], [], []
     for index, mesh in enumerate(scene.meshes):
         count = len(mesh.faces)
         mesh_colors = np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64)
@@ -63,6 +66,7 @@ def gather(scene: Scene) -> Corners:
             mesh_uvs = np.zeros((count, 3, 2))
         else:
             mesh_uvs = usable_uvs(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
+        mesh_scalars = at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan)
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
             # A placement that mirrors reverses the winding: what was the front stays the front.
@@ -72,6 +76,7 @@ def gather(scene: Scene) -> Corners:
             errors.append(normal_error)
             colors.append(mesh_colors[:, turned])
             uvs.append(mesh_uvs[:, turned])
+            numbers.append(mesh_scalars[:, turned])
             owner.append(np.full(count, index))
     empty = np.zeros((0, 3, 3))
     return Corners(
@@ -80,6 +85,7 @@ def gather(scene: Scene) -> Corners:
         np.concatenate([np.zeros(0), *errors]),
         np.concatenate([empty, *colors]),
         np.concatenate([np.zeros((0, 3, 2)), *uvs]),
+        np.concatenate([np.zeros((0, 3)), *numbers]),
         np.concatenate([np.zeros(0, np.int64), *owner]),
     )
 
@@ -182,11 +188,11 @@ def texels(
             continue
         texture = mesh.material.texture
         mine = np.flatnonzero(corners.mesh[face] == index)
-        at_corners = corners.uvs[face[mine]]
-        uv = interpolated(weights[mine], at_corners)
+        corner_uvs = corners.uvs[face[mine]]
+        uv = interpolated(weights[mine], corner_uvs)
         if steps is not None and texture.lookup == "standard":
             with np.errstate(invalid="ignore", over="ignore"):
-                right, up = (from_first(step[mine], at_corners) for step in steps)
+                right, up = (from_first(step[mine], corner_uvs) for step in steps)
             found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
             continue
         looked_up = uv, texture.image[..., :3], texture.lookup, texture.wrap

@@ -10,9 +10,11 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
 from ..scene.model import Scene, Settings
+from ..scene.scalar_colors import without_colors
 from . import coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, alpha_passes, gather
+from .lines import LINE, MARKED, samples_with_lines
 from .pixels import Shaded, shade_pixels
 
 BATCH = 1 << 15  # pixels shaded at a time
@@ -33,7 +35,8 @@ class OracleFrame:
         its own absolute value.
     conditions: (M, N, 4) the terms of kappa, see `shade.conditions`; 1 where nothing is lit.
     kappa: (M, N) condition number of the light's geometry: how far it amplifies rounding errors.
-    jump: (M, N, 3) how much highlights that rounding may open or close can change the color, see `shade.jumps`.
+    jump: (M, N, 3) how much highlights that rounding may open or close (see `shade.jumps`), and colors of a color map that
+        it may exchange, can change the color.
     exponent: (M, N) the material's n; 1 without light.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
     those of the sample nearest the center, kappa, its terms and the exponent the worst of all, budget and jump the mean.
@@ -71,7 +74,7 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
-    corners = gather(scene)
+    corners = gather(scene, None if settings.scalars is None else settings.scalars.name)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
@@ -81,8 +84,22 @@ def prepare(scene: Scene, settings: Settings) -> Prepared:
 
 def _set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> coverage.Setup:
     setup = coverage.setup(cut.xy, *scene.camera.resolution, settings.cull)
-    front_only = np.array([m.material.sides == "front" for m in scene.meshes], bool)[corners.mesh[cut.face]]
+    front_only = _front_only(scene, corners)[cut.face]
     return setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
+
+
+def _front_only(scene: Scene, corners: Corners) -> Bools:
+    """Return (F,) bool: the faces whose material is drawn from the front only."""
+    return np.array([mesh.material.sides == "front" for mesh in scene.meshes], bool)[corners.mesh]
+
+
+def _lines(scene: Scene, settings: Settings, center: Prepared, columns: Integers, upward: Integers) -> Integers | None:
+    """Return what lines the samples of pixels show, (S, K) as of `samples_with_lines`; None if no edges are drawn."""
+    if settings.edges is None:
+        return None
+    front_only = _front_only(scene, center.corners) | settings.cull
+    pixels = columns, upward
+    return samples_with_lines(scene, settings, center.corners.world, center.pieces, center.z, front_only, pixels)
 
 
 def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Prepared]:
@@ -173,6 +190,24 @@ def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: In
     return weights
 
 
+def weight_condition(prepared: Prepared, piece: Integers, reach: Floats, orthographic: bool) -> Floats:
+    """Return how much rounding of camera-space positions in float64 is amplified in barycentric coordinates, (K,), at least
+    1. reach: (K,) the largest coordinate of each face's corners.
+
+    A depth is accurate to 2^-53 of that, and so 1/z to reach/z of itself. Where an edge crosses the near plane is a
+    quotient by the difference of its depths.
+    """
+    depths, corner_depths = prepared.pieces.z[piece], prepared.z[prepared.pieces.face[piece]]
+    nearest = depths.min(axis=1)
+    found = np.ones(len(reach)) if orthographic else np.fmax(reach / nearest, 1.0)
+    clipped = (prepared.pieces.weights[piece] != np.eye(3)).any(axis=(1, 2))
+    for a, b in zip(corner_depths.T, np.roll(corner_depths, -1, axis=1).T, strict=True):
+        crosses = clipped & ((a < nearest) != (b < nearest))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.where(crosses, np.fmax(found, reach / np.abs(a - b)), found)
+    return found
+
+
 def face_weight_steps(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Floats, Floats]:
@@ -192,6 +227,7 @@ def face_weight_steps(
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
     """Render the frame of a scene's own camera."""
+    scene = without_colors(scene, settings.scalars)
     camera = scene.camera
     columns, rows = camera.resolution
     center = prepare(scene, settings)
@@ -216,6 +252,7 @@ def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) 
 
     Takes the time of these pixels, and of setting up the scene's triangles.
     """
+    scene = without_colors(scene, settings.scalars)
     camera = scene.camera
     columns = np.asarray(columns, np.int64)
     upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
@@ -241,11 +278,21 @@ def _resolved(
 
     center, views: the scene as the pixels' center sees it, and as their samples do.
     """
+    lines = _lines(scene, settings, center, columns, upward)
+    nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
     if len(views) == 1:
-        return _shaded(scene, settings, views[0], owner[0], columns, upward)
+        return nearest if lines is None else _with_lines(scene, settings, nearest, lines[0])
     total = _background(scene, owner.shape[1])
+    if lines is not None:
+        owner = np.where((lines > 0) | settings.edges.only, -1, owner)  # type: ignore[union-attr]
     where = sampling.lit_at(owner, settings.sample_shading)
-    parts: list[tuple[Integers, Integers, OracleFrame]] = [(np.arange(owner.shape[1]), (owner < 0).sum(axis=0), total)]
+    empty = owner < 0 if lines is None else (owner < 0) & (lines == 0)
+    parts: list[tuple[Integers, Integers, OracleFrame]] = [(np.arange(owner.shape[1]), empty.sum(axis=0), total)]
+    if lines is not None:
+        for kind, color in _line_colors(settings):
+            share = (lines == kind).sum(axis=0)
+            seen: Integers = np.flatnonzero(share)
+            parts.append((seen, share[seen], _plain(color, len(seen))))
     for s, view in enumerate([*views, center]):
         share = ((where == s) & (owner >= 0)).sum(axis=0)
         lit: Integers = np.flatnonzero(share)
@@ -259,7 +306,7 @@ def _resolved(
     for (lit, _, part), weight in zip(parts, weights, strict=True):
         whole[lit] += weight
         rgb[lit] += weight[:, None] * part.rgb
-    alpha = (owner >= 0).sum(axis=0) / len(views)
+    alpha = (~empty).sum(axis=0) / len(views)
     if settings.resolve == "weighted" and scene.background is None:
         whole = np.where(alpha > 0.0, whole / np.maximum(alpha, 1e-9), 1.0)  # premultiplied
     rgb /= whole[:, None]
@@ -270,7 +317,6 @@ def _resolved(
         worse = part.kappa > shade.condition_number(conditions[lit])
         conditions[lit[worse]] = part.conditions[worse]
         exponent[lit] = np.maximum(exponent[lit], part.exponent)
-    nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
     measures = {"budget": budget, "conditions": conditions, "jump": jump, "exponent": exponent}
     return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, **measures)
 
@@ -318,8 +364,31 @@ def _shaded(
     return frame
 
 
+def _line_colors(settings: Settings) -> tuple[tuple[int, Floats], ...]:
+    edges = settings.edges
+    assert edges is not None
+    return (LINE, np.array(edges.color)), (MARKED, np.array(edges.nonmanifold_color))
+
+
+def _with_lines(scene: Scene, settings: Settings, frame: OracleFrame, lines: Integers) -> OracleFrame:
+    """Put lines (K,) over pixels (K,) of a single sample; id and Z stay those of the surface."""
+    if settings.edges is not None and settings.edges.only:
+        frame = replace(_background(scene, len(frame.Z)), id=frame.id, Z=frame.Z)
+    for kind, color in _line_colors(settings):
+        mine = lines == kind
+        line = _plain(color, int(mine.sum()))
+        frame.alpha[mine] = 1.0
+        for name in ("rgb", "budget", "conditions", "jump", "exponent"):
+            getattr(frame, name)[mine] = getattr(line, name)
+    return frame
+
+
 def _background(scene: Scene, count: int) -> OracleFrame:
-    color = np.zeros(3) if scene.background is None else scene.background
+    return _plain(np.zeros(3) if scene.background is None else scene.background, count)
+
+
+def _plain(color: Floats, count: int) -> OracleFrame:
+    """Return pixels of one color that nothing covers."""
     return OracleFrame(
         rgb=np.tile(color, (count, 1)),
         alpha=np.zeros(count),
@@ -343,7 +412,9 @@ def _shade_batch(
     steps = None
     if settings.texture_filter == "trilinear":
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps)
+    reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
+    condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

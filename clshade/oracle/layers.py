@@ -8,9 +8,20 @@ import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers, UInt32s
 from ..scene.model import Material, Scene, Settings
+from ..scene.scalar_colors import without_colors
 from . import coverage, shade
 from .corners import interpolated
-from .frame import BATCH, Prepared, face_weight_steps, face_weights, opaque_test, owners, prepare, samples_of
+from .frame import (
+    BATCH,
+    Prepared,
+    face_weight_steps,
+    face_weights,
+    opaque_test,
+    owners,
+    prepare,
+    samples_of,
+    weight_condition,
+)
 from .pixels import blend, shade_pixels
 from .transform import mirrors
 from .vectors import length, unit
@@ -28,11 +39,13 @@ class OracleLayers:
     object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
         number, counted from 1 in the order of the meshes.
     barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
+    scalar: (M, N) the scalar that the settings name, NaN where there is none.
 
     Measures of errors: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
     normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
-    corners relative to the eye; most_uv (M, N) of its corners'; budget (M, N, 3) of albedo, see frame.OracleFrame;
-    weight_condition (M, N), see `_weight_condition`.
+    corners relative to the eye; most_uv, most_scalar (M, N) of its corners'; budget, jump (M, N, 3) of albedo, see
+    frame.OracleFrame;
+    weight_condition (M, N), see `weight_condition`.
     """
 
     N: Floats
@@ -42,11 +55,14 @@ class OracleLayers:
     object_id: Integers
     material_id: UInt32s
     barycentrics: Floats
+    scalar: Floats
     normal_length: Floats
     normal_error: Floats
     reach: Floats
     most_uv: Floats
+    most_scalar: Floats
     budget: Floats
+    jump: Floats
     weight_condition: Floats
 
 
@@ -86,6 +102,7 @@ def mirrored_faces(scene: Scene) -> Bools:
 def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
     """Render the layers of a scene's own camera."""
     camera = scene.camera
+    own, scene = scene, without_colors(scene, settings.scalars)
     view = samples_of(scene, settings, prepare(scene, settings))[0]
     opaque = opaque_test(scene, settings, view)
     owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
@@ -93,7 +110,7 @@ def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
     rows, columns = np.nonzero(owner >= 0)
     for start in range(0, len(rows), BATCH):
         row, column = rows[start : start + BATCH], columns[start : start + BATCH]
-        batch = _batch(scene, settings, view, owner[row, column], column, row)
+        batch = _batch(scene, own, settings, view, owner[row, column], column, row)
         for field in fields(OracleLayers):
             getattr(found, field.name)[row, column] = getattr(batch, field.name)
     return OracleLayers(*(getattr(found, field.name)[::-1] for field in fields(OracleLayers)))
@@ -111,37 +128,22 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         object_id=np.zeros(shape, np.uint32),
         material_id=np.zeros(shape, np.uint32),
         barycentrics=zeros(3),
+        scalar=np.full(shape, np.nan),
         normal_length=np.ones(shape),
         normal_error=zeros(),
         reach=zeros(),
         most_uv=zeros(),
+        most_scalar=zeros(),
         budget=zeros(3),
+        jump=zeros(3),
         weight_condition=np.ones(shape),
     )
 
 
-def _weight_condition(view: Prepared, piece: Integers, reach: Floats, orthographic: bool) -> Floats:
-    """Return how much rounding of camera-space positions in float64 is amplified in barycentric coordinates, (K,), at least
-    1. reach: (K,) the largest coordinate of each face's corners.
-
-    A depth is accurate to 2^-53 of that, and so 1/z to reach/z of itself. Where an edge crosses the near plane is a
-    quotient by the difference of its depths.
-    """
-    depths, corner_depths = view.pieces.z[piece], view.z[view.pieces.face[piece]]
-    nearest = depths.min(axis=1)
-    found = np.ones(len(reach)) if orthographic else np.fmax(reach / nearest, 1.0)
-    clipped = (view.pieces.weights[piece] != np.eye(3)).any(axis=(1, 2))
-    for a, b in zip(corner_depths.T, np.roll(corner_depths, -1, axis=1).T, strict=True):
-        crosses = clipped & ((a < nearest) != (b < nearest))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.where(crosses, np.fmax(found, reach / np.abs(a - b)), found)
-    return found
-
-
 def _batch(
-    scene: Scene, settings: Settings, view: Prepared, piece: Integers, column: Integers, row: Integers
+    scene: Scene, own: Scene, settings: Settings, view: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> OracleLayers:
-    """Render pixels (column, row from the bottom) of pieces, (K,) each."""
+    """Render pixels (column, row from the bottom) of pieces, (K,) each. own: the scene with its own materials."""
     corners, face, eye = view.corners, view.pieces.face[piece], scene.camera.eye
     edges = coverage.edge_functions(view.pieces.xy[piece], column, row)
     weights = face_weights(scene, settings, view, piece, edges)
@@ -160,9 +162,9 @@ def _batch(
     steps = None
     if settings.texture_filter == "trilinear":
         steps = face_weight_steps(scene, settings, view, piece, column, row)
-    unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps)
-
     reach = np.abs(relative).max(axis=(1, 2))
+    condition = weight_condition(view, piece, reach, scene.camera.orthographic)
+    unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
     in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
     return OracleLayers(
         N=unit(normal),
@@ -170,12 +172,15 @@ def _batch(
         albedo=unlit.rgb,
         uv=interpolated(weights, corners.uvs[face]),
         object_id=mesh + 1,
-        material_id=material_numbers(scene)[mesh],
+        material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
+        scalar=4.0 * interpolated(weights, 0.25 * corners.scalars[face][..., None])[:, 0],  # no difference overflows
         normal_length=np.where(any_normal, length(normal), 1.0),
         normal_error=corners.normal_error[face],
         reach=reach,
         most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
+        most_scalar=np.abs(corners.scalars[face]).max(axis=1),
         budget=unlit.budget,
-        weight_condition=_weight_condition(view, piece, reach, scene.camera.orthographic),
+        jump=unlit.jump,
+        weight_condition=condition,
     )

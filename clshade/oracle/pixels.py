@@ -9,6 +9,7 @@ import numpy as np
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Scene, Settings
 from . import shade
+from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .transform import camera_frame
 from .vectors import length
@@ -72,8 +73,9 @@ class Batch:
     """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
 
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel: per pixel. tinted: whether the color multiplies the ambient light. turned: (K,) whether the normal is flipped.
-    view: None, or the unit vector toward an orthographic camera, the same everywhere. gate: see `shade.jumps`.
+    texel: per pixel. mapped: per pixel, colors of scalars. tinted: whether the color multiplies the ambient light. turned:
+    (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
+    gate: see `shade.jumps`.
     """
 
     points: Floats
@@ -86,6 +88,7 @@ class Batch:
     where: Integers
     weights: Floats
     texel: Texels
+    mapped: MapColors
     turned: Bools
     view: Floats | None
     gate: float
@@ -108,14 +111,18 @@ def shade_pixels(
     weights: Floats,
     behind: Bools,
     steps: tuple[Floats, Floats] | None = None,
+    condition: Floats | float = 1.0,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
-    the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`."""
+    the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`. condition: (K,) how much
+    rounding of positions in float64 is amplified in the weights."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
     colors = corner_colors(scene, settings, corners, used)
     texel = texels(scene, settings, corners, face, weights, steps)
+    rounding = 2.0**-53 if settings.precision == "float64" else 2.0**-24
+    unit = np.maximum(rounding, 2.0**-53 * condition) * np.ones(len(face))
     points = corners.world[used] - scene.camera.eye
     extent = np.abs(points).max(axis=(1, 2))
     if settings.lighting_at == "centroid":
@@ -131,6 +138,7 @@ def shade_pixels(
         where=where,
         weights=weights,
         texel=texel,
+        mapped=map_colors(scene, settings, corners, face, weights, unit),
         turned=behind & two_sided,
         view=-axes[2] if scene.camera.orthographic else None,
         gate=shade.FAST_GATE if settings.precision == "fast" else shade.GATE,
@@ -140,10 +148,11 @@ def shade_pixels(
 
 def _nolight(batch: Batch) -> Shaded:
     """Return the colors themselves."""
-    rgb = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
-    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most
+    plain = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
+    rgb = plain * batch.mapped.color
+    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most * batch.mapped.most
     budget = np.maximum(worst_color, 1.0)
-    return Shaded(rgb, budget, np.ones((len(rgb), 4)), np.zeros_like(rgb), np.ones(len(rgb)))
+    return Shaded(rgb, budget, np.ones((len(rgb), 4)), np.abs(plain) * batch.mapped.spread, np.ones(len(rgb)))
 
 
 def _gouraud(batch: Batch) -> Shaded:
@@ -156,7 +165,8 @@ def _gouraud(batch: Batch) -> Shaded:
     eye = batch.eye(points)
     lit = shade.reflected(points, normals, eye, kd, ks, n, lights.positions, lights.intensities)
     factor = lit + ka_Ia if batch.tinted else lit
-    rgb = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel.color
+    plain = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel.color
+    rgb = plain * batch.mapped.color
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
@@ -167,9 +177,10 @@ def _gouraud(batch: Batch) -> Shaded:
     conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
     jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate)
     jump = (jump * np.abs(ks)).max(axis=1)[where]
-    worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most
+    worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most * batch.mapped.most
+    flips = np.abs(plain) * batch.mapped.spread
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, conditions[where], jump * worst_color, pixel.n)
+    return Shaded(rgb, budget, conditions[where], jump * worst_color + flips, pixel.n)
 
 
 def _phong(batch: Batch) -> Shaded:
@@ -178,7 +189,8 @@ def _phong(batch: Batch) -> Shaded:
     point, normal = blend(batch.weights, batch.points[where]), blend(batch.weights, batch.normals[where])
     normal = np.where(batch.turned[:, None], -normal, normal)
     vertex_color = blend(batch.weights, batch.colors[where])
-    color = vertex_color * batch.texel.color
+    plain = vertex_color * batch.texel.color
+    color = plain * batch.mapped.color
     eye = batch.eye(point)
     lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities)
     factor = lit + surface.ka_Ia if batch.tinted else lit
@@ -190,7 +202,8 @@ def _phong(batch: Batch) -> Shaded:
     conditions = shade.conditions(point, extent, normal_length, eye, lights.positions, parallel, steepness)
     gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel, batch.gate
     # Corners whose colors differ in sign are each rounded separately.
-    most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most
+    most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most * batch.mapped.most
     jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most
+    jump = jump + np.abs(plain * factor) * batch.mapped.spread
     budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
     return Shaded(rgb, budget, conditions, jump, surface.n)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..base.validation import known, value_error
 from ..errors import InputError
+from ..scene.edges import PAPER
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, SettingsFields
 
@@ -39,9 +40,16 @@ def effective_settings(
     if resolution is not None:
         scene = replace(scene, camera=scene.camera.with_resolution(resolution))
     if settings is None:
-        return scene, Settings.from_preset(scene.preset if preset is None else preset, **fields)
+        chosen = Settings.from_preset(scene.preset if preset is None else preset, **fields)
+        return _on_paper(scene, chosen), chosen
     if preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
         raise value_error("render", "settings", "a Settings", settings)
-    return scene, replace(settings, **fields)
+    chosen = replace(settings, **fields)
+    return _on_paper(scene, chosen), chosen
+
+
+def _on_paper(scene: Scene, settings: Settings) -> Scene:
+    """Return the scene with the background of line drawings, if only lines are drawn."""
+    return replace(scene, background=PAPER) if settings.edges is not None and settings.edges.only else scene

@@ -26,6 +26,8 @@ CHOICES = (
     "ORTHOGRAPHIC",
     "CORNER_COLORS",
     "BRIGHT",
+    "LINES",
+    "LINES_ONLY",
 )
 # Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
 OPTIONAL = (
@@ -37,6 +39,7 @@ OPTIONAL = (
     "TWO_SIDED",
     "NORMAL_INDICES",
     "VERTEX_COLORS",
+    "SCALARS",
     "TEXTURED",
     "UV_INDICES",
     "MIPMAPS",
@@ -188,8 +191,24 @@ def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str
     }
 
 
-def _unneeded_colors(meshes: list[Mesh], at_corners: bool, bilinear: bool) -> dict[str, str]:
-    """Return the same for vertex colors and textures at the pixels. at_corners: texture_at vertex."""
+def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
+    """Return whether scalars color the mesh."""
+    return settings.scalars is not None and settings.scalars.name in mesh.scalars
+
+
+def looked_up_at_corners(scene: Scene, settings: Settings) -> bool:
+    """Return whether textures are looked up at the corners of faces."""
+    return settings.texture_at == "vertex" and any(texture_applies(mesh) for mesh in scene.meshes if len(mesh.faces))
+
+
+def _unneeded_colors(meshes: list[Mesh], settings: Settings, at_corners: bool, own_corners: bool) -> dict[str, str]:
+    """Return the same for vertex colors, scalars and textures at the pixels. at_corners: texture_at vertex. own_corners:
+    whether corners have colors of their own for another reason."""
+    bilinear = settings.texture_filter == "bilinear"
+    no_scalars = _first(
+        (settings.scalars is None, "no scalars asked for"),
+        (not any(shows_scalars(mesh, settings) for mesh in meshes), "no face has the scalars"),
+    )
     textured = any(map(texture_applies, meshes))
     own = [mesh for mesh in meshes if not replaces_colors(mesh)]
     white = all(map(_is_white, own)) and not _any_nonzero(mesh.material.color != 1.0 for mesh in meshes)
@@ -200,9 +219,12 @@ def _unneeded_colors(meshes: list[Mesh], at_corners: bool, bilinear: bool) -> di
     return {
         "VERTEX_COLORS": _first(
             (at_corners, "texture_at vertex: they are in the corners' colors"),
+            (own_corners, "they are in the corners' colors"),
+            (not no_scalars, ""),
             (white and not all(map(_is_white, meshes)), "texels take the place of vertex colors"),
             (white, "no vertex or material colors other than white"),
         ),
+        "SCALARS": no_scalars,
         "TEXTURED": _first((at_corners, "texture_at vertex: looked up at the corners")) or no_texture,
         "UV_INDICES": no_texture
         or _first((all(mesh.uv_faces is None for mesh in meshes), "texture coordinates per vertex")),
@@ -235,10 +257,14 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
             (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
         ),
         "OWNERS": _first((not settings.layers, "no layer asked for")),
-        # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists.
+        # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists; lines need
+        # the clipped triangles before the pixel stage.
         "SORTED": _first(
             (
-                settings.visibility == "depth" and settings.shader != "gouraud" and settings.precision != "float64",
+                settings.visibility == "depth"
+                and settings.shader != "gouraud"
+                and settings.precision != "float64"
+                and settings.edges is None,
                 "the depth test decides",
             ),
         ),
@@ -264,9 +290,17 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
 
 
 def _choices(
-    scene: Scene, settings: Settings, meshes: list[Mesh], *, culls: bool, at_corners: bool, relit: bool
+    scene: Scene,
+    settings: Settings,
+    meshes: list[Mesh],
+    *,
+    culls: bool,
+    at_corners: bool,
+    own_corners: bool,
+    relit: bool,
 ) -> dict[str, bool]:
-    """Return the values of CHOICES. relit: whether lighting is forced on for shader nolight."""
+    """Return the values of CHOICES. at_corners: texture_at vertex. own_corners: whether corners have colors of their own
+    for another reason. relit: whether lighting is forced on for shader nolight."""
     return {
         "FAST": settings.precision == "fast",
         "DOUBLE": settings.precision == "float64",
@@ -281,18 +315,26 @@ def _choices(
         "TINTED": settings.ambient == "tinted",
         "CULL": culls,
         "ORTHOGRAPHIC": scene.camera.orthographic,
-        "CORNER_COLORS": at_corners,
+        "CORNER_COLORS": at_corners or own_corners,
         # The error bound of phong is relative to the color at the pixel, that of the others to the brightest corner.
         "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
+        "LINES": settings.edges is not None,
+        "LINES_ONLY": settings.edges is not None and settings.edges.only,
     }
 
 
 def derive(
-    scene: Scene, settings: Settings, *, double_positions: bool, forced: Collection[str] = frozenset()
+    scene: Scene,
+    settings: Settings,
+    *,
+    double_positions: bool,
+    scalars_at_corners: bool = False,
+    forced: Collection[str] = frozenset(),
 ) -> Features:
     """Return the features that this scene needs under these settings.
 
-    double_positions: whether positions need float64.
+    double_positions: whether positions need float64. scalars_at_corners: whether the scalars that color faces differ
+    between faces at a vertex.
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
     image stays the same, bit for bit. All of them together give a kernel for every scene.
     Raises InputError for another name.
@@ -304,9 +346,11 @@ def derive(
     materials = list(materials_of(scene).values())
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
-    at_corners = any(map(texture_applies, meshes)) and settings.texture_at == "vertex"
+    at_corners = looked_up_at_corners(scene, settings)
+    own_corners = scalars_at_corners and any(shows_scalars(mesh, settings) for mesh in meshes)
     culls, relit = _culls(materials, settings), "LIT" in forced
-    choices = _choices(scene, settings, meshes, culls=culls, at_corners=at_corners, relit=relit)
+    corners = {"at_corners": at_corners, "own_corners": own_corners}
+    choices = _choices(scene, settings, meshes, culls=culls, relit=relit, **corners)
     terms = _unneeded_terms(materials, scene.ambient, lit, shining)
     read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
     unread = (
@@ -315,7 +359,7 @@ def derive(
     unneeded = {
         **terms,
         **_unneeded_normals(scene, meshes, unread),
-        **_unneeded_colors(meshes, at_corners, settings.texture_filter == "bilinear"),
+        **_unneeded_colors(meshes, settings, **corners),
         **_unneeded_input(scene, settings, materials, double_positions),
     }
     values = {name: int(choices[name]) for name in CHOICES}

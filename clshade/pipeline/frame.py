@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypedDict, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args, overload
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..base.validation import choice, flag, known, value_error
 from ..base.validation import path as checked_path
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
+from ..scene.scalar_colors import color_map_of
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from .image_check import Check
 from .layer_buffers import material_numbers
@@ -54,15 +55,21 @@ OTHER_FORMATS = (
 ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
 
 
+FileKind: TypeAlias = Literal["exr", "png"]
+FILES: tuple[FileKind, ...] = get_args(FileKind)  # in the order of `output_paths`
+
+
 class SavingOptions(TypedDict, total=False):
     """Keywords of `Frame.save`."""
 
+    files: Sequence[FileKind]
     tonemap: Operator | None
     exposure: float
     half: bool
     compression: Compression
     crop: bool
     deterministic: bool
+    colorbar: bool
 
 
 SAVING = tuple(SavingOptions.__annotations__)
@@ -135,7 +142,7 @@ class Frame:
     @overload
     def __getitem__(self, name: Literal["P"]) -> Floats: ...
     @overload
-    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics"]) -> Reals: ...
+    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics", "scalar"]) -> Reals: ...
     @overload
     def __getitem__(self, name: str) -> Array: ...
     def __getitem__(self, name: str) -> Array:
@@ -165,19 +172,22 @@ class Frame:
                 3 components, float64: the visible point in world space, accurate to a few roundings
                 of its distance from the eye.
             ``"albedo"``
-                3 components: vertex color times material color times texel, the factor of the
-                light.
+                3 components: vertex color times material color times texel, or the color of the
+                color map: the factor of the light.
             ``"uv"``
                 2 components: the mesh's texture coordinates, not wrapped.
             ``"barycentrics"``
                 3 components: the barycentric coordinates, in the order of the face's corners in the
                 mesh.
+            ``"scalar"``
+                The scalar that ``settings.scalars`` names, before its color map; NaN where there is
+                none.
 
         Returns
         -------
         ndarray
             (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in
-            the background, except for Z.
+            the background, except for Z and scalar.
 
         Raises
         ------
@@ -186,7 +196,7 @@ class Frame:
 
         Notes
         -----
-        N, albedo, uv and barycentrics are interpolated as ``settings.interpolation`` says; P and Z
+        N, albedo, uv, barycentrics and scalar are interpolated as ``settings.interpolation`` says; P and Z
         are always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
@@ -232,7 +242,13 @@ class Frame:
         from ..scene.camera_matrices import camera_metadata
 
         metadata = camera_metadata(self.scene.camera)
-        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in vars(self.settings).items())
+        settings = {
+            key: value
+            for key, value in vars(self.settings).items()
+            if value is not None or key not in ("scalars", "edges")
+        }
+        metadata["settings"] = ", ".join(f"{key}={value}" for key, value in settings.items())
+        metadata |= self._scalars()
         metadata["scene"] = f"{self.scene.name or 'unnamed'}, {self.scene.face_count} triangles"
         metadata |= self._names()
         if not deterministic:
@@ -248,6 +264,14 @@ class Frame:
             numbered = zip(material_numbers(self.scene), meshes, strict=True)
             found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
         return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
+
+    def _scalars(self) -> dict[str, Any]:
+        """Return the name of the scalars shown, and the ends of their color map."""
+        scalars = self.settings.scalars
+        if scalars is None:
+            return {}
+        color_map = color_map_of(self.scene, scalars)
+        return {"scalarName": scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image.
@@ -299,6 +323,34 @@ class Frame:
         """
         display.notebook().show_frame(self, tonemap, exposure)
 
+    def view(
+        self, path: str | os.PathLike[str] | None = None, tonemap: Operator | None = None, exposure: float = 0.0
+    ) -> Any:
+        """Return an HTML page for inspecting the frame: exposure, tone maps, every value of every layer.
+
+        Notebooks display the page, which needs no network and stays in a static export.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            A file to write the page to, such as ``"frame.html"``.
+        tonemap, exposure
+            As chosen at first, see `to_png8`.
+
+        Returns
+        -------
+        clshade.view.page.Page
+            The page: ``html`` is its text, ``save(path)`` writes it.
+
+        Raises
+        ------
+        InputError
+            If the operator or the exposure is refused.
+        OutputError
+            If the file cannot be written.
+        """
+        return display.notebook().view_frame(self, path, tonemap, exposure)
+
     def plot_layers(self) -> Any:
         """Plot the image, its coverage and all layers. Notebooks display the figure.
 
@@ -317,13 +369,15 @@ class Frame:
         ----------
         path : str or path-like
             File name; an extension .exr or .png is dropped.
+        files : sequence of {"exr", "png"}, default ("exr", "png")
+            Files to write.
         tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
             scenes, else ``"srgb"``.
         exposure : float, default 0.0
             Exposure of the PNG in stops, -300 to 300.
         half : bool, default False
-            Store the EXR's floats as half, except the layers Z and P.
+            Store the EXR's floats as half, except the layers Z, P and scalar.
         compression : str, default "zip"
             Compression of the EXR, see `clshade.exr.write`.
         crop : bool, default False
@@ -332,6 +386,9 @@ class Frame:
             0.
         deterministic : bool, default False
             Leave times out of the EXR's header.
+        colorbar : bool, default False
+            Add to the right of the PNG a bar of the color map with its values, which makes it
+            wider; it needs ``settings.scalars``.
 
         Returns
         -------
@@ -361,18 +418,20 @@ class Frame:
         self,
         path: str | os.PathLike[str],
         *,
+        files: Sequence[FileKind] = FILES,
         tonemap: Operator | None = None,
         exposure: float = 0.0,
         half: bool = False,
         compression: Compression = "zip",
         crop: bool = False,
         deterministic: bool = False,
+        colorbar: bool = False,
     ) -> list[str]:
         """Write the files as `save` does, but return the warnings without issuing them.
 
         Parameters
         ----------
-        path, tonemap, exposure, half, compression, crop, deterministic
+        path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar
             See `save`.
 
         Returns
@@ -390,29 +449,56 @@ class Frame:
         from ..base import atomic_files
         from ..images import exr, png
 
-        for name, value in (("half", half), ("crop", crop), ("deterministic", deterministic)):
+        flags = {"half": half, "crop": crop, "deterministic": deterministic, "colorbar": colorbar}
+        for name, value in flags.items():
             flag("Frame.save", name, value)
+        if colorbar and self.settings.scalars is None:
+            raise value_error("Frame.save", "colorbar", "False without scalars, whose color map it shows", colorbar)
         check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
-        paths = output_paths(path)
+        paths = chosen_paths(path, files)
 
         def encode_png(file: BinaryIO) -> None:
-            with atomic_files.naming(paths[1]):
-                png.encode(file, self.to_png8(tonemap, exposure))
+            with atomic_files.naming(paths["png"]):
+                image = self.to_png8(tonemap, exposure)
+                png.encode(file, self._with_colorbar(image, tonemap, exposure) if colorbar else image)
 
-        # Both release the GIL while they compress, so they run concurrently.
-        with atomic_files.replacing_all(*paths) as (exr_file, png_file), ThreadPoolExecutor(1) as beside:
-            encoded = beside.submit(encode_png, png_file)
-            with atomic_files.naming(paths[0]):
-                lines = exr.encode(
-                    exr_file,
+        def encode_exr(file: BinaryIO) -> list[str]:
+            with atomic_files.naming(paths["exr"]):
+                return exr.encode(
+                    file,
                     self.channels(),
                     compression=compression,
                     half=half,
                     metadata=self.metadata(deterministic=deterministic),
                     window="covered" if crop else "drawn",
                 )
-            encoded.result()
+
+        with atomic_files.replacing_all(*paths.values()) as opened:
+            file = dict(zip(paths, opened, strict=True))
+            if "exr" not in file:
+                encode_png(file["png"])
+                return []
+            if "png" not in file:
+                return encode_exr(file["exr"])
+            # Both release the GIL while they compress, so they run concurrently.
+            with ThreadPoolExecutor(1) as beside:
+                encoded = beside.submit(encode_png, file["png"])
+                lines = encode_exr(file["exr"])
+                encoded.result()
         return lines
+
+    def _with_colorbar(self, image: Bytes, tonemap: Operator | None, exposure: float) -> Bytes:
+        """Return the 8-bit image with a bar of the color map to its right, on its background."""
+        from ..images.colorbar import with_colorbar
+        from ..images.tonemap import tonemap as apply
+
+        scalars: Any = self.settings.scalars
+        color = np.zeros(3) if self.scene.background is None else self.scene.background
+        ground = apply(np.asarray(color, np.float32)[None, None], tonemap or default_tonemap(self.scene), exposure)[
+            0, 0
+        ]
+        color_map = color_map_of(self.scene, scalars)
+        return with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
 
 
 def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
@@ -427,6 +513,14 @@ def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
         raise value_error(*asked, both, str(path))
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+
+
+def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
+    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
+    than exr and png, or none."""
+    if isinstance(files, str) or not files or not set(files) <= set(FILES):
+        raise value_error("Frame.save", "files", "exr, png or both, such as ('png',)", files)
+    return {kind: path for kind, path in zip(FILES, output_paths(path), strict=True) if kind in files}
 
 
 def check_output(

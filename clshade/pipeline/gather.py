@@ -14,10 +14,12 @@ from ..base.arrays import Array, Floats, Reals
 from ..scene.geometry import vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from .features import material_key, materials_of, replaces_colors, texture_applies
+from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
-from .struct_layout import Structs
+from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
+_MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
 
 
 def _fits_float32(values: Array) -> bool:
@@ -115,8 +117,10 @@ def _kept(rows: Array, kept: Array | None) -> Array:
 class Gatherer:
     """The arrays of the placed meshes, concatenated in order."""
 
-    def __init__(self, scene: Scene, structs: Structs, forced: Collection[str]) -> None:
-        self.scene, self._structs, self._forced = scene, structs, forced
+    def __init__(
+        self, scene: Scene, structs: Structs, forced: Collection[str], scalars: ScalarTables | None = None
+    ) -> None:
+        self.scene, self._structs, self._forced, self.scalars = scene, structs, forced, scalars
         self.parts: dict[str, list[Any]] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
@@ -152,13 +156,35 @@ class Gatherer:
             index.append((own_faces, len(own)))
         return joined(parts), _shifted(index) if indexed else None
 
-    def colors(self) -> Array:
+    def colors(self, at_corners: bool) -> Array:
+        """Return colors and positions in the color map of the vertices, (V, 4), or of the faces' corners, (3F, 4)."""
         parts = []
-        for mesh, _, verts, _, kept in self.placed:
+        for mesh, matrix, verts, faces, kept in self.placed:
             white = mesh.colors is None or replaces_colors(mesh)
             own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
-            parts.append(_four(to_real(own * mesh.material.color, self._structs.real), self._structs.real))
+            rows = _four(to_real(own * mesh.material.color, self._structs.real), self._structs.real)
+            rows[:, 3] = WHITE_POSITION
+            positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
+            if positions is not None and positions.ndim == 1:
+                rows[:, 3] = _kept(positions, kept)
+            rows = rows[faces.reshape(-1)] if at_corners else rows
+            if positions is not None and positions.ndim == 2:
+                rows[:, 3] = _turned(positions, matrix).reshape(-1)
+            parts.append(rows)
         return joined(parts)
+
+    def corner_scalars(self) -> tuple[Array, int]:
+        """Return the scalars at the corners of faces, (3F,), over a power of two, NAN_POSITION for none, and the power's
+        exponent: 0 unless they are very large or very small."""
+        parts = [np.full((len(faces), 3), np.nan) for *_, faces, _ in self.placed]
+        if self.scalars is not None:
+            parts = [_turned(self.scalars.values(mesh), matrix) for mesh, matrix, *_ in self.placed]
+        values = np.concatenate([part.reshape(-1) for part in parts])
+        own = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
+        most = np.finfo(self._structs.real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
+        exponent = min(own - _MOST_BITS, most) if own > _MOST_BITS else min(own + _LEAST_BITS, 0)
+        held = np.clip(np.ldexp(values, -exponent), -2.0 * MOST_POSITION, 2.0 * MOST_POSITION)
+        return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._structs.real), exponent
 
     def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
         """Return texture coordinates and their indices. untextured: include those of meshes without a texture, which

@@ -40,8 +40,8 @@ class Check:
         is off and one of whose samples has two nearest faces as close as that; these do not count
         in `bounds` either.
     gates : int
-        Pixels whose error exceeds what is allowed by no more than a highlight that may fall on
-        either side of its threshold; not counted in `bounds`.
+        Pixels whose error exceeds what is allowed by no more than a highlight, or a step of a color
+        map, that may fall on either side of its threshold; not counted in `bounds`.
     depth : float or None
         Largest relative error of Z, in 2^-24, or in 2^-53 for float64. None without the layer Z.
     depth_allowed : int

@@ -6,7 +6,7 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyopencl as cl
@@ -22,6 +22,7 @@ from .surface_inputs import SurfaceInputs
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS", "SORTED"}
+_LINE_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
 
@@ -41,6 +42,28 @@ class Chunks:
     made: Buffer
 
 
+class Hiding(NamedTuple):
+    """The triangles that hide lines, as the first arguments of the kernels in lines.cl: F faces and C clipped pieces.
+
+    faces: (F, 3). vertices: of `project`. pieces: (C,). face_materials, materials: see Sides. ranks: (F,) in painter's
+    order. view: one row of structs.View. face_count: F.
+    """
+
+    faces: Buffer
+    vertices: Buffer
+    pieces: Buffer
+    face_materials: Buffer | None
+    materials: Buffer | None
+    ranks: Buffer | None
+    view: Buffer
+    face_count: int
+
+    @property
+    def triangles(self) -> int:
+        """Number of faces and pieces."""
+        return self.face_count + len(self.pieces.array)
+
+
 # face_materials and materials, if some material is drawn from the front only.
 Sides = tuple[Buffer | None, Buffer | None]
 
@@ -53,10 +76,12 @@ def scene_stages(
     geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
     pixels = "phong.cl" if features["PHONG"] else "gouraud.cl"
-    drawn = build(device, features.only(needed), (pixels,), lanes=lanes)
-    if layers is None:
-        return Stages(device, drawn, geometry)
-    return Stages(device, drawn, build(device, layers, ("surface_layers.cl",), lanes=lanes), geometry)
+    programs = [build(device, features.only(needed), (pixels,), lanes=lanes)]
+    if layers is not None:
+        programs.append(build(device, layers, ("surface_layers.cl",), lanes=lanes))
+    if features["LINES"] and device.has_fp64:
+        programs.append(build(device, features.only(_LINE_FEATURES), ("lines.cl",), lanes=1))
+    return Stages(device, *programs, geometry)
 
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
@@ -135,7 +160,7 @@ class Stages:
 
     def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
-        return self._launch(name, (-(-count // (64 * each)) * 64,), (64,), *arguments, count)
+        return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""
@@ -269,8 +294,29 @@ class Stages:
         return self._per_item("layer_number", count, owners, triangles, numbers, shown)
 
     def surface_layers(
-        self, surface: SurfaceInputs, owners: Buffer, mirrored: Buffer | None, outputs: tuple[Any, ...], tiles: int
+        self,
+        surface: SurfaceInputs,
+        owners: Buffer,
+        own: tuple[Buffer | None, Buffer | None],
+        outputs: tuple[Any, ...],
+        tiles: int,
     ) -> cl.Event:
-        """Draw layers. outputs: normals, points, albedos, texture coordinates, weights; None if not asked for."""
+        """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
+        weights, scalars; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, mirrored, *outputs)
+        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, *own, *outputs)
+
+    def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
+        """Write the lists of triangles per cell, or only count (`hiders` None)."""
+        return self._per_item("list_hiders", hiding.triangles, *hiding, grid, cursors, hiders, hiders is not None)
+
+    def list_lines(self, lines: Buffer, grid: Buffer, cursors: Buffer, listed: Buffer | None, count: int) -> cl.Event:
+        """Write the lists of lines per cell, or only count (`listed` None)."""
+        return self._per_item("list_lines", count, lines, grid, cursors, listed, listed is not None)
+
+    def line_samples(
+        self, hiding: Hiding, image: Buffer, grid: Buffer, lists: tuple[Buffer, ...], shown: Buffer, cells: int
+    ) -> cl.Event:
+        """Find the samples that show lines. lists: the lines, the faces of edges, and the lists of `cells` cells."""
+        items = 1 if self.device.is_cpu else 64
+        return self._launch("line_samples", (cells * items,), (items,), *hiding, image, grid, *lists, shown)

@@ -20,6 +20,7 @@ MACROS = {
     "albedo": "LAYER_ALBEDO",
     "uv": "LAYER_UV",
     "barycentrics": "LAYER_BARYCENTRICS",
+    "scalar": "LAYER_SCALAR",
 }
 
 
@@ -27,7 +28,8 @@ class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
     features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
-    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32.
+    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32. scalars: (3F,) reals, at the corners of
+    faces, times 2^-scalar_exponent; NAN_POSITION for none.
     """
 
     features: Features | None
@@ -38,6 +40,8 @@ class LayerTables(NamedTuple):
     mirrored: Array | None = None
     objects: Array | None = None
     materials: Array | None = None
+    scalars: Array | None = None
+    scalar_exponent: int = 0
 
 
 def _fields(material: Material) -> tuple[Any, ...]:
@@ -81,7 +85,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
     if "albedo" in asked:
-        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "TEXTURED", "MIPMAPS", "UV_INDICES"}
+        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "MIPMAPS", "UV_INDICES"}
     values = dict(light.only(kept).values)
     if "N" in asked:
         values["NORMAL_INDICES"] = int(any(uses_normal_indices(scene, mesh) for mesh in meshes))
@@ -95,12 +99,13 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     return Features((*values.items(), ("MIRRORED", int(mirrored and "barycentrics" in asked))))
 
 
-def layer_tables(gatherer: Gatherer, settings: Settings, light: Features) -> LayerTables:
-    """Return the tables of the layers asked for. light: the features of the image's program."""
-    scene, asked = gatherer.scene, settings.layers
+def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Features) -> LayerTables:
+    """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
+    program."""
+    asked = settings.layers
     turned = gatherer.mirrored()
     features = _program(scene, settings, light, any(turned))
-    found: dict[str, Array | None] = {}
+    found: dict[str, Any] = {}
     if not gatherer.placed:
         return LayerTables(features)
     if features is not None:
@@ -110,6 +115,8 @@ def layer_tables(gatherer: Gatherer, settings: Settings, light: Features) -> Lay
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
         if features["MIRRORED"]:
             found["mirrored"] = gatherer.per_face(turned)
+        if "scalar" in asked:
+            found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
 
     def numbered(per_mesh: Sequence[int]) -> Array:
         placed = zip(scene.meshes, per_mesh, strict=True)

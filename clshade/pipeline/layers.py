@@ -12,10 +12,12 @@ from .buffers import Buffer
 from .camera_space import CameraSpace
 from .launches import Stages
 from .layer_buffers import MACROS, LayerTables
+from .struct_layout import NAN_POSITION
 from .surface_inputs import SurfaceInputs
 
 _BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
+_SURFACE = (*_WIDTHS, "scalar")
 
 
 class Layers:
@@ -26,6 +28,7 @@ class Layers:
 
     def __init__(self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables) -> None:
         self._stages, self._pool, self._names = stages, pool, names
+        self._scalar_exponent = tables.scalar_exponent
         arrays = tables._asdict()
         self._own = {
             name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)
@@ -48,7 +51,7 @@ class Layers:
         arrays: dict[str, Array] = {}
         for name in self._names:
             width = (_WIDTHS[name],) if name in _WIDTHS else ()
-            kind = real if name == "Z" or width else np.uint32
+            kind = real if name == "Z" or name in _SURFACE else np.uint32
             found[name], arrays[name] = self._pool.take((rows, columns, *width), kind)
         count = rows * columns
         for name, buffer in found.items():
@@ -56,20 +59,22 @@ class Layers:
                 events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, count)
             elif name == "id":
                 events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
-            elif name not in _WIDTHS:
+            elif name not in _SURFACE:
                 numbers = self._own.get("objects" if name == "object_id" else "materials")
                 events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)
         if any(name in MACROS for name in found):
             inputs = surface._replace(**self._surface)
-            outputs = tuple(found.get(name) for name in _WIDTHS)
-            mirrored = self._own.get("mirrored")
-            events["surface_layers"] = self._stages.surface_layers(inputs, owners, mirrored, outputs, tiles)
+            outputs = tuple(found.get(name) for name in _SURFACE)
+            own = self._own.get("mirrored"), self._own.get("scalars")
+            events["surface_layers"] = self._stages.surface_layers(inputs, owners, own, outputs, tiles)
         for buffer in found.values():
             buffer.to_host()
         if "P" in arrays:
             world = arrays["P"] if real == np.float64 else self._pool.take_host((rows, columns, 3), np.float64)
             _put_in_the_world(arrays["P"], owners.to_host(), space.camera.eye, space.scale, world)
             arrays["P"] = world
+        if "scalar" in arrays:
+            _put_into_numbers(arrays["scalar"], self._scalar_exponent)
         return arrays
 
 
@@ -82,3 +87,13 @@ def _put_in_the_world(points: Array, owners: Array, eye: Array, scale: float, wo
         np.divide(points[band], scale, out=world[band], dtype=np.float64)
         world[band] += eye
         np.copyto(world[band], 0.0, where=(owners[band] < 0)[..., None])
+
+
+def _put_into_numbers(scalars: Array, exponent: int) -> None:
+    """Turn what the kernel wrote into the scalars themselves, in place: times 2^exponent, NaN where there are none."""
+    none = scalars >= NAN_POSITION
+    if exponent:
+        most = np.finfo(scalars.dtype).max
+        with np.errstate(over="ignore", under="ignore"):
+            np.clip(np.ldexp(scalars.astype(np.float64), exponent), -most, most, out=scalars, casting="same_kind")
+    scalars[none] = np.nan

@@ -27,8 +27,9 @@ from .depth_sort import front_to_back
 from .effective_settings import effective_settings
 from .features import at_lanes, ignored
 from .frame import Frame
-from .launches import lookup_stages, scene_stages
+from .launches import Hiding, lookup_stages, scene_stages
 from .layers import Layers
+from .lines import Lines
 from .opencl.device import Device, shared_device
 from .pixel_pass import draw_pixels
 from .surface_inputs import SurfaceInputs
@@ -178,6 +179,7 @@ class Renderer:
             "normals": optional(packed.normals),
             "normal_faces": optional(packed.normal_faces),
             "colors": optional(colors),
+            "color_map": optional(packed.color_map),
             "uvs": optional(packed.uvs),
             "uv_faces": optional(packed.uv_faces),
             "face_materials": optional(packed.face_materials),
@@ -195,6 +197,13 @@ class Renderer:
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
         self._image_of: tuple[Any, ...] | None = None  # the resolution and the room that it was written for
+        self._map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
+        self._lines: Lines | None = None
+        if self.settings.edges is not None:
+            front_only = packed.materials["front_only"] != 0
+            front_only = front_only[0 if packed.face_materials is None else packed.face_materials]
+            front_only = np.broadcast_to(front_only | bool(self.features["CULL"]), self._face_count)
+            self._lines = Lines(self.stages, self.settings.edges, packed.positions, packed.faces, front_only)
         self._upload_lights(packed.light_unit)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
@@ -222,7 +231,7 @@ class Renderer:
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """Return the (3F, 4) colors for texture_at vertex: the texel at each corner times the vertex color."""
-        colors = packed.colors[packed.faces.reshape(-1)]  # type: ignore[index]
+        colors: Array = packed.colors  # type: ignore[assignment]
         rows = np.flatnonzero(packed.corner_textures >= 0)  # type: ignore[operator]
         looked_up = Buffer.empty(self.device, (len(rows), 4), self._structs.real)
         uvs = Buffer(self.device, packed.corner_uvs[rows])  # type: ignore[index]
@@ -230,7 +239,7 @@ class Renderer:
         textures, texels = (Buffer(self.device, np.asarray(table)) for table in (packed.textures, packed.texels))
         stages = lookup_stages(self.device, self.features, self.stages.lanes)
         stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
-        colors[rows] *= looked_up.to_host()
+        colors[rows, :3] *= looked_up.to_host()[:, :3]
         return colors
 
     # Per frame
@@ -258,7 +267,12 @@ class Renderer:
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_count, self._lists.room
-            image["streamed"] = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
+            large = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
+            image["streamed"] = large and self.settings.edges is None  # pixels below lines are written twice
+            if self.settings.edges is not None:
+                image["line_color"] = self.settings.edges.color
+                image["marked_color"] = self.settings.edges.nonmanifold_color
+            image["map_colors"] = self._map_colors
             image["unlit"] = self.settings.shader == "nolight"
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
@@ -346,9 +360,22 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _draw(self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
-        """Run the pixel stage; return the counters."""
-        tile = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
+    def _draw_lines(self, frame: _Progress) -> Buffer | None:
+        """Find the samples that show lines; None if no edges are drawn."""
+        if self._lines is None:
+            return None
+        pieces = self._pieces if self._clips else Buffer.empty(self.device, 0, self._structs.Piece)
+        vertices, (numbers, materials) = self._vertices.projected, self._sides
+        hiding = Hiding(self._faces, vertices, pieces, numbers, materials, None, self._view, self._face_count)
+        painter = not self.features["DEPTH_TEST"]
+        return self._lines.draw(hiding, self._vertices, frame.space, self._image, frame.events, painter=painter)
+
+    def _draw(
+        self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress, shown: Buffer | None = None
+    ) -> np.void:
+        """Run the pixel stage; return the counters. shown: the samples that show lines."""
+        tile: tuple[Any, ...] = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
+        tile = tile if shown is None else (*tile, shown)
         self._inputs = draw_pixels(self.stages, self._inputs, self._order, visible, tile, frame.tiles, frame.events)
         counters: np.void = self._made.counters.to_host()[0].copy()
         return counters
@@ -359,11 +386,12 @@ class Renderer:
         visible = self._setup(frame)
         frame.is_sorted = visible > 0
         self._clips = bool(self._made.counters.array[0]["to_clip"])
+        shown = self._draw_lines(frame)
         self._sort(visible, frame)
         self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)
         while True:
             self._lists.fill(self._order, self._made, self._image, visible, frame.events)
-            counters = self._draw(visible, rgba, owners, frame)
+            counters = self._draw(visible, rgba, owners, frame, shown)
             if counters["entries"] <= self._lists.room:
                 return counters
             self._make_room(int(counters["entries"]))

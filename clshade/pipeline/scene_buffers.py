@@ -10,10 +10,12 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..scene.model import Scene, Settings
+from ..scene.scalar_colors import without_colors
 from . import struct_layout
-from .features import Features, derive
+from .features import Features, derive, looked_up_at_corners
 from .gather import Gatherer
 from .layer_buffers import LayerTables, layer_tables
+from .scalar_tables import ScalarTables, color_table
 from .shading_tables import texture_tables
 
 
@@ -22,9 +24,9 @@ class Packed:
     """The arrays that stay on the device between frames. Those that the features leave out are None.
 
     A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
-    int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) reals. uvs: (T, 4)
-    reals, u and v and their rounding errors. face_materials: (F,) int32. materials, textures: tables of `struct_layout`'s
-    structs. texels: (X, 4) float32.
+    int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) or (3F, 4) reals, with
+    positions in the color map. color_map: (N + 4, 4) reals. uvs: (T, 4) reals, u and v and their rounding errors.
+    face_materials: (F,) int32. materials, textures: tables of `struct_layout`'s structs. texels: (X, 4) float32.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
     expressed in it too. layers: further inputs of layers.
@@ -38,6 +40,7 @@ class Packed:
     normals: Array | None
     normal_faces: Array | None
     colors: Array | None
+    color_map: Array | None
     uvs: Array | None
     uv_faces: Array | None
     face_materials: Array | None
@@ -54,9 +57,18 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
     features.derive."""
     structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
-    gatherer = Gatherer(scene, structs, forced)
+    tables = None if settings.scalars is None else ScalarTables.of(scene, settings.scalars)
+    given, scene = scene, without_colors(scene, settings.scalars)
+    gatherer = Gatherer(scene, structs, forced, tables)
     positions, faces = gatherer.positions()
-    features = derive(scene, settings, double_positions=positions.dtype == np.float64, forced=forced)
+    features = derive(
+        scene,
+        settings,
+        double_positions=positions.dtype == np.float64,
+        scalars_at_corners=tables is not None and tables.at_corners,
+        forced=forced,
+    )
+    at_corners = looked_up_at_corners(scene, settings)
     positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
@@ -64,22 +76,24 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
         if features["DIFFUSE"] or features["SPECULAR"]:
             found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
         if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
-            found["colors"] = gatherer.colors()
-        if features["TEXTURED"] or features["CORNER_COLORS"] or features["ALPHA_TEST"]:
+            found["colors"] = gatherer.colors(bool(features["CORNER_COLORS"]))
+        if features["SCALARS"]:
+            found["color_map"] = color_table(tables).astype(structs.real)
+        if features["TEXTURED"] or at_corners or features["ALPHA_TEST"]:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
             if gatherer.textures:
                 found["textures"], found["texels"] = texture_tables(
                     gatherer.textures, mipmaps=settings.texture_filter == "trilinear"
                 )
-        if features["CORNER_COLORS"]:
+        if at_corners:
             index = found["uv_faces"] if found["uv_faces"] is not None else faces
             found["corner_uvs"] = np.ascontiguousarray(found["uvs"][index.reshape(-1)])
             found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
         if features["MATERIALS"] or features["SIDES"]:
             found["face_materials"] = gatherer.face_materials()
     unit = gatherer.light_unit()
-    materials = gatherer.material_table(unit if features["TINTED"] else 1.0, bool(features["CORNER_COLORS"]))
+    materials = gatherer.material_table(unit if features["TINTED"] else 1.0, at_corners)
     found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
-    found.update(layers=layer_tables(gatherer, settings, features))
+    found.update(layers=layer_tables(gatherer, given, settings, features))
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)

@@ -19,6 +19,10 @@ MOST_SAMPLES = 64  # per pixel
 MOST_LENGTH = 2.0**60  # scaled eye-relative coordinates are clamped to it: their squares stay within float32's range
 MOST_DEPTH = 2.0**100  # scaled depths are clamped to it: their reciprocals stay within float32's range
 MOST_LEVELS = 16  # of a texture: its own size, at most 2^15, and each half of the previous down to 1
+MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and those below mean something else
+NAN_POSITION = 2.0**120  # of what has no number
+WHITE_POSITION = 2.0**124  # of what no color map colors
+LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -28,10 +32,13 @@ CONSTANTS = {
     "TILE_SIZE": TILE_SIZE,
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
+    "LINE_INSET": LINE_INSET,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
+    "NAN_POSITION": NAN_POSITION,
+    "WHITE_POSITION": WHITE_POSITION,
     "WRAP_REPEAT": 0,
     "WRAP_CLAMP": 1,
     "WRAP_MIRROR": 2,
@@ -141,11 +148,39 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "transparent", 1, "whether there is no background"),
         ("int", "streamed", 1, "whether pixels are written past the caches: rows must begin at multiples of 64 bytes"),
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
+        ("int", "map_colors", 1, "colors of the color map from its low end to its high one; with SCALARS"),
         ("int", "unlit", 1, "whether colors are taken as they are, shader nolight, where they are lit nonetheless"),
         ("real", "background", 3, "linear RGB"),
         ("real", "unscale", 1, "turns a scaled depth into scene units"),
         ("real", "light_unit", 1, "what light is counted in: a power of two"),
         ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
+        ("real", "line_color", 3, "linear RGB; with LINES"),
+        ("real", "marked_color", 3, "of lines along edges of more than two faces"),
+    ],
+    "Line": [
+        ("double", "w", 2, "1/depth of its ends, scaled; with painter's order minus the first rank of its faces"),
+        ("double", "inset", 1, "fraction of its length: its visibility is not asked nearer to an end"),
+        ("int", "x", 2, "snapped ends, 1/256 px"),
+        ("int", "y", 2, "snapped ends, 1/256 px, up"),
+        ("int", "first_face", 1, "index of the first of its faces in the faces of all edges"),
+        ("int", "faces", 1, "that contain the edge"),
+        ("int", "marked", 1, "whether they are more than two"),
+        ("int", "pad", 1, ""),
+    ],
+    "LineGrid": [
+        ("int", "cell_bits", 1, "cells have 2^cell_bits/256 px a side"),
+        ("int", "margin", 1, "cells around the image, on each side, that lines may reach from"),
+        ("int", "across", 1, "cells a row, those of the margin included"),
+        ("int", "up", 1, "cells a column"),
+        ("int", "width", 1, "of the lines, 1/256 px"),
+        ("int", "pad", 3, ""),
+    ],
+    "Hider": [
+        ("double", "nearest", 1, "the largest w of its corners; with painter's order minus its rank"),
+        ("int", "index", 1, "of the triangle: a face, or the number of faces plus that of a clipped piece"),
+        ("int", "low", 2, "least x and y of its corners, 1/256 px"),
+        ("int", "high", 2, "largest x and y"),
+        ("int", "pad", 1, ""),
     ],
     "Counters": [
         ("int", "visible", 1, "triangles that may be seen"),
@@ -180,6 +215,9 @@ class Structs(NamedTuple):
     Material: np.dtype
     Texture: np.dtype
     Image: np.dtype
+    Line: np.dtype
+    LineGrid: np.dtype
+    Hider: np.dtype
     Counters: np.dtype
 
 

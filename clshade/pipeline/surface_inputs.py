@@ -24,7 +24,12 @@ class SurfaceInputs(NamedTuple):
     pieces: Annotated[Buffer | None, "Piece"] = None  # C, from the host
     normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
     normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; with NORMAL_INDICES
-    colors: Annotated[Buffer | None, "real4"] = None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB
+    colors: Annotated[Buffer | None, "real4"] = (
+        None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB; position in the color map
+    )
+    color_map: Annotated[Buffer | None, "real4"] = (
+        None  # below, map_colors, above, NaN, white: linear RGB; with SCALARS
+    )
     uvs: Annotated[Buffer | None, "real4"] = None  # T, texture coordinates u, v and their rounding errors
     uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; with UV_INDICES
     face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Floats
 from . import geometry
 from .camera import Camera
 from .model import Mesh, PointLight, Scene
@@ -82,6 +82,11 @@ def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
     eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
     unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
     low, high = geometry.bounding_box(unframed)
+    return sphere_of_box(low, high)
+
+
+def sphere_of_box(low: Floats, high: Floats) -> tuple[Floats, float]:
+    """Return center and radius of the sphere around a box; a radius of 0 is replaced by a positive one."""
     center, radius = low / 2 + high / 2, geometry.half_diagonal(low, high)
     if radius == 0.0:
         largest = float(np.abs(center).max())

@@ -6,7 +6,7 @@ Arrays are copied only when their type or layout has to change, and are read-onl
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -30,6 +30,9 @@ from ..base.validation import (
     vector,
 )
 from .camera import Camera
+from .edges import Edges as Edges
+from .scalars import Scalars as Scalars
+from .scalars import checked_scalars
 from .settings import LAYERS as LAYERS
 from .settings import MAX_SAMPLES as MAX_SAMPLES
 from .settings import PRECISIONS as PRECISIONS
@@ -243,6 +246,10 @@ class Mesh:
         without it.
     dropped : int, default 0
         Number of faces dropped; counted here, and kept in copies of the mesh.
+    scalars : mapping of str to array_like or None, default None
+        Data by name, any numbers: (V,) per vertex, (F,) per face, or (F, 3) per corner of each
+        face; with as many vertices as faces (V,) is per vertex. NaN: no data; infinity counts as
+        NaN. Kept as a dict of float32 or float64. `Settings.scalars` shows them by a color map.
 
     Raises
     ------
@@ -263,6 +270,7 @@ class Mesh:
     name: str = ""
     nonfinite: Nonfinite = "refuse"
     dropped: int = 0
+    scalars: Converted[Mapping[str, ArrayLike] | None, dict[str, Reals]] = field(default=kept(None))
 
     if TYPE_CHECKING:
 
@@ -280,6 +288,7 @@ class Mesh:
             name: str = "",
             nonfinite: Nonfinite = "refuse",
             dropped: int = 0,
+            scalars: Mapping[str, ArrayLike] | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -306,6 +315,7 @@ class Mesh:
             if given.shape != faces.shape:
                 raise value_error(who, f"{name}_faces", f"the shape of faces {faces.shape}", given)
             set_fields(self, **{f"{name}_faces": given})
+        set_fields(self, scalars=checked_scalars(who, self.scalars, len(verts), len(faces)))
         if not isinstance(self.material, Material):
             raise value_error(who, "material", "a Material", self.material)
         form = "an array of shape (K, 4, 4)"
@@ -320,7 +330,9 @@ class Mesh:
 
     def __repr__(self) -> str:
         counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")
-        return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {_count(len(np.asarray(self.instances)), 'instance')}>"
+        scalars = f", scalars {', '.join(self.scalars)}" if self.scalars else ""
+        placed = _count(len(np.asarray(self.instances)), "instance")
+        return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {placed}{scalars}>"
 
 
 def _vertex_colors(who: str, given: Any, count: int) -> Reals:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Faces, Floats
+from ..base.components import connected_components
 from ..base.validation import number, value_error
 from .geometry import _blocks, _exponent, _normalized
 
@@ -31,7 +32,7 @@ def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[
     if degrees == 0.0 or not count:
         return _normalized(cross), np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
     first, second = _smooth_pairs(welded(verts)[1][faces], _normalized(cross), math.cos(math.radians(degrees)))
-    labels = _components(3 * count, first, second)
+    labels = connected_components(3 * count, first, second)
     used = np.flatnonzero(labels == np.arange(3 * count, dtype=np.int32))
     renumbered = np.zeros(3 * count, np.int32)
     renumbered[used] = np.arange(len(used), dtype=np.int32)
@@ -83,24 +84,6 @@ def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Ar
         low_ends.append(np.where(forward, edge, after))
         high_ends.append(np.where(forward, after, edge))
     return np.concatenate([low_ends[0], high_ends[0]]), np.concatenate([low_ends[1], high_ends[1]])
-
-
-def _components(count: int, first: Array, second: Array) -> Array:
-    """Return (count,) int32: for each node the lowest one connected with it by the links first[i], second[i]."""
-    labels = np.arange(count, dtype=np.int32)
-    while len(first):
-        one, two = labels[first], labels[second]
-        apart = one != two
-        if not apart.any():
-            break
-        first, second, one, two = first[apart], second[apart], one[apart], two[apart]
-        np.minimum.at(labels, np.maximum(one, two), np.minimum(one, two))
-        while True:
-            further = labels[labels]
-            if np.array_equal(further, labels):
-                break
-            labels = further
-    return labels
 
 
 def _mixed(values: Array) -> Array:

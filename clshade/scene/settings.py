@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
 from ..base.arrays import Converted, kept
 from ..base.validation import choice, flag, integer, known, number, sequence, set_fields, value_error
 from ..images.layer_words import LAYER_WORDS
+from .edges import EDGE_KINDS, AskedKinds, Edges
+from .scalars import Scalars, as_scalars
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -24,7 +26,7 @@ TextureFilter: TypeAlias = Literal["bilinear", "trilinear"]
 Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
-Layer: TypeAlias = Literal["Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics"]
+Layer: TypeAlias = Literal["Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar"]
 Preset: TypeAlias = Literal["course", "standard"]
 
 SHADERS: tuple[Shader, ...] = get_args(Shader)
@@ -66,6 +68,8 @@ class SettingsFields(TypedDict, total=False):
     samples: int
     sample_shading: bool
     resolve: Resolve
+    scalars: Scalars | str | None
+    edges: Edges | AskedKinds | None
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -112,8 +116,9 @@ class Settings:
     ambient : {"tinted", "plain"}
         Ambient term: ka*Ia*color, or ka*Ia.
     layers : str or iterable of str, default ()
-        Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id and
-        barycentrics, or all; see `Frame.__getitem__` for what each holds. Kept as a tuple.
+        Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id,
+        barycentrics and, with `scalars`, scalar, or all; see `Frame.__getitem__` for what each
+        holds. Kept as a tuple.
     cull : bool, default False
         Cull back faces, the triangles whose winding is clockwise in the image.
     near : float or None, default None
@@ -134,6 +139,11 @@ class Settings:
         keeps single bright samples from standing out, but makes edges of bright surfaces darker
         than they are. Without a background, the covered samples are weighted against each other,
         and their mean is premultiplied.
+    scalars : Scalars, str or None, default None
+        Scalars of the meshes that a color map shows, or their name; see `Scalars`.
+    edges : Edges, str, iterable of str, or None, default None
+        Edges of the meshes drawn as lines: `Edges`, or their kinds alone, such as "feature". Layers
+        stay those of the surfaces.
 
     Raises
     ------
@@ -155,6 +165,8 @@ class Settings:
     samples: int = 1
     sample_shading: bool = False
     resolve: Resolve = "mean"
+    scalars: Converted[Scalars | str | None, Scalars | None] = field(default=kept(None))
+    edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -172,15 +184,23 @@ class Settings:
         set_fields(self, samples=integer(who, "samples", self.samples, 1, MAX_SAMPLES))
         set_fields(self, sample_shading=flag(who, "sample_shading", self.sample_shading))
         choice(who, "resolve", self.resolve, RESOLVES)
+        set_fields(self, scalars=as_scalars(who, self.scalars))
         layers = (self.layers,) if isinstance(self.layers, str) else sequence(self.layers)
         if layers is None:
             raise value_error(who, "layers", f"names of {', '.join(LAYERS)}, or all", self.layers)
         for layer in layers:
             choice(who, "layers", layer, (*LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS)
-        asked = tuple(name for name in LAYERS if name in layers or "all" in layers)
+        if "scalar" in layers and self.scalars is None:
+            raise value_error(who, "layers", "scalar only with scalars, which name what it shows", "scalar without")
+        every = [name for name in LAYERS if name != "scalar" or self.scalars is not None]
+        asked = tuple(name for name in LAYERS if name in layers or ("all" in layers and name in every))
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
+        if self.edges is not None and not isinstance(self.edges, Edges):
+            if not isinstance(self.edges, str) and sequence(self.edges) is None:
+                raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)
+            set_fields(self, edges=Edges(self.edges))
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:

@@ -1,1 +1,1 @@
-"""Views of frames and scenes in a notebook."""
+"""What people look at: frames and scenes in a notebook, and a page for images."""

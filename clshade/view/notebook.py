@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array
+from ..base.atomic_files import Path
+from ..base.validation import path as checked_path
 from ..errors import OutputError
 from ..images import png
+from ..images.image_file import Picture
 from ..images.tonemap import Operator
 from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
+from .page import Page, view
 
 FRAME_SIDE = 1024  # most pixels on a frame's longer side in a notebook: its file holds every picture that it shows
 SCENE_SIDE = 256  # of a scene, which is drawn in order to show it
@@ -65,6 +69,18 @@ def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
     image, title = Image.fromarray(pixels), frame.scene.name or "clshade"
     if not any(viewer.show(image, title=title) for viewer in viewers):
         raise OutputError("Frame.show: found no program that shows images; Frame.save writes files")
+
+
+def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposure: float) -> Page:
+    """Return the page of a frame, and write it if there is a path."""
+    from ..images.exr import flatten
+
+    name = frame.scene.name or "frame"
+    picture = Picture(flatten(frame.channels()), frame.metadata(), name=name)
+    page = view({name: picture}, name, tonemap=tonemap or default_tonemap(frame.scene), exposure=exposure)
+    if path is not None:
+        page.save(checked_path("Frame.view", "path", path))
+    return page
 
 
 def plot_layers(frame: Frame) -> Any:

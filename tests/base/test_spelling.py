@@ -66,7 +66,8 @@ USAGE = [
     (("compare", "a.exr", "b.exr", "--layers", "Z"), ("did you mean --layer?",)),
     (("compare", "a.exr", "b.exr", "c.exr"), ("clshade compare: ", "A and B alone", "'c.exr'")),
     (("inspect", "a.exr", "b.exr"), ("clshade inspect: ", "FILE alone", "'b.exr'")),
-    (("inspect", "mesh.obj"), ("mesh.obj", "an OpenEXR or PNG image")),
+    (("inspect", "mesh.txt"), ("mesh.txt", "an OpenEXR or PNG image")),
+    (("inspect", "mesh.obj", "-o", "a.png"), ("--output: expected an image beside it, found the scene file mesh.obj",)),
     (("devices", "pocl"), ("clshade devices: ", "'pocl'")),
     (("rendr", "a.obj"), ("one of render, turntable", "'rendr': did you mean 'render'?")),
     (("diff", "a.exr", "b.exr"), ("did you mean 'compare'?",)),
@@ -88,6 +89,7 @@ def test_one_line_says_what_to_do(tmp_path, capsys, monkeypatch, arguments, part
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     write(tmp_path / "mesh.obj", TRIANGLE)
+    write(tmp_path / "mesh.txt", TRIANGLE)
     exr.write("image.exr", np.zeros((2, 2, 3), np.float32))
     before = listing(tmp_path)
     assert_refused(run(capsys, *arguments), *parts)

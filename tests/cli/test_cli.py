@@ -109,6 +109,7 @@ USAGE = [
     (("paint",), ("paint",)),
     ((), ("COMMAND",)),
     (("inspect",), ("FILE",)),
+    (("view",), ("FILE",)),
     (("inspect", "a.exr", "extra"), ("extra",)),
     (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
 ]

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from command_line import run, scene_of
+from command_line import assert_refused, run, scene_of
 from devices import working_devices
 from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
@@ -158,3 +158,54 @@ def test_a_mirrored_placement_shows_its_front(tmp_path, capsys, mirror):
     behind = (*view[:1], f"{mirror * 0.3},0.3,-3", *view[2:])
     assert run(capsys, *options, *behind)[0] == 0
     assert not exr.read(tmp_path / "front.exr")[0]["A"].any()
+
+
+# Scalars
+
+DATA = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float heat\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 -1.5\n1 0 0 nan\n0 1 0 4\n3 0 1 2\n"
+)
+
+
+def test_scalars_are_listed(tmp_path, capsys):
+    path = write(tmp_path / "a.ply", DATA)
+    code, out, _ = run(capsys, "inspect", path)
+    assert code == DONE
+    assert out.splitlines()[-1].split() == ["heat", "1", "vertices", "-1.5", "4", "1"]
+    code, out, _ = run(capsys, "inspect", path, "--json")
+    assert json.loads(out)["meshes"][0]["scalars"] == [
+        {"name": "heat", "of": "vertices", "least": -1.5, "most": 4.0, "nan": 1}
+    ]
+    assert run(capsys, "inspect", write(tmp_path / "b.obj", ROOF))[1].splitlines()[-1] == "no scalars"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--colormap jet", "--colormap: expected --scalars NAME beside it, found none"),
+        ("--clim 0,1", "--clim: expected --scalars NAME beside it, found none"),
+        ("--colorbar", "--colorbar: expected --scalars NAME beside it, found none"),
+        ("--scalars heat --colormap jett", "found 'jett': did you mean 'jet'"),
+        ("--scalars heat --clim 2,1", "low not above high, found (2.0, 1.0)"),
+        ("--scalars heat --nan-color x", "Scalars: nan_color: expected a color"),
+    ],
+)
+def test_refused_options_of_scalars(tmp_path, capsys, options, message):
+    path = write(tmp_path / "a.ply", DATA)
+    assert_refused(run(capsys, "render", path, *options.split(), "-o", tmp_path / "out"), message)
+    assert {item.name for item in tmp_path.iterdir()} == {"a.ply"}
+
+
+@needs_device
+def test_scalars_are_rendered(tmp_path, capsys):
+    path = write(tmp_path / "a.ply", DATA)
+    options = ("--scalars", "heat", "--colormap", "black,#ff0000", "--clim=-2,2", "--nan-color", "yellow", "--colorbar")
+    extra = ("--resolution", "40,30", "--layers", "scalar", "-o", tmp_path / "out")
+    assert run(capsys, "render", path, *options, *extra, "--quiet") == (DONE, "", [])
+    channels, header = exr.read(tmp_path / "out.exr")
+    assert np.isnan(channels["scalar"]).all()  # a corner of the only face is NaN
+    assert (header["scalarName"], header["scalarLow"], header["scalarHigh"]) == ("heat", -2, 2)
+    lit = channels["A"] > 0
+    assert (channels["R"][lit] > 0).all()
+    assert (channels["B"][lit] == 0).all()

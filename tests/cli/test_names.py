@@ -103,6 +103,7 @@ def test_looking_into_such_names(monkeypatch, capsys, name):
     for arguments in (
         ("inspect", f"{name}.exr", "--pixel", "1,1"),
         ("inspect", f"{name}.exr", "-o", f"{name}.png"),
+        ("view", f"{name}.exr", "b.exr", "-o", f"{name}.html"),
         ("compare", f"{name}.exr", "b.exr", "-o", f"{name} 2.png", "-v"),
     ):
         code, out = on_terminal(monkeypatch, "ascii", *arguments)
@@ -131,6 +132,7 @@ def test_looking_into_such_names(monkeypatch, capsys, name):
         ("turntable", "quads", "--frames", "{}"),
         ("animate", "quads", "{}.json"),
         ("inspect", "{}.exr"),
+        ("view", "{}.exr", "{}.png"),
         ("inspect", "a.exr", "-o", "{}.jpg"),
         ("compare", "{}.exr", "{}.exr"),
         ("stability", "--case", "{}"),

@@ -393,3 +393,24 @@ def test_from_python(tmp_path):
     assert found.size == sum(path.stat().st_size for path in tmp_path.iterdir())
     with pytest.raises(InputError, match="cameras"):
         draw_frames(scene, {}, str(tmp_path / "a.#.exr"))
+
+
+@needs_device
+def test_one_file_of_each_frame(tmp_path):
+    """A frame with this file counts as drawn; one that is to have both does not."""
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = {1: scene.camera, 2: scene.camera}
+
+    def draw(files: object) -> tuple[int, int]:
+        saving = {"files": files}
+        found = draw_frames(scene, cameras, str(tmp_path / "a.#.exr"), preset="course", progress=False, saving=saving)
+        assert found.size == (found.drawn > 0) * sum(path.stat().st_size for path in tmp_path.iterdir())
+        return found.drawn, found.skipped
+
+    assert draw(["png"]) == (2, 0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.1.png", "a.2.png"]
+    assert draw(("png",)) == (0, 2)
+    assert draw(("png", "exr")) == (2, 0)
+    for files in ((), "png", ["jpg"]):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+            draw(files)

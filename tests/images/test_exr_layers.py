@@ -191,7 +191,7 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     assert found["N.X"].dtype == np.float16
     assert found["Z"].shape == (30, 40)
     assert header["dataWindow"] != header["displayWindow"]
-    assert len(LAYERS) == 9
+    assert len(LAYERS) == 10
     capsys.readouterr()
     assert main(["render", "--help"]) == 0
     assert "object_id" in capsys.readouterr().out

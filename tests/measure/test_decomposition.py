@@ -30,12 +30,22 @@ from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Mesh, Settings
 
 
-def decomposed(scene, device, settings=None):
-    """Return the decomposition, the reference and the models."""
+@pytest.fixture(scope="module")
+def studied(device):
+    """Return a sphere, its converged image and the models of it, which keep their images."""
+    scene = sphere()
     converged = reference(scene, base_settings(scene), device)
-    models = ModelErrors(scene, converged.settings, device)
-    settings = settings or Settings.from_preset(scene.preset)
-    return decompose(scene, settings, device, converged, models), converged, models
+    return scene, converged, ModelErrors(scene, converged.settings, device)
+
+
+@pytest.fixture(scope="module")
+def plain(studied, device):
+    return decomposed(studied, device, Settings.from_preset("standard"))
+
+
+def decomposed(studied, device, settings):
+    scene, converged, models = studied
+    return decompose(scene, settings, device, converged, models)
 
 
 # Models
@@ -61,9 +71,9 @@ def test_model_errors_hold_no_aliasing(device):
     assert np.array_equal(models.difference(gouraud), expected[0] - expected[1])
 
 
-def test_a_model_takes_the_named_fields_only(device):
+def test_a_model_takes_the_named_fields_only(studied):
     course = Settings.from_preset("course")
-    models = ModelErrors(sphere(), Settings.from_preset("standard"), device)
+    *_, models = studied
     assert models.approximated(course) == [*APPROXIMATIONS][:4]
     alone, all_of_them = models.difference(course, ["lighting_at"]), models.difference(course)
     assert np.array_equal(alone, models.difference(Settings.from_preset("standard", lighting_at="centroid")))
@@ -74,10 +84,10 @@ def test_a_model_takes_the_named_fields_only(device):
 # The parts
 
 
-def test_the_parts_add_up(device):
+def test_the_parts_add_up(device, studied):
     """From the image of a finer shape to the PNG; each part's share of both totals."""
-    scene = replace(sphere(), preset="course")
-    found, converged, _ = decomposed(scene, device)
+    scene, converged, models = studied
+    found = decomposed(studied, device, Settings.from_preset("course", ambient="tinted"))
     causes = [part.cause for part in found.parts]
     assert causes == [TESSELLATION, *[*APPROXIMATIONS.values()][:4], SAMPLING, ARITHMETIC, OUTPUT]
     assert found.unknown == {}
@@ -86,8 +96,7 @@ def test_the_parts_add_up(device):
     assert found.parts[-1].share is None
     frame = render(scene, device=device, settings=found.settings)
     fine = ModelErrors(finer_builtin(scene), converged.settings, device).best_image
-    own = ModelErrors(scene, converged.settings, device).best_image
-    best = converged.rgb - (own.astype(np.float64) - fine)
+    best = converged.rgb - (models.best_image.astype(np.float64) - fine)
     assert found.total == pytest.approx(rms(frame.rgb - best))
     assert found.png_total == pytest.approx(rms(png_radiance(frame) - best))
     assert found.together == pytest.approx(np.sqrt(sum(part.rmse**2 for part in found.parts[:-1])))
@@ -96,35 +105,39 @@ def test_the_parts_add_up(device):
     assert errors["light at the centroid"] > errors["painter's order"] == 0.0
 
 
-def test_each_cause_is_found_where_it_is_planted(device):
-    """What differs from the best settings has the error; all else is as before."""
-    scene = sphere()
-    plain, *_ = decomposed(scene, device)
-    errors = {part.cause: part.rmse for part in plain.parts}
-    assert [*errors] == [TESSELLATION, SAMPLING, ARITHMETIC, OUTPUT]
-    best = Settings.from_preset("standard")
-    for changes, cause in (
+@pytest.mark.parametrize(
+    ("changes", "cause"),
+    [
         ({"shader": "gouraud"}, "Gouraud shading"),
         ({"interpolation": "affine"}, "affine interpolation"),
-    ):
-        found = {part.cause: part.rmse for part in decomposed(scene, device, replace(best, **changes))[0].parts}
-        assert found.keys() - errors.keys() == {cause}
-        assert found[cause] > 1e-6
-        assert found[TESSELLATION] == errors[TESSELLATION]
-        assert found[SAMPLING] == pytest.approx(errors[SAMPLING], rel=0.05)
-    finer_sampled = {
-        part.cause: part.rmse
-        for part in decomposed(scene, device, replace(best, samples=16, sample_shading=True))[0].parts
-    }
-    assert finer_sampled[SAMPLING] < errors[SAMPLING] / 4
-    fast = {part.cause: part.rmse for part in decomposed(scene, device, replace(best, precision="fast"))[0].parts}
-    assert fast[ARITHMETIC] > 5 * errors[ARITHMETIC]
+        ({"samples": 16, "sample_shading": True}, SAMPLING),
+        ({"precision": "fast"}, ARITHMETIC),
+    ],
+)
+def test_each_cause_is_found_where_it_is_planted(device, studied, plain, changes, cause):
+    """What differs from the best settings has the error; all else is as before."""
+    before = {part.cause: part.rmse for part in plain.parts}
+    assert [*before] == [TESSELLATION, SAMPLING, ARITHMETIC, OUTPUT]
+    settings = Settings.from_preset("standard", **changes)
+    errors = {part.cause: part.rmse for part in decomposed(studied, device, settings).parts}
+    assert errors[TESSELLATION] == before[TESSELLATION]
+    if cause == SAMPLING:
+        assert errors[SAMPLING] < before[SAMPLING] / 4
+    else:
+        assert errors[SAMPLING] == pytest.approx(before[SAMPLING], rel=0.05)
+    if cause == ARITHMETIC:
+        assert errors[ARITHMETIC] > 5 * before[ARITHMETIC]
+    assert errors.keys() - before.keys() == {cause} - {SAMPLING, ARITHMETIC}
+    assert errors[cause] > 1e-6
 
 
 def test_causes_that_are_not_known_are_named(device):
     mesh = sphere().meshes[0]
     scene = replace(sphere(), name="own", meshes=(Mesh(mesh.verts, mesh.faces, normals=mesh.normals),))
-    found, *_ = decomposed(scene, replace(device, has_fp64=False))
+    without = replace(device, has_fp64=False)
+    converged = reference(scene, base_settings(scene), without)
+    models = ModelErrors(scene, converged.settings, without)
+    found = decompose(scene, Settings.from_preset("standard"), without, converged, models)
     assert found.unknown == {TESSELLATION: NO_FINER, ARITHMETIC: NO_FLOAT64}
     assert {part.cause: part.rmse for part in found.parts}.keys() == {SAMPLING, OUTPUT}
     assert found.lines()[-2:] == [f"{TESSELLATION}: not known: {NO_FINER}", f"{ARITHMETIC}: not known: {NO_FLOAT64}"]

@@ -26,6 +26,8 @@ SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 
 # Each feature alone
 
+WITHOUT_SCALARS = ("SCALARS", "VERTEX_COLORS", "MATERIALS")  # meshes with scalars need these
+
 
 def rich_scene(without: str = "") -> Scene:
     """Return sixty triangles whose image needs every optional feature except this one and those that depend on it."""
@@ -59,6 +61,8 @@ def rich_scene(without: str = "") -> Scene:
                 **({} if without == "NORMAL_INDICES" else normals),
             )
         )
+    if without not in WITHOUT_SCALARS:
+        meshes.append(replace(meshes[0], verts=0.7 * meshes[0].verts, scalars={"data": generator.uniform(0, 1, 90)}))
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9)))
     background = None if without == "BACKGROUND" else (0.1, 0.2, 0.3)
@@ -71,12 +75,14 @@ NEEDS = {
     "OWNERS": {"layers": ()},
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
+    **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
     "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "TWO_SIDED", "NORMAL_INDICES"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "ALPHA_TEST"},
-    "MATERIALS": {"SIDES"},
+    "MATERIALS": {"SIDES", "SCALARS"},
+    "VERTEX_COLORS": {"SCALARS"},
 }
 
 
@@ -95,6 +101,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, without: str = "", **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
+    fields["scalars"] = "data"
     return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
 
 
@@ -211,7 +218,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 def test_where_everything_is_needed_nothing_is_saved(device):
     found = feature_savings.explain(
-        rich_scene(), device=device, layers=("Z",), texture_filter="trilinear", visibility="painter"
+        rich_scene(), device=device, layers=("Z",), texture_filter="trilinear", visibility="painter", scalars="data"
     )
     assert (found.frames, found.left_out, found.full) == (0, {}, found.lean)
     assert "saved: nothing" in "\n".join(found.lines())

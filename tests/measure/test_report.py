@@ -17,9 +17,9 @@ from studies import SMALL, small_study, sphere
 
 from clshade.base import text_tables
 from clshade.errors import InputError
-from clshade.images import metrics, png
+from clshade.images import figures, metrics, png
 from clshade.measure import timing
-from clshade.measure.report import figure, labels, power_law, report, study, tables, variants
+from clshade.measure.report import figure, labels, report, study, tables, variants
 from clshade.measure.report.format_errors import formats
 from clshade.measure.report.labels import Box, placed
 from clshade.measure.report.measure import measure
@@ -192,7 +192,7 @@ def test_the_tables_fit_a_terminal(found):
     slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
     lines = "\n".join(tables.lines(replace(found, measured=tuple(slow)))).splitlines()
     assert max(map(len, lines)) <= 100
-    for word in ("many_letters", "half of them", "arithmetic", "upload ms", "slope", "write ms"):
+    for word in ("many_letters", "half of them", "arithmetic", "upload ms", "power of size", "write ms"):
         assert any(word in line for line in lines)
 
 
@@ -235,31 +235,6 @@ def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
     assert figure.size(np.full((3, 4, 3), [0.0, 0.25, -0.5])) == pytest.approx(np.full((3, 4), 0.5))
 
 
-def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_for(found):
-    known = found.reference.error
-    errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
-    made = made_up(found, [(float(count), error) for count, error in errors.items()])
-    names = [BASE, *(f"samples-{count}" for count in errors if count > 1)]
-    measured = tuple(
-        replace(each, variant=replace(each.variant, name=name, changes={"samples": count}))
-        for each, name, count in zip(made.measured, names, errors, strict=True)
-    )
-    fall = replace(made, measured=measured).sampling()["samples"]
-    assert (fall.by_samples.exponent, fall.gain) == (pytest.approx(-1.0), pytest.approx(16.0))
-    assert fall.by_time == pytest.approx(fall.by_samples)  # a millisecond a sample
-    (line,) = tables._sampling(replace(made, measured=measured))
-    assert line.endswith("expected -0.75, that of edges in each pixel; it falls faster")
-    slower = power_law.Power(-0.4, -0.5, -0.3)
-    assert tables.expected(slower, tables.LAWS["samples"]).endswith(
-        "falls slower: textures and light are looked up once, and their aliasing stays"
-    )
-    assert tables.expected(slower, tables.LAWS["shaded"]).endswith("; it falls slower")
-    assert tables.expected(slower._replace(low=-0.8), tables.SMOOTH._replace(exponent=-0.75)).endswith(
-        "length of edges"
-    )
-    assert replace(made, measured=measured[2:]).sampling() == {}
-
-
 def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
     written: list[str] = []
@@ -269,9 +244,19 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
         "label_points",
         lambda axes, x, y, names, lines: written.extend(names) or original(axes, x, y, names, lines),
     )
-    figure.plot(several, tmp_path / "a.png")
-    assert written == [f"variant-{k}" for k in range(10)]
+    figures.save(figure.draw(several), tmp_path / "a.png")
+    assert written[:10] == [f"variant-{k}" for k in range(10)]
     assert png.read(tmp_path / "a.png").std() > 20.0
+
+
+def test_the_figure_of_one_way(found, recwarn):
+    """Drawn once, with the reference's error, and none of its arithmetic."""
+    (one,) = made_up(found, [(2.0, found.reference.error)]).measured
+    one = replace(one, frame_ms=timing.Spread(2.0, 2.0, 2.0), arithmetic=replace(one.arithmetic, rms=0.0))
+    drawn = figure.draw(replace(found, measured=(one,), pictures={}))
+    for low, high in (drawn.axes[0].get_xlim(), drawn.axes[0].get_ylim()):
+        assert low < 0.8 * high
+    assert not [each.message for each in recwarn]
 
 
 # The command
@@ -281,32 +266,36 @@ def no_constants(text: str) -> float:
     raise AssertionError(f"{text} is no JSON")
 
 
+@pytest.fixture
+def no_figure(monkeypatch):
+    """Skip the figure, which takes seconds to draw."""
+    monkeypatch.setattr(figure, "draw", lambda study: figures.blank(0.2, 0.2))
+
+
+@pytest.mark.usefixtures("no_figure")
 def test_run_writes_all(found, device, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "study", lambda *arguments: found)
     text = io.StringIO()
     options = {"out": tmp_path / "new" / "folder", "stream": text, "budget": 1e6}
+    options |= {"formats": ("png", "pdf", "svg"), "html": True}
     assert report.run(sphere(), device.index, **options)
     folder = tmp_path / "new" / "folder"
-    assert {path.name for path in folder.iterdir()} == {"report.csv", "report.json", "report.md", "report.png"}
-    figures = json.loads((folder / "report.json").read_text(), parse_constant=no_constants)
-    assert [each["variant"] for each in figures["variants"]] == [BASE, "gouraud"]
-    assert figures["variants"][0]["approximation"]["rmse"] == found.measured[0].error
-    assert figures["use"] == min(found.measured, key=lambda each: each.error).name
-    assert figures["machine"] == study.machine()
+    assert {path.name for path in folder.iterdir()} == {
+        f"report.{suffix}" for suffix in ("csv", "json", "md", "png", "pdf", "svg", "html")
+    }
+    written = json.loads((folder / "report.json").read_text(), parse_constant=no_constants)
+    assert [each["variant"] for each in written["variants"]] == [BASE, "gouraud"]
+    assert written["variants"][0]["approximation"]["rmse"] == found.measured[0].error
+    assert written["use"] == min(found.measured, key=lambda each: each.error).name
+    assert written["machine"] == study.machine()
     rows = list(csv.DictReader((folder / "report.csv").open()))
     assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
     assert float(rows[0]["rmse"]) == found.measured[0].error
-    assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation"}
+    assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation", "family"}
     shown = text.getvalue()
-    for part in (found.device, found.machine, f"use {figures['use']}: ", "PNG 8 bit srgb", "5,120"):
+    for part in (found.device, found.machine, f"use {written['use']}: ", "PNG 8 bit srgb", "5,120"):
         assert part in shown
         assert part in (folder / "report.md").read_text()
-
-
-@pytest.fixture
-def no_figure(monkeypatch):
-    """Skip the figure, which takes seconds to draw."""
-    monkeypatch.setattr(figure, "plot", lambda study, path: path.touch())
 
 
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
@@ -366,6 +355,11 @@ def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
 REFUSED = [
     (("--only", "guro"), ("--only", "standard", "'guro'")),
     (("--frames", "0"), ("--frames", "0")),
+    (("--format", "png,gif"), ("--format", "png, pdf, svg", "'gif'")),
+    (("--family", "samplse"), ("--family", "samples, shaded, gouraud, filter, precision", "did you mean 'samples'")),
+    (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
+    (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
+    (("--out", "page.html"), ("--out", "expected a folder", "--html")),
     (("--budget", "0ms"), ("--budget", "'0ms'")),
     (("--budget", "-3"), ("--budget", "'-3'")),
     (("--tolerance", "0"), ("--tolerance", "'0'")),

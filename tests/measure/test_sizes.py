@@ -14,7 +14,7 @@ from studies import small_study, sphere
 from clshade.base import text_tables
 from clshade.errors import InputError
 from clshade.images.metrics import rmse
-from clshade.measure.report import tables, variants
+from clshade.measure.report import csv_table, tables, variants
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.sizes import Growth, Point, growths, resolutions, statements
 from clshade.measure.report.thinned_image import Estimate
@@ -103,13 +103,21 @@ def test_the_tables_hold_them(device):
     assert any(line.startswith("variant") and "ms, 400x400" in line for line in lines)
     assert any(line.startswith("gouraud: ") and "times the time of standard" in line for line in lines)
     assert "## Sizes" in tables.markdown(found, "")
-    rows = [
-        row
-        for row in csv.DictReader(io.StringIO(text_tables.as_csv(tables.CSV, tables.csv_rows(found))))
-        if row["study"] == "size"
-    ]
-    assert [(row["name"], row["columns"]) for row in rows] == [
+    rows = list(csv.DictReader(io.StringIO(text_tables.as_csv(csv_table.HEADER, csv_table.rows(found)))))
+    sizes = [row for row in rows if row["study"] == "size"]
+    assert [(row["name"], row["columns"]) for row in sizes] == [
         (name, str(side)) for name in (BASE, "gouraud") for side in SIDES
     ]
+    for row in sizes:
+        assert float(row["rmse_low"]) == pytest.approx(0.9 * float(row["rmse"]))
+        assert float(row["rmse_high"]) == pytest.approx(1.1 * float(row["rmse"]))
+        assert float(row["ms_low"]) < float(row["ms_95_low"]) < float(row["ms"]) < float(row["ms_95_high"])
+    powers = [row for row in rows if row["study"] == "size power"]
+    assert [(row["name"], row["of"]) for row in powers] == [
+        (name, f"{what} by the number of pixels") for name in (BASE, "gouraud") for what in ("time", "error")
+    ]
+    for row, power in zip(powers, (1.0, -0.5, 0.5, -0.25), strict=True):
+        assert float(row["power"]) == pytest.approx(power, abs=0.1)
+        assert float(row["power_low"]) < float(row["power"]) < float(row["power_high"])
     assert [each["variant"] for each in found.stats()["sizes"]] == [BASE, "gouraud"]
     assert "## Sizes" not in tables.markdown(small_study(device), "")

@@ -14,7 +14,7 @@ from command_line import assert_refused, needs_device, run
 from PIL import Image
 
 from clshade import oracle
-from clshade.images import exr
+from clshade.images import exr, figures
 from clshade.measure.stability import causes, scene_figure, scene_stability, scene_study, scene_tables
 from clshade.measure.stability.cases import lit
 from clshade.oracle import shade
@@ -234,6 +234,21 @@ def spoiled(monkeypatch, row: int, column: int, amount: float) -> None:
     monkeypatch.setattr(scene_study, "render", wrong)
 
 
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Skip the figures, which take a second each."""
+    for name in ("plot", "plot_kappa"):
+        monkeypatch.setattr(scene_figure, name, lambda study, path: path.touch())
+
+
+@pytest.fixture
+def coarse_figures(monkeypatch):
+    """Draw the figures with few pixels."""
+    blank = figures.blank
+    monkeypatch.setattr(figures, "blank", lambda width, height: blank(width, height, dpi=40))
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_a_planted_error_is_the_worst(device, monkeypatch, tmp_path):
     spoiled(monkeypatch, 20, 33, 1e-3)
     found = scene_study.study(scene_of(sheet()), STANDARD, device)
@@ -299,6 +314,7 @@ def test_float64_gains_digits(device):
 # Files and figures
 
 
+@pytest.mark.usefixtures("coarse_figures")
 def test_files(device, tmp_path):
     text = io.StringIO()
     assert scene_stability.run(light_on_the_surface(), STANDARD, device.index, out=tmp_path / "new", stream=text)
@@ -351,6 +367,7 @@ def test_the_figure_shows_errors_beyond_the_bound(device, monkeypatch, tmp_path)
 
 
 @needs_device
+@pytest.mark.usefixtures("no_figures")
 def test_the_command(capsys, tmp_path):
     code, out, err = run(capsys, "stability", "quads", "--resolution", "32x24", "--out", tmp_path / "o")
     assert code == 0, err
@@ -360,6 +377,7 @@ def test_the_command(capsys, tmp_path):
 
 
 @needs_device
+@pytest.mark.usefixtures("coarse_figures")
 def test_nothing_visible(capsys, tmp_path):
     away = ("--camera-position", "0,0,50", "--camera-focal-point", "0,0,100")
     code, out, err = run(capsys, "stability", "quads", "--resolution", "8,6", *away, "--out", tmp_path)
@@ -371,12 +389,14 @@ def test_nothing_visible(capsys, tmp_path):
 
 
 @needs_device
+@pytest.mark.usefixtures("coarse_figures")
 def test_an_image_of_one_pixel(capsys, tmp_path):
     code, _, err = run(capsys, "stability", "quads", "--resolution", "1,1", "--out", tmp_path)
     assert code == 0, err
     assert len(json.loads((tmp_path / "stability.json").read_text())["worst"]) == 1
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch, device):
     spoiled(monkeypatch, 3, 3, 1.0)
     arguments = "stability", "quads", "--resolution", "8,6", "--device", device.index, "--out", tmp_path

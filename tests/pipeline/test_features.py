@@ -19,6 +19,7 @@ PLAIN = Mesh(np.eye(3), [[0, 1, 2]])
 COLORED = replace(PLAIN, colors=np.full((3, 3), 0.5))
 TEXTURED = replace(COLORED, uvs=np.zeros((3, 2)), material=Material(texture=TEXTURE))
 INDEXED = replace(COLORED, normals=np.eye(3)[:1], normal_faces=np.zeros((1, 3), int))
+MEASURED = replace(PLAIN, scalars={"data": np.arange(3)})
 CUT_OUT = Texture(np.full((2, 2, 4), 0.5))
 COURSE = replace(TEXTURED, material=Material(texture=replace(TEXTURE, lookup="course")))
 CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(texture=CUT_OUT, alpha_cutoff=0.5))
@@ -84,6 +85,8 @@ CASES = [
     (scene(COLORED, background=None), {}, "BACKGROUND", "no background"),
     (scene(COLORED), {}, "BACKGROUND", "the background is black"),
     (scene(COLORED), {}, "OWNERS", "no layer asked for"),
+    (scene(MEASURED), {}, "SCALARS", "no scalars asked for"),
+    (scene(COLORED), {"scalars": "data"}, "SCALARS", "no face has the scalars"),
 ]
 
 
@@ -99,6 +102,7 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
     [
         (scene(COLORED), {}, {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS"}),
         (scene(material(color=0.5)), {"shader": "nolight"}, {"VERTEX_COLORS"}),
+        (scene(MEASURED), {"shader": "nolight", "scalars": "data"}, {"VERTEX_COLORS", "SCALARS"}),
         (scene(replace(PLAIN, material=Material(color=0.5))), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(TEXTURED), {"shader": "nolight"}, {"VERTEX_COLORS", "TEXTURED"}),
         (scene(TEXTURED), {"shader": "nolight", **TRILINEAR}, {"VERTEX_COLORS", "TEXTURED", "MIPMAPS"}),

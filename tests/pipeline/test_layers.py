@@ -21,9 +21,10 @@ from clshade.pipeline.layer_buffers import MACROS, material_numbers
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
-from clshade.scene.model import LAYERS, Material, Mesh, Scene, Settings
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
+LAYERS = Settings(layers="all").layers  # of a scene without scalars
 CASES = {
     "standard": (mixed(), "standard", {}),
     "course": (mixed(), "course", {"shader": "gouraud"}),

@@ -75,6 +75,20 @@ def test_both_files_are_written(tmp_path):
     assert frame.output_paths("a.b") == (Path("a.b.exr"), Path("a.b.png"))
 
 
+def test_one_file_of_the_two(tmp_path):
+    for kind in ("exr", "png"):
+        folder = tmp_path / kind
+        folder.mkdir()
+        assert made().save(folder / "a.exr", files=[kind], deterministic=True) == []
+        assert os.listdir(folder) == [f"a.{kind}"]
+        made().save(tmp_path / "both", deterministic=True)
+        assert (folder / f"a.{kind}").read_bytes() == (tmp_path / f"both.{kind}").read_bytes()
+    for files in ((), ("jpg",), "png", ("png", "PNG"), None):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+            made().save(tmp_path / "c", files=files)
+    assert sorted(os.listdir(tmp_path)) == ["both.exr", "both.png", "exr", "png"]
+
+
 def test_a_png_that_cannot_be_encoded(earlier, monkeypatch):
     def encode(file, rgb8):
         file.write(b"half")

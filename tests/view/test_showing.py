@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import subprocess
 import sys
 import types
@@ -126,6 +127,24 @@ def test_show_in_a_notebook(frame, monkeypatch):
     assert raw
     assert bundle["text/plain"] == repr(frame)
     assert (decoded(bundle[PNG]) == 0).all()
+
+
+def test_a_frame_as_a_page(frame, tmp_path):
+    made = frame.view(tmp_path / "a.html", exposure=-1.0)
+    assert (tmp_path / "a.html").read_text("utf-8") == made.html
+    formatters = pytest.importorskip("IPython.core.formatters")
+    found, _ = formatters.DisplayFormatter().format(made)
+    assert found["text/html"].startswith("<iframe srcdoc=")
+    manifest = json.loads(re.search(r'id="manifest">(.*?)</script>', made.html)[1])
+    assert manifest["settings"] == {"operator": "srgb", "exposure": -1.0}
+    (image,) = manifest["images"]
+    types = {channel["name"]: channel["type"] for channel in image["channels"]}
+    assert (types["P.X"], types["id"], image["name"]) == ("float", "uint", "quads")
+    assert image["info"]["header"]["scene"].startswith("quads, ")
+    course = frame_of(np.zeros((2, 2, 4)), preset="course").view()
+    assert '"operator": "none"' in course.html
+    with pytest.raises(OutputError, match="no folder"):
+        frame.view(tmp_path / "none" / "a.html")
 
 
 # Scenes

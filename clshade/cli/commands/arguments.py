@@ -127,12 +127,18 @@ def output_name(text: str) -> str:
 
 
 def check_picture(output: str, inputs: Sequence[str]) -> None:
-    """Refuse, before anything is read, an output image that cannot be written, is not a .png, or would overwrite one of
-    its input files."""
+    """Check the name of an output image, see `check_output_file`."""
+    check_output_file(output, inputs, (".png",))
+
+
+def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]) -> None:
+    """Refuse, before anything is read, an output file that cannot be written, has none of the endings, or would
+    overwrite one of the input files."""
     from ...base import atomic_files
 
-    if not output.lower().endswith(".png"):
-        raise InputError(f"--output: expected a file name that ends in .png, found {atomic_files.shown(output)}")
+    if not output.lower().endswith(tuple(endings)):
+        expected = f"a file name that ends in {endings[0]}"
+        raise InputError(f"--output: expected {expected}, found {atomic_files.shown(output)}")
     atomic_files.check(output)
     for name in inputs:
         if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):

@@ -46,7 +46,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=output_name,
         metavar="PNG",
-        help="write a picture of both images and their difference, layer by layer; of the first 40 layers that differ",
+        help="write a picture of both images and their difference, layer by layer, and magnified where they differ most; "
+        "of the first 40 layers that differ",
     )
     parser.add_argument("--json", action="store_true", help="print all figures as JSON; an infinite PSNR is null")
 
@@ -70,7 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
         different_first = sorted(layers, key=lambda name: not found.layers[name].different)
         if len(layers) > compare_figure.MOST:
             layers = {name: layers[name] for name in different_first[: compare_figure.MOST]}
-        figure = compare_figure.draw(layers, encoded=bool(image.bits), titles=(image.name, reference.name))
+        clusters = {name: found.layers[name].clusters for name in layers}
+        titles = (image.name, reference.name)
+        figure = compare_figure.draw(layers, encoded=bool(image.bits), titles=titles, clusters=clusters)
         figures.save(figure, arguments.output)
         console.progress(f"wrote {atomic_files.shown(arguments.output)}")
     return DONE if found.passed else FAILED

@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from ...errors import InputError
 from . import DONE
 from .arguments import device_option, output_name, seconds
 from .scene_options import chosen_saving, chosen_settings, picture_options
 
+FPS = 30  # view.film.FPS, whose import loads NumPy
 CONNECT_SECONDS = 10.0  # timeout to reach a scheduler, and for it to have workers
 
 if TYPE_CHECKING:
+    from ...farm import Run
     from ...scene.camera import Camera
     from ...scene.model import Scene
+    from ...view.film import Film
 
 
 def output_options(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +31,11 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         default="out.####.exr",
         metavar="OUT",
         help="#### stands for the number of the frame; a PNG beside each EXR; its folder is made where there is none "
-        "(default: out.####.exr)",
+        "(default: out.####.exr). Or a film: OUT.mp4, .webm, .gif, .apng or .webp",
     )
+    output.add_argument("--fps", metavar="RATE", help=f"of a film: frames per second, also 30000/1001 (default: {FPS})")
+    output.add_argument("--bit-depth", type=int, metavar="8|10", help="of an .mp4: bits per channel (default: 8)")
+    output.add_argument("--keep-frames", action="store_true", help="of a film, in the folder OUT.mp4.frames")
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
     picture_options(output)
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -60,26 +67,42 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
-    """Draw the frames as the options say, and print a summary."""
-    from ...farm import draw_frames
+    """Draw the frames or the film, as the options say, and print a summary."""
+    from ...view.film_format import is_film
 
-    found = draw_frames(
-        scene,
-        cameras,
-        arguments.output,
-        workers=arguments.workers,
-        scheduler=arguments.scheduler,
-        timeout=arguments.timeout,
-        frame_timeout=arguments.frame_timeout,
-        overwrite=arguments.overwrite,
-        progress=not arguments.quiet,
-        device=arguments.device,
-        saving=chosen_saving(arguments),
-        preset=arguments.preset,
+    options: dict[str, Any] = {
+        "workers": arguments.workers,
+        "scheduler": arguments.scheduler,
+        "timeout": arguments.timeout,
+        "frame_timeout": arguments.frame_timeout,
+        "overwrite": arguments.overwrite,
+        "progress": not arguments.quiet,
+        "device": arguments.device,
+        "saving": chosen_saving(arguments),
+        "preset": arguments.preset,
         **chosen_settings(arguments),
-    )
+    }
+    found: Run | Film
+    if is_film(arguments.output):
+        from ...view.film import draw_film
+
+        options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
+        found = draw_film(scene, cameras, arguments.output, **options)
+    else:
+        from ...farm import draw_frames
+
+        for name, value in _film_options(arguments).items():
+            if value:
+                flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
+                raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {arguments.output}")
+        found = draw_frames(scene, cameras, arguments.output, **options)
     if arguments.json:
         print(json.dumps(found.stats(), indent=2))
     else:
         print("\n".join(found.lines()))
     return DONE
+
+
+def _film_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of `draw_film` that `draw_frames` does not have; None: its default."""
+    return {"fps": arguments.fps, "bits": arguments.bit_depth, "keep_frames": arguments.keep_frames}

@@ -1,10 +1,13 @@
-"""`inspect`: the contents of an image file."""
+"""`inspect`: the contents of an image file, or the meshes and scalars of a scene file."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...base.atomic_files import shown
+from ...errors import InputError
 from . import DONE
 from .arguments import check_picture, numbers, output_name
 
@@ -14,7 +17,10 @@ if TYPE_CHECKING:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file", metavar="FILE", help="an EXR, of any program, or a PNG, whose values are code/largest code"
+        "file",
+        metavar="FILE",
+        help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene file: its meshes, and the "
+        "scalars that `render --scalars` can show, with their ranges",
     )
     parser.add_argument(
         "--pixel",
@@ -43,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ...images import statistics
     from ...images.image_file import read_picture
 
+    if _is_scene(arguments.file):
+        return _inspect_scene(arguments)
     if arguments.output:
         check_picture(arguments.output, (arguments.file,))
     picture = read_picture(arguments.file)
@@ -59,6 +67,29 @@ def run(arguments: argparse.Namespace) -> int:
 
         figures.save(statistics_figure.draw(picture, atomic_files.shown(arguments.file)), arguments.output)
         console.progress(f"wrote {atomic_files.shown(arguments.output)}")
+    return DONE
+
+
+def _is_scene(name: str) -> bool:
+    from ...scene.formats.load import EXTENSIONS
+
+    return Path(name).suffix.lower() in EXTENSIONS
+
+
+def _inspect_scene(arguments: argparse.Namespace) -> int:
+    from ...scene.contents import format_contents, scene_contents
+    from ...scene.formats.load import load
+
+    if arguments.output or arguments.pixel:
+        option = "--output" if arguments.output else "--pixel"
+        raise InputError(f"{option}: expected an image beside it, found the scene file {shown(arguments.file)}")
+    contents = scene_contents(load(arguments.file))
+    if arguments.json:
+        import json
+
+        print(json.dumps({"file": arguments.file, **contents}, indent=2))
+    else:
+        print(format_contents(contents))
     return DONE
 
 

@@ -17,6 +17,9 @@ _WORDS = {
     **dict.fromkeys(("size", "width", "height", "dimensions", "res"), "resolution"),
     **dict.fromkeys(("spp", "aa", "msaa", "antialiasing"), "samples"),
     **dict.fromkeys(("aov", "aovs", "passes", "channels"), "layers"),
+    **dict.fromkeys(("cmap", "lut"), "colormap"),
+    **dict.fromkeys(("scalar", "data", "field", "array"), "scalars"),
+    **dict.fromkeys(("range", "vmin", "vmax", "limits"), "clim"),
     **dict.fromkeys(("eye", "camera", "camera_eye"), "camera-position"),
     **dict.fromkeys(("lookat", "look_at", "target"), "camera-focal-point"),
     **dict.fromkeys(("fov", "fovy", "view_angle"), "camera-view-angle"),
@@ -32,7 +35,8 @@ _WORDS = {
 }
 _COMMAND_WORDS = {
     **dict.fromkeys(("draw", "rendering"), "render"),
-    **dict.fromkeys(("info", "show", "view", "stats", "open"), "inspect"),
+    **dict.fromkeys(("info", "stats"), "inspect"),
+    **dict.fromkeys(("show", "open", "viewer", "display"), "view"),
     **dict.fromkeys(("diff", "cmp", "difference"), "compare"),
     **dict.fromkeys(("benchmark", "speed", "time"), "bench"),
     **dict.fromkeys(("device", "platforms", "list"), "devices"),
@@ -93,6 +97,8 @@ class Parser(argparse.ArgumentParser):
             self.error("expected a COMMAND, such as render: `clshade --help` lists all")
         if left and hasattr(parsed, "scenes"):  # argparse collects only those before the first option
             parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
+        elif left and hasattr(parsed, "files"):
+            parsed.files = [*parsed.files, *left]
         elif left:
             names = " and ".join(str(action.metavar) for action in command._get_positional_actions())
             command.error(f"expected {f'{names} alone' if names else 'options alone'}, found {left[0]!r} too")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +24,20 @@ from .scene_options import (
     setting_options,
 )
 from .scene_outputs import output_stems
+from .view_options import (
+    check_crops,
+    check_view_options,
+    files_of,
+    stems_of,
+    view_options,
+    views_of,
+    write_crops,
+    write_sheet,
+)
 
 if TYPE_CHECKING:
     from ...pipeline.frame import Frame
+    from ...scene.model import Scene
 
 
 def _checked(text: str) -> int | str:
@@ -36,6 +49,7 @@ def _checked(text: str) -> int | str:
 def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, several=True)
     camera_options(parser)
+    view_options(parser)
     setting_options(parser)
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -79,6 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Importing the modules needed after rendering takes as long as rendering itself, so it runs in parallel.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
+    check_view_options(arguments)
     folder, outputs = output_stems(arguments.scenes, arguments.output)
     with folder_made(folder):
         for output in outputs:
@@ -116,6 +131,21 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     """Load, render and save one scene; return the exit code and all figures."""
     options = _render_options(arguments)
     scene = load_scene(arguments, name)
+    check_crops(scene, arguments)
+    if arguments.sheet:
+        warming.join()
+        return DONE, write_sheet(scene, output, arguments, options)
+    drawn = [_draw(view, stem, arguments, options, warming) for view, stem in views_of(scene, output, arguments)]
+    if not arguments.views:
+        return drawn[0]
+    names = dict.fromkeys(arguments.views)
+    return max(code for code, _ in drawn), {"views": dict(zip(names, (stats for _, stats in drawn), strict=True))}
+
+
+def _draw(
+    scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any], warming: Thread
+) -> tuple[int, dict[str, Any]]:
+    """Render and save one view of a scene; return the exit code and all figures."""
     from ...pipeline import renderer
 
     found: dict[str, Any] = {}
@@ -133,6 +163,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     warming.join()
     for warning in frame.write(output, **chosen_saving(arguments)):
         console.warning(warning)
+    crops = write_crops(frame, output, arguments)
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -140,7 +171,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
-        print(summary(frame, output))
+        print(summary(frame, output, crops))
         for title, each in found.items():
             lines = (
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
@@ -174,14 +205,18 @@ def _import_meanwhile(checked: bool) -> None:
 
 def _check_output(output: str, arguments: argparse.Namespace) -> None:
     """Refuse, before rendering, an output that could not be saved afterwards."""
+    from ...base import atomic_files
     from ...pipeline.frame import check_output
 
     saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
-    check_output(output, asked=("render", "--output"), **saving)
+    for stem in stems_of(output, arguments):
+        check_output(stem, asked=("render", "--output"), **saving)
+    for path in files_of(output, arguments):
+        atomic_files.check(path)
 
 
-def summary(frame: Frame, output: str) -> str:
-    """Return a few lines: what was drawn, the device, the time of each stage, and the files."""
+def summary(frame: Frame, output: str, others: Sequence[Path] = ()) -> str:
+    """Return a few lines: what was drawn, the device, the time of each stage, and the files, `others` included."""
     from ...pipeline.frame import output_paths
 
     stats = frame.stats
@@ -190,7 +225,9 @@ def summary(frame: Frame, output: str) -> str:
     whole = times.pop("frame")
     fixed = {name: times.pop(name) for name in ("pack", "open", "upload")}
     fixed["build"] = stats["build_ms"]
-    files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in output_paths(output))
+    files = ", ".join(
+        f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in (*output_paths(output), *others)
+    )
 
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name}{text_tables.TIED}{value:.2f}" for name, value in values.items())
@@ -200,9 +237,22 @@ def summary(frame: Frame, output: str) -> str:
     lines = [
         f"scene   {name}: {stats['triangles']:,} triangles, {stats['visible']:,} in view",
         *ignored,
+        *_scalars(frame),
         f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
         f"device  {stats['device']}",
         f"once    {listed(fixed)} ms",
         f"frame   {whole:.2f} ms, the first: {listed(times)}",
     ]
     return "\n".join([*(text_tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])
+
+
+def _scalars(frame: Frame) -> list[str]:
+    """Return a line on the scalars shown, if there are any."""
+    from ...scene.scalar_colors import color_map_of
+
+    scalars = frame.settings.scalars
+    if scalars is None:
+        return []
+    color_map = color_map_of(frame.scene, scalars)
+    colors = scalars.colormap if isinstance(scalars.colormap, str) else f"{color_map.count} colors"
+    return [f"scalars {shown(scalars.name)}: {color_map.low:g} to {color_map.high:g}, {colors}"]

@@ -3,26 +3,44 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 
-from ...measure.defaults import FRAMES
+from ...errors import InputError
+from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options, numbers, output_name
+from .arguments import device_option, limit_options, names, numbers, output_name
 from .scene_options import camera_options, load_scene, scene_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    from ...images.figures import FORMATS
+
     scene_options(parser)
     camera_options(parser)
     study = parser.add_argument_group("study")
     study.add_argument(
+        "-o",
         "--out",
         type=output_name,
         default="report",
         metavar="DIR",
         help="folder for tables and figure (default: report)",
+    )
+    study.add_argument(
+        "--format",
+        type=names(FORMATS),
+        metavar="NAME,...",
+        help=f"of the figure: {','.join(FORMATS)} (default: png)",
+    )
+    study.add_argument("--html", action="store_true", default=None, help="also one page with tables and pictures")
+    study.add_argument(
+        "--family",
+        type=names(FAMILIES),
+        metavar="NAME,...",
+        help=f"the variants of these families only: {','.join(FAMILIES)}",
     )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
@@ -36,6 +54,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
+    study.add_argument(
+        "--course",
+        action="store_true",
+        help="of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out",
+    )
     device_option(parser)
 
 
@@ -45,8 +68,31 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(report.listing())
         return DONE
+    if arguments.course:
+        return _course(arguments)
     scene = load_scene(arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
-    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes")}
+    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes", "html")}
+    given |= {"names": arguments.only, "families": arguments.family, "formats": arguments.format}
     options = {name: value for name, value in given.items() if value is not None}
-    return DONE if report.run(scene, arguments.device, names=arguments.only, **options) else FAILED
+    return DONE if report.run(scene, arguments.device, **options) else FAILED
+
+
+def _course(arguments: argparse.Namespace) -> int:
+    """Write the page of a course scene."""
+    from ... import __version__
+    from ...base.atomic_files import shown
+    from ...measure.course_report import course_report
+
+    for name in ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format"):
+        if getattr(arguments, name) not in (None, ()):
+            raise InputError(f"--{name}: expected none with --course, which studies no variants, found one")
+    course_report.output_path(arguments.out)  # its errors come before the scene's
+    if arguments.device:
+        os.environ["CLSHADE_DEVICE"] = arguments.device
+    scene = load_scene(arguments)
+    if arguments.resolution:
+        scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
+    path = course_report.run(scene, arguments.scene, arguments.out, __version__)
+    print(f"wrote {shown(path)}")
+    return DONE

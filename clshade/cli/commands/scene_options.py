@@ -16,7 +16,7 @@ from .arguments import names, numbers, resolution
 
 if TYPE_CHECKING:
     from ...pipeline.frame import SavingOptions
-    from ...scene.model import Scene
+    from ...scene.model import Scalars, Scene
 
 LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # arguments of clshade.scene.formats.load.load
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
@@ -39,6 +39,11 @@ def scene_options(
         help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene"
         + ("" if default is None else f" (default: {default})"),
     )
+    scene_changes(group)
+
+
+def scene_changes(group: argparse._ArgumentGroup) -> None:
+    """Add the options that change scenes."""
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
     group.add_argument("--focal", type=float, metavar="F", help="focal length of a course file, scene units")
     edges = group.add_mutually_exclusive_group()
@@ -61,6 +66,12 @@ def scene_options(
         type=numbers(int, None, "indices such as 0,2 (all without this option)"),
         metavar="I,...",
         help="use these lights only, such as 0,2 (default: all)",
+    )
+    group.add_argument(
+        "--light-intensity",
+        type=numbers(float, None, "factors such as 1,0.5"),
+        metavar="F,...",
+        help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
     )
     group.add_argument(
         "--components",
@@ -130,10 +141,48 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         choices=settings.PRECISIONS,
         help="of the arithmetic (default: float32, the same bits everywhere)",
     )
+    group.add_argument("--scalars", metavar="NAME", help="data on the meshes to color them by, with a color map")
+    group.add_argument(
+        "--colormap", metavar="NAME|C,C,...", help="one of Matplotlib's, or colors from low to high (default: viridis)"
+    )
+    group.add_argument(
+        "--clim",
+        type=numbers(float, 2, "two numbers such as 0,1"),
+        metavar="LOW,HIGH",
+        help="values of the color map's ends (default: the least and largest in the scene)",
+    )
+    group.add_argument("--nan-color", metavar="COLOR", help="of faces without a number (default: darkgray)")
+    _edge_options(parser)
 
 
-def picture_options(group: argparse._ArgumentGroup) -> None:
-    """Add the options for writing images: the keyword arguments of `Frame.save`."""
+def _edge_options(parser: argparse.ArgumentParser) -> None:
+    from ...scene.edges import EDGE_KINDS, MAX_WIDTH
+
+    group = parser.add_argument_group("edges of the meshes, drawn as lines")
+    group.add_argument(
+        "--edges",
+        type=names(EDGE_KINDS),
+        metavar="KIND,...",
+        help="which: all; feature, between faces at an angle; silhouette; boundary, of one face; nonmanifold, of more "
+        "than two, in red",
+    )
+    group.add_argument("--edge-angle", type=float, metavar="DEG", help="least angle of feature edges (default: 30)")
+    group.add_argument(
+        "--edge-width", type=float, metavar="PIXELS", help=f"of the lines, at most {MAX_WIDTH:g} (default: 1.5)"
+    )
+    group.add_argument(
+        "--edge-color",
+        type=numbers(float, 3, "three numbers such as 1,0.5,0"),
+        metavar="R,G,B",
+        help="of the lines, linear (default: 0,0,0)",
+    )
+    group.add_argument(
+        "--edges-only", action="store_true", default=None, help="the lines alone, on white, hidden by the surfaces"
+    )
+
+
+def picture_options(group: argparse._ArgumentGroup) -> list[str]:
+    """Add the options for writing images; return their names, the keyword arguments of `Frame.save`."""
     from ...images.exr import COMPRESSIONS
     from ...images.tonemap import OPERATORS
 
@@ -150,7 +199,9 @@ def picture_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
     )
+    group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar"]
 
 
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
@@ -162,6 +213,7 @@ def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
         "compression": arguments.compression,
         "crop": arguments.crop,
         "deterministic": arguments.deterministic,
+        "colorbar": arguments.colorbar,
     }
 
 
@@ -170,13 +222,47 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     from ...scene.model import Settings
 
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
+    given["scalars"] = _chosen_scalars(arguments)
+    given["edges"] = _chosen_edges(arguments)
     return {name: value for name, value in given.items() if value is not None}
+
+
+def _chosen_scalars(arguments: argparse.Namespace) -> Scalars | None:
+    """Return the scalars and their color map, if scalars were named. Raises InputError for options that need them."""
+    names = ("colormap", "clim", "nan_color")
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name, None) is not None}
+    if getattr(arguments, "scalars", None) is None:
+        for name in (*given, *(("colorbar",) if getattr(arguments, "colorbar", False) else ())):
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: expected --scalars NAME beside it, found none")
+        return None
+    from ...scene.model import Scalars
+
+    if "," in given.get("colormap", ""):
+        given["colormap"] = given["colormap"].split(",")
+    return Scalars(arguments.scalars, **given)
+
+
+def _chosen_edges(arguments: argparse.Namespace) -> Any:
+    """Return the Edges that were asked for, or None."""
+    from ...scene.edges import Edges
+
+    options = {"angle": "edge_angle", "width": "edge_width", "color": "edge_color", "only": "edges_only"}
+    given: dict[str, Any] = {name: getattr(arguments, option, None) for name, option in options.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    kinds = getattr(arguments, "edges", None)
+    if kinds is None:
+        for name in given:
+            flag = options[name].replace("_", "-")
+            raise InputError(f"--{flag}: expected --edges with it, such as --edges feature,silhouette, found none")
+        return None
+    return Edges(kinds, **given)
 
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     """Load the scene of the command line, or of this name: a file, or a built-in scene if no such file exists."""
     from ...base import console
-    from ...scene import adjust_camera
+    from ...scene import adjust_camera, adjust_lights
     from ...scene.builtin import scenes
 
     start = time.perf_counter()
@@ -197,29 +283,25 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
     if arguments.lights is not None:
-        scene = _with_lights(scene, arguments.lights)
+        scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
+    if arguments.light_intensity is not None:
+        scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
     if arguments.components is not None:
         scene = _with_components(scene, arguments.components)
-    camera = adjust_camera.adjusted(
-        scene.camera,
-        position=arguments.camera_position,
-        focal_point=arguments.camera_focal_point,
-        up=arguments.camera_view_up,
-        azimuth=arguments.camera_azimuth_angle,
-        elevation=arguments.camera_elevation_angle,
-        view_angle=arguments.camera_view_angle,
-        orthographic=arguments.orthographic,
-    )
-    return replace(scene, camera=camera)
+    return replace(scene, camera=adjust_camera.adjusted(scene.camera, **chosen_camera(arguments)))
 
 
-def _with_lights(scene: Scene, chosen: Sequence[int]) -> Scene:
-    """Return the scene with only the lights of these indices."""
-    for index in chosen:
-        if not 0 <= index < len(scene.lights):
-            expected = f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
-            raise InputError(f"--lights: expected {expected}, found {index}")
-    return replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(chosen)))
+def chosen_camera(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the keyword arguments of `adjust_camera.adjusted`."""
+    return {
+        "position": arguments.camera_position,
+        "focal_point": arguments.camera_focal_point,
+        "up": arguments.camera_view_up,
+        "azimuth": arguments.camera_azimuth_angle,
+        "elevation": arguments.camera_elevation_angle,
+        "view_angle": arguments.camera_view_angle,
+        "orthographic": arguments.orthographic,
+    }
 
 
 def _with_components(scene: Scene, chosen: Sequence[str]) -> Scene:

@@ -7,11 +7,15 @@ from dataclasses import replace
 
 from ...errors import InputError
 from . import DONE, FAILED
-from .arguments import output_name
+from .arguments import names, output_name
 from .scene_options import camera_options, chosen_settings, load_scene, scene_options, setting_options
+
+TRIANGLES = 50_000  # random ones
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    from ...images.figures import FORMATS
+
     before = len(parser._actions)
     scene_options(parser, default=None)
     camera_options(parser)
@@ -20,11 +24,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     cases = parser.add_argument_group("cases, without a SCENE")
     first = len(parser._actions)
     cases.add_argument("--case", nargs="+", default=(), metavar="NAME", help="only these, by name or number")
-    cases.add_argument("--triangles", type=int, default=50_000, help="random ones to draw (default: 50000)")
+    cases.add_argument("--triangles", type=int, default=TRIANGLES, help="random ones to draw (default: 50000)")
     cases.add_argument("--list", action="store_true", help="name all cases, and what is expected of each")
+    cases.add_argument(
+        "--axes",
+        action="store_true",
+        help="instead, error and time against exponents, distance from the origin and aspect, in every precision",
+    )
+    cases.add_argument(
+        "--format",
+        type=names(FORMATS),
+        metavar="NAME,...",
+        help=f"of the figure of --axes: {','.join(FORMATS)} (default: png)",
+    )
     parser.set_defaults(of_cases=parser._actions[first:])
     parser.add_argument("--device", help="as for render, or `all`: every device that works (cases only)")
     parser.add_argument(
+        "-o",
         "--out",
         type=output_name,
         default="stability",
@@ -37,6 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
     _refuse_others(arguments)
     if arguments.scene is not None:
         return _run_scene(arguments)
+    if arguments.axes:
+        return _run_axes(arguments)
+    if arguments.format is not None:
+        raise InputError(f"stability: --format: expected --axes, whose figure it is for, found {arguments.format[0]!r}")
     from ...measure.stability import stability
 
     if arguments.list:
@@ -44,6 +64,22 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}
     return DONE if stability.run(arguments.device, **options) else FAILED
+
+
+def _run_axes(arguments: argparse.Namespace) -> int:
+    others = {
+        "--case": arguments.case,
+        "--list": arguments.list,
+        "--triangles": arguments.triangles != TRIANGLES,
+        "--device all": arguments.device == "all",
+    }
+    for option, given in others.items():
+        if given:
+            raise InputError(f"stability: --axes: expected no {option}, which is for the cases")
+    from ...measure.stability import axes_stability
+
+    axes_stability.run(arguments.device, out=arguments.out, formats=arguments.format or ("png",))
+    return DONE
 
 
 def _refuse_others(arguments: argparse.Namespace) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from ...base.arrays import Array, Floats
 from ...oracle import OracleLayers
 from ...scene.model import Scene, Settings
+from ...scene.scalar_colors import scalar_range
 from .oracle_bounds import FLOAT32_MAX, FLOAT32_TINY, HALF_ULP, allowed, assert_array, fail, real_of
 
 # Barycentric coordinates, in units of 2^-24 (2^-53 in float64): an edge function is accurate to 2; 1/z and the product
@@ -46,7 +47,19 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
         "P": position,
         "uv": UV_UNITS[precision] * unit * oracle.most_uv,
         "barycentrics": WEIGHT_UNITS * unit,
+        "scalar": np.maximum(MEAN_UNITS * unit * oracle.most_scalar, _least_scalar(scene, settings)),
     }
+
+
+def _least_scalar(scene: Scene, settings: Settings) -> float:
+    """Return the size below which a scalar may become 0: as a real on a device, where all are divided by up to 2^28 (2^924)
+    if the largest exceeds 2^100."""
+    if settings.scalars is None:
+        return 0.0
+    ends = scalar_range(scene, settings.scalars.name) or (0.0, 0.0)
+    info = np.finfo(real_of(settings))
+    excess = max(int(np.frexp(max(map(abs, ends)))[1]) - 100, 0)
+    return float(np.ldexp(info.tiny, min(excess, info.maxexp - 100)))
 
 
 def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
@@ -61,9 +74,12 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
             continue
         value, expected = frame[name], getattr(oracle, name)
         number = name in ("object_id", "material_id")
-        assert_array(name, value, expected.shape, np.uint32 if number else np.float64 if name == "P" else real)
+        dtype = np.uint32 if number else np.float64 if name == "P" else real
+        assert_array(name, value, expected.shape, dtype, nan=name == "scalar")
         if number:
             found[name] = np.where(value == expected, 0.0, np.inf)
+        elif name == "scalar":
+            found[name] = _scalar_errors(value, expected, bounds[name])
         elif name == "albedo":
             found[name] = _albedo_errors(value, oracle, scene, settings)
         else:
@@ -73,12 +89,21 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
     return found
 
 
+def _scalar_errors(scalar: Array, expected: Array, bound: Array) -> Array:
+    """Return the errors of scalars; infinite where only one is NaN."""
+    most = float(np.finfo(scalar.dtype).max)
+    missing = np.isnan(expected)
+    with np.errstate(invalid="ignore"):
+        errors = np.abs(scalar.astype(np.float64) - np.clip(expected, -most, most)) / bound
+    return np.where(missing | np.isnan(scalar), np.where(missing & np.isnan(scalar), 0.0, np.inf), errors)
+
+
 def _albedo_errors(albedo: Array, oracle: OracleLayers, scene: Scene, settings: Settings) -> Array:
     """Return the errors of albedo; its bounds are those of the image with shader nolight and one sample."""
     exact = settings.precision == "float64"
     bound = allowed(scene, replace(settings, samples=1)) * (1e-12 if exact else HALF_ULP) * oracle.budget
     most = np.inf if exact else FLOAT32_MAX
-    error = np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -most, most))
+    error = np.maximum(np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -most, most)) - oracle.jump, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         errors: Floats = np.where(error > FLOAT32_TINY, error / bound, 0.0).max(axis=-1)
         return errors

@@ -61,12 +61,15 @@ def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
     return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
 
 
-def assert_array(name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True) -> None:
-    """Assert that a value is a NumPy array of exactly this shape and type, without NaN and, if `finite`, infinity."""
+def assert_array(
+    name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True, nan: bool = False
+) -> None:
+    """Assert that a value is a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN
+    unless `nan`."""
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
         found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
         raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
-    bad = ~np.isfinite(value) if finite else np.isnan(value)
+    bad = np.isinf(value) if nan else ~np.isfinite(value) if finite else np.isnan(value)
     if bad.any():
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 

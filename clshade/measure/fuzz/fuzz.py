@@ -73,14 +73,15 @@ class Tally:
 
 
 def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
-    """Render a random scene with all layers; in float32 if the device has no float64. Arithmetic warnings are errors.
+    """Render a random scene with all layers; in float32 and without edges if the device has no float64. Arithmetic
+    warnings are errors.
 
     lanes: None: the kind's.
     """
     kind, settings = drawn.kind, drawn.settings
     lanes = (lanes or kind.lanes) if device.is_cpu else None
     if not device.has_fp64:
-        settings = replace(settings, precision="float32")
+        settings = replace(settings, precision="float32", edges=None)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         with Renderer(

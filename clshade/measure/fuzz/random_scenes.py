@@ -13,11 +13,11 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...scene.camera import Camera
+from ...scene.edges import EDGE_KINDS, MAX_WIDTH, Edges
 from ...scene.model import WRAPS, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
 from ...scene.settings import (
     AMBIENTS,
     INTERPOLATIONS,
-    LAYERS,
     LIGHTING_AT,
     MAX_SAMPLES,
     TEXTURE_AT,
@@ -25,6 +25,7 @@ from ...scene.settings import (
     Preset,
 )
 from .random_extremes import stiffened
+from .random_scalars import random_map, random_scalars
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 
 BLOCK = 50  # consecutive scenes of one kind
@@ -43,6 +44,7 @@ class Kind:
     optional features are compiled in, and scenes have them or not. lanes: pixels per vector on a CPU; None: the
     device's default. other_lanes: another number, for scenes that are drawn again to compare the bits. sampled: whether
     pixels have several samples. bright: whether colors exceed 1; with shader phong they otherwise do not.
+    scalars: whether a color map shows scalars of one more mesh, of its "vertices" or of its faces' "corners".
     """
 
     settings: Settings
@@ -67,6 +69,8 @@ class Kind:
     sampled: bool
     other_lanes: int = 1
     bright: bool = False
+    scalars: str = ""
+    lines: bool = False
 
     @property
     def dim(self) -> bool:
@@ -106,7 +110,7 @@ def kind_of(seed: int, block: int) -> Kind:
             "ambient": AMBIENTS,
         }
         fields.update({name: str(rng.choice(values)) for name, values in choices.items()})
-    settings = Settings.from_preset(base, layers=LAYERS, cull=often(0.15), **fields)
+    settings = Settings.from_preset(base, layers="all", cull=often(0.15), **fields)
     preset: Preset = "course" if often(0.3) else "standard"
     lit, textured, specialize = settings.shader != "nolight", often(0.6), often(0.3)
     several = not specialize or often(0.6)
@@ -143,7 +147,15 @@ def kind_of(seed: int, block: int) -> Kind:
         finer["precision"] = "fast"
     other = int(rng.choice([lanes for lanes in LANES if lanes != (kind.lanes or LANES[-1])]))
     bright = kind.colored and often(0.5)
-    return replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright)
+    scalars = str(rng.choice(("", "", "", "vertices", "corners")))
+    if scalars:
+        finer |= {"scalars": "data", "layers": "all"}
+    kind = replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright, scalars=scalars)
+    if not often(0.15):
+        return kind
+    only = often(0.3)
+    lined = replace(kind.settings, edges=Edges("all", only=only))
+    return replace(kind, settings=lined, lines=True, background=kind.background or only)
 
 
 def scene_of(number: int, seed: int = 0) -> RandomScene:
@@ -189,9 +201,28 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         samples = int(rng.integers(17, MAX_SAMPLES + 1))
     if number % 2 == 0:
         scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
-    return RandomScene(
-        number, kind, scene, replace(kind.settings, near=near, samples=samples), again=number // 2 % 4 == 0
-    )
+    settings = replace(kind.settings, near=near, samples=samples)
+    if kind.scalars:
+        own = np.random.default_rng([seed, number, 3])
+        mesh = _mesh(own, kind, materials[own.integers(len(materials))], blob(own, camera))
+        mesh = replace(
+            _moved_mesh(mesh, scale, shift, kind.double), scalars={"data": random_scalars(own, kind.scalars, mesh)}
+        )
+        scene = replace(scene, meshes=(*scene.meshes, mesh))
+        settings = replace(settings, scalars=random_map(own, kind.scalars, mesh.scalars["data"]))
+    if kind.lines:
+        settings = replace(settings, edges=_edges(np.random.default_rng([seed, number, 4]), kind))
+    return RandomScene(number, kind, scene, settings, again=number // 2 % 4 == 0)
+
+
+def _edges(rng: Random, kind: Kind) -> Edges:
+    """Return edges of some kinds, drawn with any width."""
+    count = rng.integers(1, 4) if rng.random() < 0.7 else 0
+    kinds = tuple(EDGE_KINDS[k] for k in rng.integers(0, len(EDGE_KINDS), count)) or ("all",)
+    width = 10.0 ** rng.uniform(-1.5, 0.8) if rng.random() < 0.8 else rng.uniform(5.0, MAX_WIDTH)
+    color = tuple((1.0 if kind.dim else 10.0) * rng.uniform(0.0, 1.0, 3))
+    only = kind.settings.edges is not None and kind.settings.edges.only
+    return Edges(kinds, float(rng.uniform(0.0, 180.0)), float(width), color, only=only)
 
 
 def _nothing(rng: Random) -> Any:

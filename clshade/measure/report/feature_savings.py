@@ -31,6 +31,7 @@ WORK = {
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",
+    "SCALARS": "color map",
     "TEXTURED": "texture lookups",
     "UV_INDICES": "indices of texture coordinates",
     "MIPMAPS": "mip-map levels",

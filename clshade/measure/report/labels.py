@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...base.arrays import Array
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.text import Text
 
 DIRECTIONS = 16
-PAD = 5.0  # on either side of a label, pixels
-REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side, in pixels
+UNIT = 0.01  # inches; lengths below are multiples of it
+PIECE = 6.0  # of sloping lines, about which a box is drawn
+PAD = 5.0  # on either side of a label
+REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side
 
 
 class Box(NamedTuple):
@@ -48,7 +53,7 @@ def placed(
     obstacles: Sequence[Box] = (),
     radius: float = 5.0,
 ) -> list[Box]:
-    """Place a box for each point's label, in pixels: near the point, inside the frame, over no label, point or
+    """Place a box for each point's label, in units: near the point, inside the frame, over no label, point or
     obstacle.
 
     The points with the most neighbors choose first. If no place is free, the one with the least overlap is taken.
@@ -71,6 +76,13 @@ def placed(
     return [boxes[k] for k in range(len(points))]
 
 
+def _divided(start: Array, end: Array) -> Array:
+    """Return points from start to end, (K, 2); no nearer than PIECE to each other if the line slopes."""
+    count = 2 + int(min(np.abs(end - start)) / PIECE)
+    points: Array = np.linspace(start, end, count)
+    return points
+
+
 def label_points(
     axes: Axes,
     x: Sequence[float],
@@ -79,26 +91,34 @@ def label_points(
     lines: Sequence[Sequence[tuple[float, float]]] = (),
     size: float = 8.0,
     **style: Any,
-) -> None:
-    """Label the points of axes whose place in the figure is final; a thin line leads to labels not next to their point.
+) -> list[Text]:
+    """Label the points of axes whose place in the figure is final, and return the labels; a thin line leads to those
+    not next to their point.
 
-    lines: the corners of lines of horizontal and vertical segments, which labels avoid. style: further properties of the
-    texts.
+    lines: the corners of lines, which labels avoid. style: further properties of the
+    texts. Places are parts of the figure, whatever resolution it is saved with.
     """
-    renderer = axes.figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    points = [tuple(map(float, axes.transData.transform(point))) for point in zip(x, y, strict=True)]
+    figure: Any = axes.figure
+    unit = UNIT * figure.dpi  # pixels
+    points = [tuple(map(float, axes.transData.transform(point) / unit)) for point in zip(x, y, strict=True)]
     texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5, **style) for name in names]
-    extents = [text.get_window_extent(renderer) for text in texts]
-    inside = Box(*axes.get_window_extent(renderer).extents)
+    extents = [text.get_window_extent(figure.canvas.get_renderer()) for text in texts]
+    inside = Box(*axes.get_window_extent(figure.canvas.get_renderer()).extents / unit)
     pieces = [
         Box(*np.minimum(a, b) - 1.0, *np.maximum(a, b) + 1.0)
         for line in lines
-        for a, b in itertools.pairwise(axes.transData.transform(line))
+        for start, end in itertools.pairwise(axes.transData.transform(line) / unit)
+        for a, b in itertools.pairwise(_divided(start, end))
     ]
-    boxes = placed(points, [(e.width + 2.0 * PAD, e.height + 2.0) for e in extents], inside, pieces)  # type: ignore[arg-type]
+    sizes = [(each.width / unit + 2.0 * PAD, each.height / unit + 2.0) for each in extents]
+    boxes = placed(points, sizes, inside, pieces)  # type: ignore[arg-type]
+    to_figure = figure.transFigure.inverted()
     for text, box, point in zip(texts, boxes, points, strict=True):
-        text.set_position((box.left + PAD, box.bottom + 1.0))
+        text.set_transform(figure.transFigure)
+        text.set_position(to_figure.transform(((box.left + PAD) * unit, (box.bottom + 1.0) * unit)))
         near = min(max(point[0], box.left), box.right), min(max(point[1], box.bottom), box.top)
         if math.dist(near, point) > REACHES[1]:
-            line = axes.plot(*zip(near, point, strict=True), color="gray", lw=0.5, transform=None, zorder=1)
+            ends = to_figure.transform(np.array([near, point]) * unit)
+            line = axes.plot(*ends.T, color="gray", lw=0.5, transform=figure.transFigure, zorder=1)
             line[0].set_clip_on(False)
+    return texts

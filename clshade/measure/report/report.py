@@ -11,10 +11,12 @@ from typing import TextIO
 from ...base import console, text_tables
 from ...base.atomic_files import shown
 from ...errors import InputError
+from ...images import figures
 from ...pipeline.opencl.device import open_device
 from ...scene.model import Scene
 from ..defaults import FRAMES
-from . import figure, tables
+from . import figure, html_page, tables
+from .families import of_families
 from .pareto import chosen
 from .sizes import WAYS, growths, resolutions
 from .study import study
@@ -36,6 +38,9 @@ def run(
     budget: float | None = None,
     tolerance: float | None = None,
     sizes: Sequence[int] | None = None,
+    families: Sequence[str] = (),
+    formats: Sequence[str] = ("png",),
+    html: bool = False,
     stream: TextIO | None = None,
 ) -> bool:
     """Measure the variants, print the tables, write the files, and name the variant to use.
@@ -43,7 +48,8 @@ def run(
     Returns True if every variant's arithmetic is within its bounds.
 
     names: variants; default: all that change the image of this scene. frames: number per variant. budget: milliseconds.
-    tolerance: RMSE. sizes: columns of growing images, empty for the usual ones; None for none. Raises DeviceError,
+    tolerance: RMSE. sizes: columns of growing images, empty for the usual ones; None for none. families: only the variants
+    of these. formats: of the figure. html: write one page with tables and figures too. Raises DeviceError,
     OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all files are
     written.
     """
@@ -52,12 +58,15 @@ def run(
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
     base = base_settings(scene)
-    variants = named(variants_for(scene, base, opened), names)
+    variants = named(of_families(variants_for(scene, base, opened), families), names)
     growing = [] if sizes is None else resolutions(scene, sizes)
+    if Path(out).suffix[1:].lower() in (*figures.FORMATS, "html") and not Path(out).is_dir():
+        option = "--html" if Path(out).suffix.lower() == ".html" else f"--format {Path(out).suffix[1:].lower()}"
+        raise InputError(f"report: --out: expected a folder, found {shown(out)} ({option} writes that into it)")
     folder = text_tables.create_folder(out)
     found = study(scene, opened, variants, frames)
     if growing:
-        ways = variants if names else [each for each in variants if each.name in WAYS]
+        ways = variants if names or families else [each for each in variants if each.name in WAYS]
         found = replace(found, growths=tuple(growths(scene, ways, base, opened, growing)))
     choice, unkept = None, None
     try:
@@ -66,8 +75,14 @@ def run(
         unkept = error
     print("\n".join(tables.lines(found)), file=stream)
     written = tables.write(found, choice.used if choice else None, folder)
-    written.append(folder / "report.png")
-    figure.plot(found, written[-1])
+    pictures = [folder / f"report.{kind}" for kind in formats]
+    drawn = figure.draw(found)
+    for path in pictures:
+        figures.save(drawn, path, colors=256)
+    written += pictures
+    if html:
+        written.append(folder / "report.html")
+        html_page.write(found, choice.used if choice else None, drawn, written[-1])
     print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
     if unkept is not None:
         raise unkept

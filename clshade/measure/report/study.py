@@ -6,7 +6,7 @@ import os
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...base import atomic_files
 from ...base.arrays import Array
@@ -14,31 +14,17 @@ from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
 from .decomposition import Decomposition, decompose
+from .families import Family, families
 from .format_errors import Kept, formats
 from .measure import Measured, measure
 from .model_errors import ModelErrors
 from .pareto import front, ties
-from .power_law import Power, fitted
 from .reference_image import Reference, reference
 from .sizes import Growth
 from .tessellation import Tessellation, tessellation
-from .variants import BASE, Variant, base_settings
+from .variants import Variant, base_settings
 
 SHOWN = 4  # differences that are kept as pictures
-FAMILIES = ("samples-", "shaded-")  # prefixes of variants that differ only in the number of samples
-
-
-class Sampling(NamedTuple):
-    """How the RMSE falls with more samples: as these powers of their number and of the time of a frame, and to what
-    fraction altogether, 1 / gain."""
-
-    by_samples: Power
-    by_time: Power
-    gain: float
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {"slope": self.by_samples._asdict(), "by_time": self.by_time._asdict(), "gain": self.gain}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,25 +54,10 @@ class Study:
         """Groups of variants on the front that measuring cannot tell apart."""
         return ties(self.front, self.reference.error)
 
-    def sampling(self) -> dict[str, Sampling]:
-        """Return how errors fall, for samples shaded once and for samples shaded each.
-
-        Errors that the reference cannot resolve are left out; empty without the variants needed.
-        """
-        found = {}
-        for family in FAMILIES:
-            ways = {
-                each.variant.changes.get("samples", 1): each
-                for each in self.measured
-                if each.name == BASE or each.name.startswith(family)
-                if each.error > self.reference.error
-            }
-            if len(ways) > 2 and 1 in ways:
-                counts = sorted(ways)
-                errors, times = ([getattr(ways[count], name) for count in counts] for name in ("error", "cost"))
-                gain = errors[0] / errors[-1]
-                found[family.rstrip("-")] = Sampling(fitted(counts, errors), fitted(times, errors), gain)
-        return found
+    @property
+    def families(self) -> list[Family]:
+        """Families of ways with fitted powers."""
+        return families(self.measured, self.tessellation, self.reference.error)
 
     @property
     def title(self) -> str:
@@ -107,7 +78,7 @@ class Study:
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
             "ties": [[each.name for each in group] for group in self.ties],
-            "sampling": {name: each.stats() for name, each in self.sampling().items()},
+            "families": [each.stats() for each in self.families],
             "decomposition": self.decomposition.stats(),
             "tessellation": self.tessellation.stats(),
             "sizes": [each.stats() for each in self.growths],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +12,23 @@ from ...base.text_tables import digits
 from ...images.metrics import has_flip
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
-from . import sizes
+from . import csv_table, sizes
+from .families import ABOUT, Family
 from .measure import Measured
 from .model_errors import SAMPLES as MODEL_SAMPLES
-from .power_law import Power
+from .power_law import expected
 from .study import Study
+
+
+class Section(NamedTuple):
+    """A table: its title; about: a sentence above it, or ""; header and rows; notes: sentences below it."""
+
+    title: str
+    about: str
+    header: text_tables.Row
+    rows: Sequence[text_tables.Row]
+    notes: Sequence[str] = ()
+
 
 VARIANTS = (
     *("variant", "ms", "half of them", "RMSE", "sampling", "model", "relMSE", "PSNR", "FLIP"),
@@ -82,14 +95,41 @@ def _formats(study: Study) -> list[text_tables.Row]:
     ]
 
 
-def _tessellation(study: Study) -> tuple[text_tables.Row, list[text_tables.Row]]:
+FAMILIES = ("family", "size", "error", "power of size", "expected", "power of time")
+WORK_PRECISION = (
+    "Work and precision: errors in families of ways that differ in one size, as powers of that size and of the time of a "
+    "frame, with 95 % intervals; RMSE against the reference, of the sphere against its finest; what the reference cannot "
+    "tell is left out"
+)
+
+
+def _family(each: Family) -> text_tables.Row:
+    first, last, by_time = each.fit[0], each.fit[-1], each.by_time()
+    return (
+        each.name,
+        f"{digits(first.size)} to {digits(last.size)}",
+        f"{digits(first.error)} to {digits(last.error)}",
+        str(each.by_size()),
+        f"{each.law.exponent:g}",
+        str(by_time) if by_time.resolved else "not resolved",
+    )
+
+
+def _families(study: Study) -> Section:
+    found = study.families
+    notes = [f"{each.name} ({ABOUT[each.name]}): {expected(each.by_size(), each.law)}" for each in found]
+    return Section("Work and precision", WORK_PRECISION, FAMILIES, [_family(each) for each in found], notes)
+
+
+def _tessellation(study: Study) -> Section:
     found = study.tessellation
-    errors = zip(*found.errors.values(), strict=True)
-    rows: list[text_tables.Row] = [
-        (f"{count:,}", *map(digits, each)) for count, each in zip(found.triangles, errors, strict=True)
+    columns = [(errors, found.ms[shader]) for shader, errors in found.errors.items()]
+    header = ("triangles", *(text for shader in found.errors for text in (shader, "ms")))
+    rows = [
+        (f"{count:,}", *(text for errors, ms in columns for text in (digits(errors[k]), digits(ms[k].median))))
+        for k, count in enumerate(found.triangles)
     ]
-    rows.append(("slope", *(str(found.slope(shader)) for shader in found.errors)))
-    return ("triangles", *found.errors), rows
+    return Section("Tessellation", SPHERE.format(found.finest), header, rows)
 
 
 def _variants(study: Study) -> list[text_tables.Row]:
@@ -97,7 +137,8 @@ def _variants(study: Study) -> list[text_tables.Row]:
     return [_variant(each, " *=" if each in tied else " *" if each in best else "") for each in study.measured]
 
 
-def _facts(study: Study) -> list[str]:
+def facts(study: Study) -> list[str]:
+    """Return what was measured, on what, against what: a word, and from the 12th character on its value."""
     return [
         f"scene      {study.title}",
         f"device     {study.device}",
@@ -115,13 +156,11 @@ NOTES = (
     "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
     "sample, the smaller the more samples each pixel has, so that largest and RMS of two variants may be of other pixels",
 )
-SPHERE = (
-    "RMSE of a sphere against one of {:,} triangles, where both cover a pixel; slope: power of the number of triangles"
-)
+SPHERE = "RMSE of a sphere against one of {:,} triangles, where both cover a pixel, and milliseconds of a frame"
 
 
 def _notes(study: Study) -> list[str]:
-    return [*NOTES, *_ties(study), *_sampling(study), *([] if has_flip() else [NO_FLIP])]
+    return [*NOTES, *_ties(study), *([] if has_flip() else [NO_FLIP])]
 
 
 def _ties(study: Study) -> list[str]:
@@ -132,217 +171,53 @@ def _ties(study: Study) -> list[str]:
     ]
 
 
-def _sampling(study: Study) -> list[str]:
-    return [
-        f"{name}: RMSE falls as the number of samples to the power {each.by_samples}, as the time of a frame to "
-        f"{each.by_time}, to 1/{each.gain:.3g} altogether; {expected(each.by_samples, LAWS[name])}"
-        for name, each in study.sampling().items()
-    ]
-
-
-class Law(NamedTuple):
-    """An exponent that theory gives, of what, and why errors may fall slower or faster; "" if nothing suggests it."""
-
-    exponent: float
-    of: str
-    slower: str = ""
-    faster: str = ""
-
-
-LAWS = {
-    "samples": Law(-0.75, "edges in each pixel", "textures and light are looked up once, and their aliasing stays"),
-    "shaded": Law(-0.75, "edges in each pixel", faster="light and textures vary smoothly in a pixel"),
-}
-SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
-
-
-def _order(study: Study) -> list[str]:
-    found = study.tessellation
-    return [f"{shader}: {expected(found.slope(shader), SMOOTH)}" for shader in found.errors]
-
-
-def expected(found: Power, law: Law) -> str:
-    """Return the exponent expected; if the one found differs, that it does, and why that may be."""
-    said = f"expected {law.exponent:g}, that of {law.of}"
-    if found.contains(law.exponent):
-        return said
-    slower = found.exponent > law.exponent
-    why = law.slower if slower else law.faster
-    return f"{said}; it falls {'slower' if slower else 'faster'}{f': {why}' if why else ''}"
-
-
 SIZES = (
     "Growing images: times and errors against the converged image of the same size; power: of the number of pixels, with "
     "what 95 % of resampled frames, windows and the reference leave open at these sizes"
 )
 
 
-def _sizes(study: Study, *, markdown: bool) -> list[str]:
+def _sizes(study: Study) -> Section:
     found = study.growths
-    if not found:
-        return []
-    said = sizes.statements(found)
-    if markdown:
-        table = text_tables.as_markdown(sizes.header(found), sizes.rows(found))
-        return ["", "## Sizes", "", f"{SIZES}.", "", *table, "", *(f"- {line}" for line in said)]
-    table = text_tables.as_lines(sizes.header(found), sizes.rows(found))
-    return ["", text_tables.wrapped(SIZES, 2), *table, *(text_tables.wrapped(line, 2) for line in said)]
+    return Section("Sizes", SIZES, sizes.header(found), sizes.rows(found), sizes.statements(found))
+
+
+def sections(study: Study) -> list[Section]:
+    """Return all tables, that of the variants first."""
+    found = [
+        Section("Ways", "", VARIANTS, _variants(study), _notes(study)),
+        Section("Where the error comes from", WHERE_FROM, CAUSES, _causes(study), study.decomposition.lines()),
+    ]
+    if study.families:
+        found.append(_families(study))
+    found += [_tessellation(study), Section("Output formats", "", FORMATS, _formats(study))]
+    return [*found, _sizes(study)] if study.growths else found
 
 
 def lines(study: Study) -> list[str]:
     """Return the tables as lines for the terminal."""
-    header, rows = _tessellation(study)
-    return [
-        *(text_tables.wrapped(fact, 11) for fact in _facts(study)),
-        "",
-        *text_tables.as_lines(VARIANTS, _variants(study)),
-        *(text_tables.wrapped(note, 2) for note in _notes(study)),
-        "",
-        text_tables.wrapped(WHERE_FROM, 2),
-        *text_tables.as_lines(CAUSES, _causes(study)),
-        *(text_tables.wrapped(line, 2) for line in study.decomposition.lines()),
-        "",
-        text_tables.wrapped(SPHERE.format(study.tessellation.finest), 2),
-        *text_tables.as_lines(header, rows),
-        *(text_tables.wrapped(line, 2) for line in _order(study)),
-        "",
-        *text_tables.as_lines(FORMATS, _formats(study)),
-        *_sizes(study, markdown=False),
-    ]
+    found = [text_tables.wrapped(fact, 11) for fact in facts(study)]
+    for each in sections(study):
+        found += ["", *([text_tables.wrapped(each.about, 2)] if each.about else [])]
+        found += text_tables.as_lines(each.header, each.rows)
+        found += [text_tables.wrapped(note, 2) for note in each.notes]
+    return found
 
 
 def markdown(study: Study, used: str) -> str:
-    header, rows = _tessellation(study)
-    return "\n".join(
-        [
-            "# Error against run time",
-            "",
-            *(f"- {line[:9].strip()}: {line[11:]}" for line in _facts(study)),
-            *([f"- {used}"] if used else []),
-            "",
-            *text_tables.as_markdown(VARIANTS, _variants(study)),
-            "",
-            *(f"- {note}" for note in _notes(study)),
-            "",
-            "## Where the error comes from",
-            "",
-            f"{WHERE_FROM}.",
-            "",
-            *text_tables.as_markdown(CAUSES, _causes(study)),
-            "",
-            *(f"- {line}" for line in study.decomposition.lines()),
-            "",
-            "## Tessellation",
-            "",
-            SPHERE.format(study.tessellation.finest) + ".",
-            "",
-            *text_tables.as_markdown(header, rows),
-            "",
-            *(f"- {line}" for line in _order(study)),
-            "",
-            "## Output formats",
-            "",
-            *text_tables.as_markdown(FORMATS, _formats(study)),
-            *_sizes(study, markdown=True),
-            "",
-        ]
-    )
-
-
-CSV = (
-    *(
-        "study",
-        "name",
-        "settings",
-        "ms",
-        "ms_low",
-        "ms_high",
-        "build_ms",
-        "upload_ms",
-        "rmse",
-        "sampling",
-        "model",
-        "share",
-        "png_share",
-        "relmse",
-        "psnr",
-        "flip",
-    ),
-    *(
-        "arithmetic",
-        "arithmetic_rms",
-        "bounds",
-        "bounds_allowed",
-        "wrong",
-        "pixels_checked",
-        "bytes",
-        "largest",
-        "triangles",
-        "columns",
-        "rows",
-    ),
-)
-
-
-def csv_rows(study: Study) -> list[text_tables.Row]:
-    """Return one row per variant, cause, format, variant and size, and sphere and shader, in full precision; fields that do
-    not apply are empty."""
-    rows: list[dict[str, object]] = []
-    for each in study.measured:
-        low, median, high = each.frame_ms
-        exact = each.arithmetic
-        rows.append(
-            {
-                "study": "variant",
-                "name": each.name,
-                "settings": each.variant.changed(),
-                **{"ms": median, "ms_low": low, "ms_high": high},
-                **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
-                **{"sampling": each.sampling, "model": each.model},
-                **{
-                    "arithmetic": exact.error,
-                    "arithmetic_rms": exact.rms,
-                    "bounds": exact.bounds,
-                    "bounds_allowed": exact.allowed,
-                },
-                **{"wrong": exact.wrong, "pixels_checked": exact.pixels},
-            }
-        )
-    for part in study.decomposition.parts:
-        rows.append(
-            {"study": "cause", "name": part.cause, "rmse": part.rmse, "share": part.share, "png_share": part.png_share}
-        )
-    for kept in study.kept:
-        low, median, high = kept.write_ms
-        times = {"ms": median, "ms_low": low, "ms_high": high}
-        rows.append({"study": "format", **vars(kept), **times})
-    for growth in study.growths:
-        for point in growth.points:
-            low, median, high = point.ms
-            columns, height = point.resolution
-            times = {"ms": median, "ms_low": low, "ms_high": high}
-            rows.append(
-                {
-                    "study": "size",
-                    "name": growth.variant.name,
-                    "settings": growth.variant.changed(),
-                    **times,
-                    **{"rmse": point.error.rmse, "columns": columns, "rows": height},
-                }
-            )
-    found = study.tessellation
-    for shader, errors in found.errors.items():
-        rows += [
-            {"study": "tessellation", "name": shader, "triangles": count, "rmse": error}
-            for count, error in zip(found.triangles, errors, strict=True)
-        ]
-    return [tuple("" if row.get(name) is None else str(row[name]) for name in CSV) for row in rows]
+    found = ["# Error against run time", "", *(f"- {line[:9].strip()}: {line[11:]}" for line in facts(study))]
+    found += [f"- {used}"] if used else []
+    for each in sections(study):
+        found += ["", f"## {each.title}", "", *([f"{each.about}.", ""] if each.about else [])]
+        found += text_tables.as_markdown(each.header, each.rows)
+        found += ["", *(f"- {note}" for note in each.notes)] if each.notes else []
+    return "\n".join([*found, ""])
 
 
 def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
     """Write report.csv, .json and .md. used: the variant chosen for the budget or tolerance."""
     texts = {
-        "report.csv": text_tables.as_csv(CSV, csv_rows(study)),
+        "report.csv": text_tables.as_csv(csv_table.HEADER, csv_table.rows(study)),
         "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
         "report.md": markdown(study, used_line(used, study.scene) if used else ""),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -13,15 +14,18 @@ from ...errors import InputError
 from ...images.metrics import rmse
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
-from ...pipeline.renderer import render
+from ...pipeline.renderer import Renderer, render
 from ...scene.builtin.scenes import builtin
 from ...scene.model import Mesh, Scene
 from ...scene.settings import Shader
+from ..timing import Spread, in_turns, spread
+from .measure import frame_ms
 from .power_law import Power, fitted
 
 SHADERS: tuple[Shader, ...] = ("gouraud", "phong")
 LEVELS = range(7)  # subdivision levels: 20 to 81,920 triangles
 FINEST = 7  # level of the reference: 327,680 triangles, phong
+FRAMES, SECONDS = 9, 4.0  # of each sphere, in turns
 FINER = 16  # times as many triangles: edges are a quarter as long, and errors of second order a sixteenth
 MOST_FINER = 1 << 22  # triangles
 # Built-in shapes: the option that makes them finer, its value from the number of triangles, and the value for FINER as many.
@@ -38,12 +42,14 @@ class Tessellation:
     """Errors by level.
 
     triangles: number at each level. finest: number of the reference. errors: shader -> RMSE at each level, over the
-    pixels that both spheres cover: the error at the silhouette is that of the shape, the same for both shaders.
+    pixels that both spheres cover: the error at the silhouette is that of the shape, the same for both shaders. ms:
+    shader -> milliseconds of a frame at each level.
     """
 
     triangles: tuple[int, ...]
     finest: int
     errors: dict[str, tuple[float, ...]]
+    ms: dict[str, tuple[Spread, ...]]
 
     def slope(self, shader: str) -> Power:
         """Return the fitted power of the error in the number of triangles: -1 is second order."""
@@ -51,23 +57,32 @@ class Tessellation:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        return {**vars(self), "slopes": {shader: self.slope(shader)._asdict() for shader in self.errors}}
+        times = {shader: [each._asdict() for each in ms] for shader, ms in self.ms.items()}
+        return {**vars(self), "ms": times, "slopes": {shader: self.slope(shader)._asdict() for shader in self.errors}}
 
 
 def tessellation(
     device: Device, resolution: tuple[int, int] = (256, 256), *, levels: Iterable[int] = LEVELS, finest: int = FINEST
 ) -> Tessellation:
-    """Measure the errors of the built-in icosphere."""
+    """Measure the errors and times of the built-in icosphere."""
     fine = builtin("icosphere", level=finest, resolution=resolution)
     truth = render(fine, device=device, shader="phong")
-    triangles: list[int] = []
+    scenes = [builtin("icosphere", level=level, resolution=resolution) for level in levels]
     errors: dict[str, list[float]] = {shader: [] for shader in SHADERS}
-    for level in levels:
-        scene = builtin("icosphere", level=level, resolution=resolution)
-        triangles.append(scene.face_count)
+    with ExitStack() as stack:
+        renderers = []
         for shader in SHADERS:
-            errors[shader].append(_shading_error(render(scene, device=device, shader=shader), truth))
-    return Tessellation(tuple(triangles), fine.face_count, {name: tuple(each) for name, each in errors.items()})
+            for scene in scenes:
+                renderers.append(stack.enter_context(Renderer(scene, device=device, shader=shader)))
+                errors[shader].append(_shading_error(renderers[-1].render(), truth))
+        turns = in_turns([lambda _, each=each: frame_ms(each) for each in renderers], FRAMES, SECONDS)  # type: ignore[misc]
+    times = [spread(ms) for ms in zip(*turns, strict=True)]
+    return Tessellation(
+        tuple(scene.face_count for scene in scenes),
+        fine.face_count,
+        {shader: tuple(each) for shader, each in errors.items()},
+        {shader: tuple(times[k * len(scenes) : (k + 1) * len(scenes)]) for k, shader in enumerate(SHADERS)},
+    )
 
 
 def _shading_error(frame: Frame, truth: Frame) -> float:

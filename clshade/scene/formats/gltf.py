@@ -8,6 +8,7 @@ infinite positions.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,7 @@ RENDERED = (
     "KHR_texture_transform",
     "EXT_texture_webp",
 )
+MAX_SCALARS = 64  # of a primitive
 _SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
 
 
@@ -42,7 +44,8 @@ def read_gltf(path: Path, options: Options) -> Scene:
     Rendered: node transforms, base color (factor, texture, vertex colors, which are linear), metallic and roughness
     factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, double-sidedness (two-sided materials are lit
     on both sides), wrap modes, KHR_texture_transform, strips, fans and sparse accessors, the first camera, point and
-    directional lights. Faces without normals are flat, as glTF specifies, unless options.crease is given. Other
+    directional lights. Attributes of the application's own with one number per vertex, `_NAME`, become Mesh.scalars, NAME.
+    Faces without normals are flat, as glTF specifies, unless options.crease is given. Other
     features of the file are listed in Scene.ignored and in one warning.
 
     Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
@@ -181,10 +184,26 @@ class _Builder:
         if normals is None:
             normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
         material = self.options.lit(surface.material, by_file=True)
-        return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material)
+        scalars = {
+            name: values if used is None else values[used] for name, values in self._scalars(attributes, len(verts))
+        }
+        return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material, scalars=scalars)
+
+    def _scalars(self, attributes: Item, count: int) -> Iterator[tuple[str, Array]]:
+        """Yield the application's own attributes with one number per vertex, (V,), by name without the underscore."""
+        names = [name for name in attributes.value if name.startswith("_") and len(name) > 1]
+        for number, name in enumerate(names):
+            index = attributes.reference(name, "accessors")
+            if number >= MAX_SCALARS or index is None or self.buffers.array(index).shape[1] != 1:
+                self.ignored.append(f"attribute {name[:32]}")
+                continue
+            values = self._attribute(attributes, name, 1, count=count)
+            if values is not None:
+                yield name[1:], values[:, 0]
 
     def _attribute(self, attributes: Item, name: str, *widths: int, count: int | None = None) -> Array | None:
-        """Return (V, width) float32 values of an attribute, finite except for texture coordinates; None if missing."""
+        """Return (V, width) float32 values of an attribute, finite except for texture coordinates and the application's
+        own; None if missing."""
         index = attributes.reference(name, "accessors")
         if index is None:
             return None
@@ -192,7 +211,7 @@ class _Builder:
         if values.shape[1] not in widths or (count is not None and len(values) != count):
             expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
             raise attributes.error(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
-        any_value = name.startswith("TEXCOORD")
+        any_value = name.startswith(("TEXCOORD", "_"))
         if (index, any_value) not in self._checked:
             values = values.astype(np.float32, copy=False)
             if not any_value and not np.isfinite(values).all():

@@ -27,9 +27,11 @@ from .ply_parser import Element, read_ply_rows
 from .texture import as_texture
 
 MAX_BYTES = 1 << 31
+MAX_SCALARS = 64  # of vertices, and of faces
 _INDICES = ("vertex_indices", "vertex_index")
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 _COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_ALPHAS = ("alpha", "a", "diffuse_alpha")
 _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
 
 
@@ -41,7 +43,9 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Integer colors are
     value/255 (65535) and decoded from sRGB, float colors are linear. Faces with a color each get vertices of their own.
     Without normals the surface is smooth, except for edges above options.crease; faces that are clockwise as seen along
-    the file's normals are reversed. Both sides are lit. Other properties of the faces are listed in Scene.ignored.
+    the file's normals are reversed. Both sides are lit. All other properties of vertices and faces that are numbers become
+    Mesh.scalars; where a face's has the name of a vertex's, it is `face_` and that name. Other elements are listed in
+    Scene.ignored.
 
     Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
     """
@@ -57,9 +61,11 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     faces, polygon, cuts = _faces(elements, verts, ignored, owner)
     arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
     by_file = arrays["normals"] is not None
+    arrays["scalars"] = _scalars(vertex, ignored)
     _shade(arrays, options)
     _color(arrays, elements, polygon, ignored, owner)
     texture = _texture(arrays, elements, comments, options, path, faces, cuts)
+    _add_face_scalars(arrays, elements.get("face"), polygon, ignored)
     if by_file:
         _turn_to_normals(arrays)
     material = options.lit(material, by_file=False)
@@ -194,7 +200,44 @@ def _color(
         arrays["normal_faces"] = faces
     own = np.where(polygon[:, None] < 0, np.float32(1.0), colors[polygon])
     arrays.update(verts=verts[faces].reshape(-1, 3), colors=np.repeat(own, 3, axis=0))
+    arrays["scalars"] = {name: values[faces].reshape(-1) for name, values in arrays["scalars"].items()}
     arrays["faces"] = np.arange(len(arrays["verts"]), dtype=np.int32).reshape(-1, 3)
+
+
+def _scalars(element: Element, ignored: list[str]) -> dict[str, Array]:
+    """Return the (rows,) values, float32 or float64, of an element's properties that mean nothing else."""
+    is_vertex = element.name == "vertex"
+    known = [("x", "y", "z"), ("nx", "ny", "nz"), *_UVS] if is_vertex else []
+    taken = {name for names in known if _has(element, names) for name in names}
+    colors = next((names for names in _COLORS if _has(element, names)), ())
+    taken.update(colors, _ALPHAS if colors else ())
+    found = [name for name, column in element.columns.items() if name not in taken and not isinstance(column, tuple)]
+    if len(found) > MAX_SCALARS:
+        ignored.append(f"properties of element {element.name} beyond {MAX_SCALARS}")
+    return {name: _exact(element.columns[name]) for name in found[:MAX_SCALARS]}
+
+
+def _has(element: Element, names: tuple[str, ...]) -> bool:
+    """Return whether the element has all these properties, as scalars."""
+    return all(name in element.columns and not isinstance(element.columns[name], tuple) for name in names)
+
+
+def _exact(column: Array) -> Array:
+    """Return numbers as float32 if that holds every number of their type, else as float64."""
+    single = column.dtype == np.float32 or (column.dtype.kind in "iu" and column.dtype.itemsize < 4)
+    return column.astype(np.float32 if single else np.float64)
+
+
+def _add_face_scalars(arrays: dict[str, Any], face: Element | None, polygon: Array, ignored: list[str]) -> None:
+    """Add the scalars of the file's faces to those of its vertices; triangles of strips have none, NaN."""
+    if face is None or not face.rows:
+        return
+    count = len(arrays["verts"])
+    for name, values in _scalars(face, ignored).items():
+        own = np.where(polygon < 0, values.dtype.type(np.nan), values[polygon])
+        if len(own) == count:  # as many as vertices: given per corner, they are not taken for theirs
+            own = np.repeat(own[:, None], 3, axis=1)
+        arrays["scalars"][name if name not in arrays["scalars"] else f"face_{name}"] = own
 
 
 def _texture(

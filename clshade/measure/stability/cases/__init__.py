@@ -14,7 +14,7 @@ __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
-    from . import coverage, extremes, files, light, order, surfaces
+    from . import coverage, edges, extremes, files, light, order, surfaces
 
-    found = [case for module in (coverage, extremes, order, light, surfaces, files) for case in module.CASES]
+    found = [case for module in (coverage, extremes, order, light, surfaces, files, edges) for case in module.CASES]
     return tuple(sorted(found, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))

@@ -1,4 +1,4 @@
-"""Cases 25 to 27: degenerate normals, and intensities and positions at the limits of the number range."""
+"""Cases 25 to 27: degenerate normals, and intensities, positions and data at the limits of the number range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .... import oracle
 from ....base.arrays import Array
 from ....errors import InputError
 from ....pipeline.frame import Frame
-from ....scene.model import PointLight, Scene
+from ....scene.model import PointLight, Scalars, Scene
 from ...check import oracle_bounds
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, color_outcome, worst
@@ -157,6 +157,31 @@ def scales(bench: Bench) -> Outcome:
     return worst(outcomes, "1e-20 to 1e20; 2^-70, 2^-3, 2^90")
 
 
+_DATA: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
+    (1.0, 1e30, None),
+    (1.0, 1e30, (0.0, 1.0)),
+    (1e9, 1.0, (1e9, 1e9 + 1e-3)),
+    (0.0, 1.0, (0.5, 0.5)),
+    (-1.7e308, 1.7e308, None),
+    (5e-324, 1e-310, None),
+    (1e-40, 1e-38, (0.0, 1e-45)),
+    (1.0, np.nan, None),
+)
+
+
+def scalars(bench: Bench) -> Outcome:
+    """Data of a color map from denormals to the largest numbers, next to each other; maps of no width, and NaN."""
+    mesh = lit.patch()
+    rng = np.random.default_rng(27)
+    outcomes = []
+    for low, high, ends in _DATA:
+        share = rng.random((len(mesh.faces), 3))
+        values = np.where(share < 0.3, low, np.where(share < 0.6, high, low * (1.0 - share) + high * share))
+        scene = lit.scene_of(replace(mesh, scalars={"data": values}))
+        outcomes.append(against_oracle(bench.draw(scene, scalars=Scalars("data", clim=ends))))
+    return worst(outcomes, f"{len(_DATA)} ranges")
+
+
 CASES = (
     Case("25", "degenerate-normals", "zero and canceling normals", "finite, 0 where 0", degenerate_normals),
     Case("26", "renormalized", "interpolated normals far below 1", "renormalized per pixel", renormalized),
@@ -165,4 +190,5 @@ CASES = (
     Case("26d", "colored-overflow", "the same times a color below 1", "saturates, counted", colored_overflow),
     Case("27", "offsets", "everything at +1e6 and +1e9", "the centered scene's ids and colors", offsets),
     Case("27b", "scales", "everything times 1e-20..1e20", "same ids; powers of two same bits", scales, True),
+    Case("27c", "scalars", "data of 1e-324..1e308, maps of no width", "the map's colors", scalars),
 )

@@ -1,0 +1,93 @@
+"""Lines of text for pictures, in matplotlib's default font, without importing the rest of matplotlib."""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base.arrays import Array, Bytes
+
+DPI = 100
+LINE = 1.8  # line spacing in pixels per point of text size
+
+Color = tuple[int, int, int]
+
+
+def prepare() -> None:
+    """Import modules that are slow to import."""
+    import matplotlib.ft2font  # noqa: F401
+
+
+@cache
+def _font() -> Any:
+    """Return matplotlib's default font without importing the rest of it, which takes as long as the figures."""
+    from matplotlib import get_data_path
+    from matplotlib.ft2font import FT2Font
+
+    return FT2Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"))
+
+
+@cache
+def _unhinted() -> Any:
+    """Return the flag for unhinted glyph spacing, whose name depends on the version of matplotlib."""
+    from matplotlib import ft2font
+
+    names: Any = ft2font
+    return names.LoadFlags.NO_HINTING if hasattr(names, "LoadFlags") else names.LOAD_NO_HINTING
+
+
+@lru_cache(maxsize=256)
+def line(text: str, size: float) -> tuple[Bytes, int]:
+    """Render a line of text as (height, width) uint8, 255 for ink; and return its rows below the baseline.
+
+    size: points.
+    """
+    font = _font()
+    font.set_size(size, DPI)
+    font.set_text(text, 0.0, flags=_unhinted())
+    font.draw_glyphs_to_bitmap(antialiased=True)
+    return np.array(font.get_image()), font.get_descent() // 64  # from 1/64 pixel
+
+
+def drawable(text: str) -> str:
+    """Return the text with `?` for characters that the font lacks or that are not printable."""
+    known = _font().get_char_index
+    return "".join(each if each.isprintable() and known(ord(each)) else "?" for each in text)
+
+
+def fitted(text: str, size: float, width: float) -> str:
+    """Return the text, drawable, its end replaced by dots if it is wider than `width` pixels; "" if nothing fits."""
+    text = drawable(text)
+    if not text or line(text, size)[0].shape[1] <= width:
+        return text
+    low, high = 0, len(text)  # of characters kept: so many fit, so many do not
+    if line("...", size)[0].shape[1] > width:
+        return ""
+    while high - low > 1:
+        middle = (low + high) // 2
+        if line(text[:middle].rstrip() + "...", size)[0].shape[1] <= width:
+            low = middle
+        else:
+            high = middle
+    return text[:low].rstrip() + "..."
+
+
+def put(picture: Array, x: float, y: float, size: float, text: str, color: Color = (0, 0, 0)) -> None:
+    """Draw a line of text on a picture (height, width, 3) uint8, its left end at column x, its baseline at row y.
+
+    What lies outside the picture is clipped.
+    """
+    ink, descent = line(text, size)
+    left, top = round(x), round(y) + descent - len(ink)
+    ink = ink[max(-top, 0) : max(len(picture) - top, 0), max(-left, 0) : max(picture.shape[1] - left, 0)]
+    place = picture[max(top, 0) :, max(left, 0) :][: len(ink), : ink.shape[1]]
+    share = ink[:, :, None] / 255.0
+    place[:] = np.rint(place * (1.0 - share) + np.array(color) * share)
+
+
+def width_of(text: str, size: float) -> int:
+    """Return the width of a line of text in pixels."""
+    return int(line(text, size)[0].shape[1])

@@ -1,0 +1,167 @@
+"""Work-precision curves: error against time within families of variants, with fitted powers beside those of theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from ...errors import InputError
+from ...scene.settings import Precision
+from ..timing import Spread
+from .measure import Measured
+from .power_law import Law, Power, fitted
+from .tessellation import Tessellation
+from .variants import BASE, Variant
+
+# Largest relative error of one operation: of float32 and float64 half a unit in the last place; of `fast` that of its power
+# (kernels/numerics.clh).
+ROUNDOFF: dict[Precision, float] = {"fast": 7.4e-6, "float32": 2.0**-24, "float64": 2.0**-53}
+SAMPLES, SHADED, GOURAUD, FILTER, PRECISION = "samples", "shaded", "gouraud", "filter", "precision"
+SHADINGS = {"gouraud": "tessellation, Gouraud", "phong": "tessellation, Phong"}
+# Families that differ in the number of samples: the prefix of their variants, and the first of them.
+SAMPLED = {
+    SAMPLES: ("samples-", BASE),
+    SHADED: ("shaded-", BASE),
+    GOURAUD: ("gouraud-", "gouraud"),
+    FILTER: ("trilinear-", "trilinear"),
+}
+SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
+LAWS = {
+    SAMPLES: Law(-0.75, "edges in each pixel", "textures and light are looked up once, and their aliasing stays"),
+    SHADED: Law(-0.75, "edges in each pixel", below="light and textures vary smoothly in a pixel"),
+    GOURAUD: Law(
+        0.0, "light at the corners, whose error samples do not cure", below="edges become smooth all the same"
+    ),
+    FILTER: Law(0.0, "the mip maps' blur, which samples do not cure", below="edges become smooth all the same"),
+    PRECISION: Law(
+        1.0,
+        "a constant number of roundings",
+        "each rounding counts more often",
+        "`fast` rounds directions and powers alone, so that its other errors are smaller",
+    ),
+    **dict.fromkeys(SHADINGS.values(), SMOOTH),
+}
+ABOUT = {
+    SAMPLES: "samples shaded once a pixel",
+    SHADED: "samples, each shaded",
+    GOURAUD: "light at the corners, samples shaded once a pixel",
+    FILTER: "mip maps instead of four texels, samples shaded once a pixel",
+    PRECISION: "arithmetic: RMS of |value - oracle| / light",
+    **dict.fromkeys(SHADINGS.values(), "triangles of a sphere"),
+}
+
+
+class Member(NamedTuple):
+    """One way of a family. size: what the family varies. error: 0 if nothing was found. known: whether the fit uses it."""
+
+    name: str
+    size: float
+    ms: Spread
+    error: float
+    known: bool
+
+
+@dataclass(frozen=True)
+class Family:
+    """Ways that differ in one size. what: that size in words. members: by size."""
+
+    name: str
+    what: str
+    members: tuple[Member, ...]
+
+    @property
+    def law(self) -> Law:
+        return LAWS[self.name]
+
+    @property
+    def fit(self) -> tuple[Member, ...]:
+        """The members whose errors are known."""
+        return tuple(each for each in self.members if each.known)
+
+    def by_size(self) -> Power:
+        """Return the power of the size that the error follows."""
+        return fitted([each.size for each in self.fit], [each.error for each in self.fit])
+
+    def by_time(self) -> Power:
+        """Return the power of a frame's time that the error follows."""
+        return fitted([each.ms.median for each in self.fit], [each.error for each in self.fit])
+
+    def gain(self) -> float:
+        """Return how many times as large the largest known error is as the least."""
+        errors = [each.error for each in self.fit]
+        return max(errors) / min(errors)
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "family": self.name,
+            "about": ABOUT[self.name],
+            "size": self.what,
+            "members": [{**each._asdict(), "ms": each.ms._asdict()} for each in self.members],
+            "slope": self.by_size()._asdict(),
+            "by_time": self.by_time()._asdict(),
+            "gain": self.gain(),
+            "expected": self.law.exponent,
+        }
+
+
+def families(measured: Sequence[Measured], sphere: Tessellation, known: float) -> list[Family]:
+    """Return the families with three or more known errors: of samples, of precision, and of the sphere's triangles.
+
+    known: the reference's error; errors of images below it are not known.
+    """
+    found = [_sampled(name, measured, known) for name in SAMPLED]
+    found += [_precision(measured), *(_tessellated(shader, sphere) for shader in sphere.errors)]
+    return [each for each in found if len(each.fit) > 2]
+
+
+def alone(variant: Variant, family: str) -> bool:
+    """Return whether the variant belongs to a family: whether it changes nothing but what that varies."""
+    if family == PRECISION:
+        return not variant.changes.keys() - {"precision"}
+    prefix, first = SAMPLED[family]
+    return variant.name == first or variant.name.startswith(prefix)
+
+
+def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
+    ways = {_samples(each): each for each in measured if alone(each.variant, name)}
+    if 1 not in ways:
+        return Family(name, "", ())
+    members = (Member(ways[n].name, n, ways[n].frame_ms, ways[n].error, ways[n].error > known) for n in sorted(ways))
+    return Family(name, "the number of samples", tuple(members))
+
+
+def _samples(each: Measured) -> int:
+    count: int = each.variant.changes.get("samples", 1)
+    return count
+
+
+def _precision(measured: Sequence[Measured]) -> Family:
+    ways = {each.settings.precision: each for each in measured if alone(each.variant, PRECISION)}
+    members = []
+    for name, roundoff in ROUNDOFF.items():
+        if name in ways:
+            error = ways[name].arithmetic.rms
+            members.append(Member(ways[name].name, roundoff, ways[name].frame_ms, error, error > 0.0))
+    return Family(PRECISION, "the roundoff of an operation", tuple(members))
+
+
+def _tessellated(shader: str, sphere: Tessellation) -> Family:
+    each = zip(sphere.triangles, sphere.ms[shader], sphere.errors[shader], strict=True)
+    members = (Member(f"{count:,}", count, ms, error, error > 0.0) for count, ms, error in each)
+    return Family(SHADINGS[shader], "the number of triangles", tuple(members))
+
+
+def of_families(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
+    """Return the variants of these families, all without names. Raises InputError if one has fewer than three, too few to
+    fit."""
+    chosen: list[Variant] = []
+    for name in names:
+        ways = [each for each in variants if alone(each, name)]
+        if len(ways) < 3:
+            found = ", ".join(each.name for each in ways) or "none"
+            expected = f"a family with three or more ways that change this scene; {name} has {found}"
+            raise InputError(f"report: --family: expected {expected}")
+        chosen += [each for each in ways if each not in chosen]
+    return chosen if names else list(variants)

@@ -1,0 +1,109 @@
+"""The segments that edges make in the image: clipped, projected and snapped as the corners of triangles are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..base.arrays import Array, Bools, Floats, Integers
+from . import clip
+from .camera_space import CameraSpace
+from .struct_layout import GUARD_PIXELS, LINE_INSET, MOST_DEPTH, SUBPIXEL_BITS, Structs
+
+_LEAST_CELL, _LARGEST_CELL = 10, 12  # bits of 1/256 px: 4 to 16 px
+_MOST_CELLS = 1 << 20
+
+
+def _cut(points: Floats, distance: Floats) -> tuple[Floats, Bools]:
+    """Cut segments (L, 2, 3) to where the distance (L, 2) of their points is not negative; of each at least one is not.
+    Returns the points, and which are new, (L, 2).
+
+    A crossing is computed from the end nearer the plane: an end 1e38 away costs no digits.
+    """
+    first = np.abs(distance[:, 0]) <= np.abs(distance[:, 1])
+    order = np.where(first[:, None], [0, 1], [1, 0])
+    a, b = (np.take_along_axis(points, order[:, [k], None], axis=1)[:, 0] for k in (0, 1))
+    da, db = (np.take_along_axis(distance, order[:, [k]], axis=1) for k in (0, 1))
+    outside = distance < 0.0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        crossing = a + (da / (da - db)) * (b - a)
+    return np.where(outside[..., None], crossing[:, None], points), outside
+
+
+def _cut_to_guard_band(points: Floats, space: CameraSpace) -> tuple[Floats, Integers]:
+    """Cut segments (L, 2, 3) before the eye to the guard band; return those that are left, and their indices."""
+    camera, index = space.camera, np.arange(len(points))
+    lengths = 1.0 if camera.orthographic else camera.focal
+    for axis in (0, 1):
+        size = camera.resolution[axis]
+        slope, center = lengths * size / camera.plane[1 - axis], camera.principal[axis] * size
+        for side in (1.0, -1.0):
+            depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
+            distance = (GUARD_PIXELS + side * center) * depth + side * slope * points[..., axis]
+            kept = (distance >= 0.0).any(axis=1)
+            points, made = _cut(points[kept], distance[kept])
+            index = index[kept]
+            depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
+            on_plane = -side * (GUARD_PIXELS + side * center) * depth / slope
+            points[..., axis] = np.where(made, on_plane, points[..., axis])
+    return points, index
+
+
+def _clipped(points: Floats, space: CameraSpace) -> tuple[Floats, Integers]:
+    """Clip segments (L, 2, 3), camera space, to the near plane and the guard band. Returns those that are left, (K, 2, 3),
+    and their indices (K,)."""
+    before = points[..., 2] >= space.near
+    index = np.flatnonzero(before.any(axis=1))
+    crossing = np.flatnonzero(~before[index].all(axis=1))
+    points = points[index]
+    cut, made = _cut(points[crossing], points[crossing][..., 2] - space.near)
+    cut[..., 2] = np.where(made, space.near, cut[..., 2])
+    points[crossing] = cut
+    with np.errstate(over="ignore", invalid="ignore"):
+        beyond = np.abs(clip.image_positions(points, space.camera)) > GUARD_PIXELS
+    far = np.flatnonzero(beyond.any(axis=(1, 2)))
+    cut, left = _cut_to_guard_band(points[far], space)
+    points[far[left]] = cut
+    gone = np.zeros(len(points), bool)
+    gone[far] = True
+    gone[far[left]] = False
+    return points[~gone], index[~gone]
+
+
+def segments(ends: Array, space: CameraSpace, width: int, structs: Structs) -> tuple[Array, Integers]:
+    """Return a table (L,) of `structs.Line`, without what concerns faces, of the edges that may reach the image, and their
+    indices (L,).
+
+    ends: (E, 2, 3) world positions. width: of the lines, 1/256 px.
+    """
+    points, index = _clipped(space.points(ends), space)
+    xy = clip.snap(clip.image_positions(points, space.camera))
+    size = np.array(space.camera.resolution) << SUBPIXEL_BITS
+    reach = (width + 1) // 2
+    seen = ((xy.max(axis=1) >= -reach) & (xy.min(axis=1) <= size + reach)).all(axis=1)
+    points, index, xy = points[seen], index[seen], xy[seen]
+    lines = np.zeros(len(index), structs.Line)
+    lines["x"], lines["y"] = xy[..., 0], xy[..., 1]
+    z = np.minimum(points[..., 2] * space.scale, MOST_DEPTH)
+    lines["w"] = -z if space.camera.orthographic else 1.0 / z
+    with np.errstate(divide="ignore"):
+        dx, dy = (xy[:, 1] - xy[:, 0]).astype(np.float64).T
+        lines["inset"] = np.minimum(LINE_INSET / np.sqrt(dx * dx + dy * dy), 0.5)
+    return lines, index
+
+
+def line_grid(lines: Array, space: CameraSpace, width: int, structs: Structs) -> Array:
+    """Return the one row of `structs.LineGrid`: cells about twice as long as the lines (L,), over the image and as far
+    around it as a line reaches. The cells change only how long the search for what hides a line takes."""
+    reach, size = (width + 1) // 2, np.array(space.camera.resolution, np.int64) << SUBPIXEL_BITS
+    dx, dy = (lines[name][:, 1].astype(np.float64) - lines[name][:, 0] for name in ("x", "y"))
+    length = 1.0 * float(np.sqrt(dx * dx + dy * dy).mean()) if len(lines) else 0.0
+    bits = min(max(math.ceil(math.log2(max(length, 1.0))), _LEAST_CELL), _LARGEST_CELL)
+    while (size >> bits).prod() > _MOST_CELLS:
+        bits += 1
+    margin = -(-reach // (1 << bits))
+    grid = np.zeros(1, structs.LineGrid)
+    grid["cell_bits"], grid["margin"], grid["width"] = bits, margin, width
+    grid["across"], grid["up"] = (-(-size // (1 << bits)) + 2 * margin).tolist()
+    return grid

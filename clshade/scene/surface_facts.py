@@ -1,0 +1,95 @@
+"""Counts and sizes of the surface of a scene: its parts, open and branching edges, area."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.arrays import Array
+from ..base.components import connected_components
+from .geometry import _blocks, _cross, _edges, _exponent
+from .model import Mesh, Scene
+from .normals import welded
+
+MOST_FACES = 1 << 22  # of which shapes and edges are counted: seconds, and some hundred MB
+
+
+@dataclass(frozen=True)
+class SurfaceFacts:
+    """Counts and area of all triangles in world space; every instance counts.
+
+    vertices: those of the meshes; positions: different ones. shapes: sets of triangles that are connected by vertices
+    at equal positions, of whichever mesh. boundary_edges: edges of one triangle; non_manifold_edges: of more than two;
+    a closed surface has neither. Triangles with two equal corners, which have no area, count in none of the three.
+    positions, shapes and edges are None for more than MOST_FACES triangles.
+    area: in squared scene units.
+    """
+
+    vertices: int
+    triangles: int
+    area: float
+    positions: int | None = None
+    shapes: int | None = None
+    boundary_edges: int | None = None
+    non_manifold_edges: int | None = None
+
+    @property
+    def closed(self) -> bool | None:
+        """Whether every edge has two triangles; None if edges were not counted. True for a scene without triangles."""
+        return None if self.boundary_edges is None else not (self.boundary_edges or self.non_manifold_edges)
+
+
+def surface_facts(scene: Scene) -> SurfaceFacts:
+    """Return counts and area of a scene's triangles."""
+    vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
+    triangles = scene.face_count
+    area = sum(_area(verts, mesh.faces) for mesh in scene.meshes for verts in _placed(mesh))
+    if triangles > MOST_FACES:
+        return SurfaceFacts(vertices, triangles, area)
+    return SurfaceFacts(vertices, triangles, area, *_topology(scene))
+
+
+def _placed(mesh: Mesh) -> Iterator[Array]:
+    """Yield the vertices (V, 3) float64 in world space, once for each instance; none for a mesh without faces."""
+    for placement in np.asarray(mesh.instances) if len(mesh.faces) else ():
+        if (placement == np.eye(4)).all():
+            yield mesh.verts.astype(np.float64)
+        else:
+            yield mesh.verts.astype(np.float64) @ placement[:3, :3].T + placement[:3, 3]
+
+
+def _area(verts: Array, faces: Array) -> float:
+    """Return the area of triangles, scaled by a power of two meanwhile so that squares neither overflow nor vanish."""
+    edges = _edges(verts, faces)
+    exponent = _exponent(edges)
+    np.ldexp(edges, -exponent, out=edges)
+    total = 0.0
+    for block in _blocks(len(faces)):
+        part = edges[:, :, block]
+        squares = sum(np.square(_cross(part, axis)) for axis in range(3))
+        total += float(np.sqrt(squares).sum())
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.ldexp(2.0 * total, 2 * exponent))  # half of the cross product of edges, which are halved
+
+
+def _topology(scene: Scene) -> tuple[int, int, int, int]:
+    """Return the numbers of positions, shapes, boundary and non-manifold edges."""
+    points, faces, count = [], [], 0
+    for mesh in scene.meshes:
+        for verts in _placed(mesh):
+            points.append(verts)
+            faces.append(mesh.faces + np.int64(count))
+            count += len(verts)
+    if not points:
+        return 0, 0, 0, 0
+    corners = welded(np.concatenate(points))[1][np.concatenate(faces)]
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    start, end = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
+    edges, uses = np.unique(np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end), return_counts=True)
+    used = np.unique(corners)
+    labels = connected_components(int(used.max(initial=-1)) + 1, edges >> 32, edges & 0xFFFFFFFF)
+    shapes = int(np.count_nonzero(labels[used] == used))
+    return len(used), shapes, int(np.count_nonzero(uses == 1)), int(np.count_nonzero(uses > 2))

@@ -1,0 +1,270 @@
+"""Films: frames drawn as by `farm.draw_frames`, then encoded as MP4, WebM, GIF, APNG or WebP."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base import console
+from ..base.arrays import Array, Floats
+from ..base.atomic_files import check, replacing, shown
+from ..base.validation import path as checked_path
+from ..errors import InputError
+from ..farm.frames import parse_pattern
+from ..farm.progress import LINES
+from ..farm.running import Run, draw_frames
+from ..images import exr, png
+from ..images.tonemap import Operator, display_values
+from ..pipeline.effective_settings import effective_settings
+from ..pipeline.frame import FileKind, SavingOptions
+from ..scene.camera import Camera
+from ..scene.model import Scene, default_tonemap
+from ..scene.settings import FrameOptions
+from . import animation, video
+from .film_format import checked_depth, checked_rate, format_of
+from .film_frames import FrameFolder, digest_of
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+FPS = 30  # frames per second, unless chosen
+_AHEAD = 2  # images that are decoded while another one is encoded
+
+
+@dataclass(frozen=True)
+class Film:
+    """The result of drawing a film.
+
+    Attributes
+    ----------
+    path : str
+        The film's file.
+    run : Run
+        How its frames were drawn.
+    count : int
+        Number of frames.
+    fps : Fraction
+        Frames per second.
+    resolution : tuple of int
+        Columns and rows of the film; even in MP4 and WebM.
+    codec, pixels : str
+        How the film is encoded, and what its pixels hold.
+    size : int
+        Bytes of the file.
+    encode_seconds : float
+        Time to encode it, after the frames were drawn.
+    frames : str or None
+        The folder of the frames, if they are kept.
+    """
+
+    path: str
+    run: Run
+    count: int
+    fps: Fraction
+    resolution: tuple[int, int]
+    codec: str
+    pixels: str
+    size: int
+    encode_seconds: float
+    frames: str | None
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the film."""
+        return float(self.count / self.fps)
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures as a dict for JSON."""
+        film = {name: getattr(self, name) for name in ("path", "count", "resolution", "codec", "pixels", "seconds")}
+        film |= {
+            "fps": float(self.fps),
+            "size": self.size,
+            "encode_seconds": self.encode_seconds,
+            "frames": self.frames,
+        }
+        lost = () if self.frames else ("first", "last")  # names of files that are gone
+        return {**{name: value for name, value in self.run.stats().items() if name not in lost}, "film": film}
+
+    def lines(self) -> list[str]:
+        """Return the result as lines for the terminal."""
+        drawn = self.run.lines()
+        shape = "{}x{}".format(*self.resolution)
+        rate = f"{self.count} frames, {float(self.fps):.6g} a second, {self.seconds:.6g} s"
+        return [
+            *(drawn if self.frames else drawn[:-1]),
+            f"film    {shown(self.path)}, {shape}, {rate}",
+            f"        {self.codec} ({self.pixels}), {self.size / 1e6:.2f} MB, encoded in {self.encode_seconds:.1f} s",
+        ]
+
+
+def draw_film(
+    scene: Scene,
+    cameras: Mapping[int, Camera],
+    path: str | os.PathLike[str],
+    *,
+    fps: float | Fraction | str = FPS,
+    bits: int = 8,
+    keep_frames: bool = False,
+    saving: SavingOptions | None = None,
+    overwrite: bool = False,
+    workers: int = 1,
+    scheduler: str | None = None,
+    timeout: float = 10.0,
+    frame_timeout: float | None = None,
+    progress: bool = True,
+    device: str | None = None,
+    **settings: Unpack[FrameOptions],
+) -> Film:
+    """Draw frames of a scene, and write them as a film.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw.
+    cameras : mapping of int to Camera
+        Camera of each frame, by frame number; all of one resolution.
+    path : str or path-like
+        The film's file, which ends in .mp4, .webm, .gif, .apng or .webp.
+    fps : number or str, default 30
+        Frames per second, also as a fraction such as ``"30000/1001"``; at most 50 in a GIF, 90 in
+        APNG and WebP.
+    bits : {8, 10}, default 8
+        Bits per channel; 10 in MP4 alone. They are rounded from the frames' floats.
+    keep_frames : bool, default False
+        Keep the frames, EXR and PNG, in the folder ``<path>.frames``. Otherwise it is removed when
+        the film is whole, and holds what the film needs alone. Frames that were kept once stay
+        beside their film.
+    saving : dict, optional
+        Keywords of `Frame.save`: tone map and exposure of the film, the rest of kept frames.
+    overwrite : bool, default False
+        Draw frames that an earlier run left, as well.
+    workers, scheduler, timeout, frame_timeout, progress, device
+        See `clshade.farm.draw_frames`.
+    **settings
+        Keywords of `clshade.render`.
+
+    Returns
+    -------
+    Film
+        Counts, times and what the film is.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, or PyAV is missing, which MP4 and WebM need.
+    DeviceError, OutputError, WorkerError
+        See `clshade.farm.draw_frames`. The film that was there stays, and so do frames that were
+        drawn: the next call with the same arguments goes on from them.
+    """
+    name = checked_path("draw_film", "path", path)
+    kind = format_of(name)
+    rate = checked_rate(kind, fps)
+    bits = checked_depth(kind, bits)
+    codec = video.codec_of(kind, bits) if kind.video else None
+    columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side)
+    needed: FileKind = "png" if bits == 8 else "exr"
+    folder = FrameFolder(name)
+    keep_frames = keep_frames or folder.kept
+    options: SavingOptions = {**saving} if saving else {}
+    if not keep_frames:
+        options["files"] = (needed,)
+        settings["layers"] = ()
+    scene_drawn, settings_drawn = effective_settings(scene, **settings)
+    with folder.of(digest_of(scene_drawn, settings_drawn, cameras, {**options, "files": None}), keep_frames):
+        check(name)
+        run = draw_frames(
+            scene,
+            cameras,
+            folder.pattern,
+            workers=workers,
+            scheduler=scheduler,
+            timeout=timeout,
+            frame_timeout=frame_timeout,
+            overwrite=overwrite,
+            progress=progress,
+            device=device,
+            saving=options,
+            **settings,
+        )
+        start = time.perf_counter()
+        if progress:
+            console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
+        tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
+        images = _images(folder.pattern, sorted(cameras), needed, tonemap, options.get("exposure", 0.0))
+        with replacing(name) as file:
+            if codec:
+                video.encode(file, _loaded(images, name if progress else ""), len(images), rate, codec)
+            else:
+                animation.encode(file, images, rate, kind)
+        seconds = time.perf_counter() - start
+    if not keep_frames:
+        folder.remove()
+    return Film(
+        path=name,
+        run=run,
+        count=len(images),
+        fps=rate,
+        resolution=(columns + columns % 2, rows + rows % 2) if codec else (columns, rows),
+        codec=codec.name if codec else animation.NAMES[kind.ending],
+        pixels=f"{codec.pixel_format}, BT.709" if codec else animation.PIXELS[kind.ending],
+        size=os.path.getsize(name),
+        encode_seconds=seconds,
+        frames=folder.path if keep_frames else None,
+    )
+
+
+def _resolution(cameras: Mapping[int, Camera], least: int, most: int) -> tuple[int, int]:
+    """Return the resolution of all cameras. Raises InputError if they differ, or if a film cannot have it.
+
+    What is no camera is left to `draw_frames`, which refuses it.
+    """
+    found: tuple[int, int] | None = None
+    for number, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+        resolution = getattr(camera, "resolution", (0, 0))
+        if found is not None and resolution != found:
+            sizes = "{}x{}, found {}x{}".format(*found, *resolution)
+            raise InputError(
+                f"film: frame {number}: expected all frames of one size, {sizes}: --resolution gives them one"
+            )
+        found = resolution
+    if found is not None and not least <= min(found) <= max(found) <= most:
+        size = "{}x{}".format(*found)
+        raise InputError(f"film: resolution: expected {least} to {most} pixels a side for this format, found {size}")
+    return found or (0, 0)
+
+
+def _images(
+    pattern: str, numbers: Sequence[int], file: FileKind, tonemap: Operator, exposure: float
+) -> list[Callable[[], Array]]:
+    """Return what loads each frame's display image: the codes of its PNG, or the tone-mapped floats of its EXR."""
+
+    def from_exr(name: str) -> Floats:
+        channels, _ = exr.read(name)
+        return display_values(np.stack([channels[each] for each in "RGB"], axis=-1), tonemap, exposure)
+
+    names = parse_pattern(pattern, len(numbers))
+    read: Callable[[str], Array] = png.read if file == "png" else from_exr
+    return [partial(read, names.names(number, (file,))[0]) for number in numbers]
+
+
+def _loaded(images: Sequence[Callable[[], Array]], name: str) -> Iterator[Array]:
+    """Yield the images, some of them loaded ahead, which releases the GIL. name: of the film, to report progress on; "":
+    do not."""
+    told = time.monotonic()
+    with ThreadPoolExecutor(_AHEAD) as beside:
+        waiting = deque(beside.submit(load) for load in images[:_AHEAD])
+        for number in range(len(images)):
+            waiting.extend(beside.submit(load) for load in images[number + _AHEAD : number + _AHEAD + 1])
+            yield waiting.popleft().result()
+            if name and time.monotonic() - told >= LINES:
+                told = time.monotonic()
+                console.progress(f"{shown(name)}: {number + 1}/{len(images)} frames encoded")

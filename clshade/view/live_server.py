@@ -1,0 +1,267 @@
+"""The live view on loopback: a page, and a WebSocket for pictures and input. Needs aiohttp, the extra `view`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import signal
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from ..errors import ClshadeError, InputError
+from .live_scene import LiveScene
+from .live_session import Drawing, Session, Task
+from .live_stats import LiveStats
+
+try:
+    from aiohttp import WSCloseCode, WSMsgType, web
+except ImportError:
+    missing = "aiohttp to serve the view, found none: `pip install 'clshade[view]'`"
+    raise InputError(f"view: expected {missing}") from None
+
+HOST = "127.0.0.1"
+AHEAD = 2  # pictures on their way to a client: one is drawn while the one before is shown
+WATCH_SECONDS = 0.5
+MAX_MESSAGE = 1 << 16  # bytes, from a client
+CLOSE_SECONDS = 0.2  # for clients to say goodbye
+
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # the token is part of the address
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def listen(port: int | None) -> socket.socket:
+    """Return a socket that listens on the loopback address, on a free port without `port`. Raises InputError."""
+    try:
+        return socket.create_server((HOST, port or 0))
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"--port: expected a free port from 1 to 65535, found {port}: {reason}") from None
+
+
+class LiveServer:
+    """Serves a scene to any number of clients, each with a camera of its own; one thread draws for all.
+
+    page: makes the page, given the host and port that it may connect to.
+    """
+
+    def __init__(self, scene: LiveScene, listening: socket.socket, page: Callable[[str], str]) -> None:
+        self.scene, self.stats = scene, LiveStats()
+        self.clients: set[_Client] = set()
+        self.token = secrets.token_urlsafe(24)
+        self._socket, self._page = listening, page
+        self.port: int = listening.getsockname()[1]
+        self.drawing = ThreadPoolExecutor(1, "clshade-view")
+        self.is_outdated = False  # whether a file of the scene is another than was read
+
+    @property
+    def url(self) -> str:
+        return f"http://{HOST}:{self.port}/{self.token}/"
+
+    def application(self) -> web.Application:
+        app = web.Application(middlewares=[self._guard], client_max_size=1)
+        app.router.add_get("/{token}/", self._serve_page)
+        app.router.add_get("/{token}/live", self._serve_client)
+        return app
+
+    async def serve(self, ready: Callable[[], None] | None = None) -> None:
+        """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect."""
+        runner = web.AppRunner(
+            self.application(), access_log=None, handle_signals=False, shutdown_timeout=CLOSE_SECONDS
+        )
+        await runner.setup()
+        watching: asyncio.Task[None] | None = None
+        try:
+            await web.SockSite(runner, self._socket).start()
+            watching = asyncio.create_task(self._watch())
+            with _interrupted() as stopped:
+                if ready is not None:
+                    ready()
+                await stopped.wait()
+        finally:
+            if watching is not None:
+                watching.cancel()
+            goodbyes = [each.socket.close(code=WSCloseCode.GOING_AWAY) for each in self.clients]
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(asyncio.gather(*goodbyes, return_exceptions=True), CLOSE_SECONDS)
+            await runner.cleanup()
+            self.drawing.submit(self.scene.close)
+            self.drawing.shutdown(wait=False)
+
+    # Requests
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> Any:
+        """Refuse other hosts (DNS rebinding), other origins (pages of other sites) and other tokens."""
+        host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
+        port = "" if self.port == 80 else f":{self.port}"  # as browsers write it
+        own = host in (f"{HOST}{port}", f"localhost{port}") and origin in (None, f"http://{host}")
+        token = request.path.split("/")[1] if request.path.startswith("/") else ""
+        right = secrets.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
+        if not own or not right:
+            return web.Response(status=403, text="403: the address printed by `clshade view` is needed\n")
+        response = await handler(request)
+        if not response.prepared:
+            response.headers.update(_HEADERS)
+        return response
+
+    async def _serve_page(self, request: web.Request) -> web.Response:
+        return web.Response(text=self._page(request.host), content_type="text/html")
+
+    async def _serve_client(self, request: web.Request) -> web.StreamResponse:
+        if "Origin" not in request.headers:  # browsers always send it
+            return web.Response(status=403, text="403: a WebSocket needs an Origin\n")
+        # Compression would take longer than the loopback interface.
+        client = _Client(self, web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0))
+        await client.socket.prepare(request)
+        self.clients.add(client)
+        try:
+            await client.run()
+        finally:
+            self.clients.discard(client)
+            await self.in_drawing(client.session.close)
+        return client.socket
+
+    async def in_drawing(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a function in the thread that draws."""
+        return await asyncio.get_running_loop().run_in_executor(self.drawing, function, *arguments)
+
+    # The scene's files
+
+    async def _watch(self) -> None:
+        """Tell clients when a file of the scene is no longer the one that was read."""
+        while True:
+            await asyncio.sleep(WATCH_SECONDS)
+            outdated = self.scene.source.stamps() != self.scene.stamps
+            if outdated != self.is_outdated:
+                self.is_outdated = outdated
+                await self.tell_all({"type": "changed", "changed": outdated})
+
+    async def reload(self) -> None:
+        """Read the scene again, for all clients."""
+        try:
+            await self.in_drawing(self.scene.load)
+        except (ClshadeError, MemoryError) as error:
+            await self.tell_all({"type": "error", "text": _line(error)})
+            return
+        self.is_outdated = False
+        for client in self.clients:
+            client.session.reloaded()
+            client.changed.set()
+            await client.tell({"type": "scene", **client.session.description()})
+
+    async def tell_all(self, message: dict[str, Any]) -> None:
+        for client in list(self.clients):
+            await client.tell(message)
+
+
+class _Client:
+    """A connected page: its session, and the pictures on their way to it."""
+
+    def __init__(self, server: LiveServer, ws: web.WebSocketResponse) -> None:
+        self.server, self.socket = server, ws
+        self.session = Session(server.scene)
+        self.changed = asyncio.Event()  # something may be due
+        self._on_the_way = 0
+
+    async def tell(self, message: dict[str, Any]) -> None:
+        with contextlib.suppress(ConnectionError, RuntimeError):  # it is closing
+            await self.socket.send_str(json.dumps(message))
+
+    async def run(self) -> None:
+        """Handle input and send pictures until the connection ends."""
+        await self.tell({"type": "scene", **self.session.description()})
+        if self.server.is_outdated:
+            await self.tell({"type": "changed", "changed": True})
+        tasks = [asyncio.create_task(each) for each in (self._receive(), self._send_pictures())]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        for task in done:
+            with contextlib.suppress(ConnectionError):
+                task.result()
+
+    async def _receive(self) -> None:
+        async for message in self.socket:
+            if message.type == WSMsgType.TEXT:
+                await self._handle(message.data)
+
+    async def _handle(self, text: str) -> None:
+        try:
+            message = json.loads(text)
+            if not isinstance(message, dict):
+                raise InputError("view: message: expected an object")
+            kind = message.get("type")
+            if kind == "shown":
+                self._on_the_way = max(0, self._on_the_way - 1)
+            elif kind == "probe":
+                session, place = self.session, (message.get("column"), message.get("row"))
+                await self.tell({"type": "probe", **await self.server.in_drawing(session.probe, *place)})
+            elif kind == "snapshot":
+                await self.tell({"type": "snapshot", **await self.server.in_drawing(self.session.snapshot)})
+            elif kind == "reload":
+                await self.server.reload()
+            else:
+                self.session.handle(message)
+        except (ClshadeError, ValueError, RecursionError, MemoryError) as error:
+            await self.tell({"type": "error", "text": _line(error)})
+        self.changed.set()
+
+    async def _send_pictures(self) -> None:
+        while True:
+            self.changed.clear()
+            due = self.session.due() if self._on_the_way < AHEAD else None
+            if not isinstance(due, Task):
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self.changed.wait(), due)
+                continue
+            drawing = await self._drawn(due)
+            if drawing is not None:
+                self._on_the_way += 1
+                await self.socket.send_bytes(drawing.message)
+
+    async def _drawn(self, task: Task) -> Drawing | None:
+        """Draw a picture; if that fails, tell the client and go on."""
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        drawing: Drawing | None = None
+        try:
+            drawing = await self.server.in_drawing(self.session.draw, task)
+        except (ClshadeError, MemoryError) as error:
+            await self.tell({"type": "error", "text": _line(error)})
+        self.session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
+        if drawing is not None:
+            self.server.stats.add(self.session, drawing, loop.time())
+        return drawing
+
+
+def _line(error: BaseException) -> str:
+    name = "out of memory: " if isinstance(error, MemoryError) else ""
+    return name + " ".join(str(error).split())
+
+
+@contextlib.contextmanager
+def _interrupted() -> Iterator[asyncio.Event]:
+    """Yield an event that SIGINT sets, where the system and the thread allow it: the loop would sleep through it."""
+    loop, stopped = asyncio.get_running_loop(), asyncio.Event()
+    caught = False
+    with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+        loop.add_signal_handler(signal.SIGINT, stopped.set)
+        caught = True
+    try:
+        yield stopped
+    finally:
+        if caught:
+            loop.remove_signal_handler(signal.SIGINT)

@@ -1,0 +1,240 @@
+"""A self-contained HTML page that shows HDR images: every value of every channel, no network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html as markup
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from ..base import atomic_files
+from ..base.arrays import Array
+from ..base.atomic_files import Path
+from ..base.json_values import in_line
+from ..errors import InputError
+from ..images.channels import color_group, grouped
+from ..images.image_file import Picture
+from ..images.tonemap import Operator, checked
+
+SCRIPTS = (
+    *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "textures.js", "display_webgl.js"),
+    *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewport.js", "viewer.js"),
+    *("controls.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
+)  # in this order: each may use what those before it declare
+SHADERS = ("tonemap.glsl", "display.glsl")
+MOST_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
+NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames"}  # layer -> attribute of an EXR's header
+
+_CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
+_LEVEL = 5  # of deflate
+_COLORMAPS = {"quantity": "viridis", "stops": "turbo"}  # matplotlib's
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page as text. Notebooks show it in a frame of its own, which a static export keeps."""
+
+    html: str
+    title: str = "clshade"
+
+    def __repr__(self) -> str:
+        return f"<Page {in_line(self.title)}, {len(self.html) / 1e6:.1f} MB>"
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{markup.escape(self.html)}" sandbox="allow-scripts" allow="fullscreen" width="100%" '
+            'height="640" style="border: 0"></iframe>'
+        )
+
+    def save(self, path: Path) -> int:
+        """Write the page to a file, atomically, and return its size in bytes. Raises OutputError."""
+        data = self.html.encode()
+        atomic_files.write_bytes(path, data)
+        return len(data)
+
+
+def html(
+    images: Mapping[str, Picture],
+    *,
+    extra_scripts: Sequence[str] = (),
+    extra_styles: Sequence[str] = (),
+    title: str = "clshade",
+    tonemap: Operator = "srgb",
+    exposure: float = 0.0,
+    connect: str = "'none'",
+) -> str:
+    """Return the page that shows the images, the first of them first.
+
+    images: name -> image; may be empty for a page whose images come from an extra script.
+    extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`. extra_styles: CSS after the page's own.
+    tonemap, exposure: as chosen at first and by a reset.
+    connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
+    """
+    settings = checked_settings(tonemap, exposure)
+    scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
+    style = "\n".join([_part("style.css"), *extra_styles])
+    blocks: list[Future[str]] = []
+    with _threads() as threads:
+        described = [_described(name, picture, threads, blocks) for name, picture in images.items()]
+        chunks = [_block("text/plain", f"chunk-{number}", text.result()) for number, text in enumerate(blocks)]
+    first = _first_drawn(images, described)
+    manifest = {"title": title, "settings": settings, "images": described, "colormaps": _colormaps()}
+    policy = (
+        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src "
+        f"{' '.join(map(_hash, scripts))}; connect-src {connect}; base-uri 'none'; form-action 'none'"
+    )
+    data = [_block("application/json", "manifest", _json(manifest))]
+    data += [_block("x-shader/x-fragment", name, _part(name)) for name in SHADERS]
+    data += [chunk for number, chunk in enumerate(chunks) if number in first]
+    values = {
+        "policy": markup.escape(policy),
+        "title": markup.escape(title.encode("utf-8", "replace").decode()),  # a file's name may hold any bytes
+        "style": f"<style>{style}</style>",
+        "data": "\n".join(data),
+        "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+        "rest": "\n".join(chunk for number, chunk in enumerate(chunks) if number not in first),
+    }
+    pieces = _part("page.html").split("%%")  # text and names of values in turn
+    return "".join(values[piece] if number % 2 else piece for number, piece in enumerate(pieces))
+
+
+def view(
+    images: Mapping[str, Picture], title: str = "clshade", *, tonemap: Operator = "srgb", exposure: float = 0.0
+) -> Page:
+    """Return the page that shows the images, see `html`."""
+    return Page(html(images, title=title, tonemap=tonemap, exposure=exposure), title)
+
+
+def checked_settings(tonemap: Operator, exposure: float) -> dict[str, Any]:
+    """Return the page's settings. Raises InputError for others than `clshade.images.tonemap` takes."""
+    stops = checked(tonemap, exposure)
+    return {"operator": tonemap, "exposure": max(-MOST_EXPOSURE, min(MOST_EXPOSURE, stops))}
+
+
+@cache
+def _part(name: str) -> str:
+    """Return a file of the page."""
+    return (files("clshade.view") / "page" / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return a source expression of the Content Security Policy that allows this inline text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _block(kind: str, name: str, text: str) -> str:
+    return f'<script type="{kind}" id="{name}">{text}</script>'
+
+
+def _json(value: Any) -> str:
+    """Return JSON in which no markup can begin: in an HTML script only `<` can."""
+    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
+
+
+@contextmanager
+def _threads() -> Iterator[ThreadPoolExecutor]:
+    """Yield a pool of threads, for deflate releases the GIL; after an error or Ctrl-C it starts nothing more."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        try:
+            yield threads
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, blocks: list[Future[str]]) -> dict[str, Any]:
+    """Return an image's description, and append the chunks of its channels to `blocks`."""
+    rows, columns = picture.shape
+    channels = []
+    for channel, plane in picture.channels.items():
+        kind, bits = stored(plane, picture.bits)
+        start = len(blocks)
+        values = bits.reshape(-1)
+        blocks += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
+        channels.append({"name": channel, "type": kind, "chunks": list(range(start, len(blocks)))})
+    return {"name": name, "width": columns, "height": rows, "channels": channels, "info": info(picture)}
+
+
+def _first_drawn(images: Mapping[str, Picture], described: Sequence[dict[str, Any]]) -> set[int]:
+    """Return the numbers of the chunks that the page draws first: they stand before its scripts, the others behind."""
+    if not images:
+        return set()
+    picture = next(iter(images.values()))
+    color = color_group(picture.channels)
+    names = grouped(picture.channels)[color[0]].names if color else tuple(picture.channels)[:1]
+    return {number for each in described[0]["channels"] if each["name"] in names for number in each["chunks"]}
+
+
+def info(picture: Picture) -> dict[str, Any]:
+    """Return what the page knows about an image besides its pixels, for JSON.
+
+    encoded: whether its colors are sRGB-encoded. header: attribute -> text. names: layer -> number -> name.
+    """
+    header = {in_line(name): in_line(value) for name, value in picture.header.items()}
+    return {"encoded": bool(picture.bits), "header": header, "names": _names(picture.header)}
+
+
+def _names(header: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the names of numbers by layer. Attributes of another form, of other programs, are left out."""
+    found = {}
+    for layer, attribute in NAME_ATTRIBUTES.items():
+        try:
+            names = json.loads(header[attribute])
+        except (KeyError, TypeError, ValueError, RecursionError):
+            continue
+        if isinstance(names, dict):
+            found[layer] = {number: str(name) for number, name in names.items()}
+    return found
+
+
+def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
+    """Return the type in which the page keeps a channel, and its values as unsigned integers of the same bits.
+
+    plane: (M, N). bits: of the codes of a PNG, whose values are code/(2^bits - 1); 0 for others.
+    Types: half, float, uint; u8 and u16 for codes. float64 is rounded to float, as in an EXR.
+    """
+    if bits:
+        code = np.uint8 if bits == 8 else np.uint16
+        return f"u{bits}", np.rint(plane.astype(np.float64) * np.iinfo(code).max).astype(code)
+    if plane.dtype.kind in "iub":
+        return "uint", np.ascontiguousarray(plane, dtype=np.uint32)
+    if plane.dtype.kind != "f":
+        raise InputError(f"view: channels: expected floats or whole numbers, found type {plane.dtype}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        half = plane.dtype == np.float16
+        floats = np.ascontiguousarray(plane, dtype=np.float16 if half else np.float32)
+    return ("half", floats.view(np.uint16)) if half else ("float", floats.view(np.uint32))
+
+
+def _encoded(values: Array) -> str:
+    """Encode unsigned integers: differences of consecutive ones, modulo 2^bits, one byte plane after another.
+
+    Neighbors have similar bits, so that the high bytes of the differences are nearly constant: of a rendered image with
+    all layers, deflate leaves three quarters of what it leaves of the byte planes alone.
+    """
+    differences = np.diff(values, prepend=values.dtype.type(0))
+    planes = differences.astype(f"<u{values.itemsize}").view(np.uint8).reshape(-1, values.itemsize).T
+    return base64.b64encode(zlib.compress(planes.tobytes(), _LEVEL)).decode()
+
+
+@cache
+def _colormaps() -> dict[str, str]:
+    """Return colormaps of 256 colors by purpose, R, G, B bytes in base64."""
+    from matplotlib import colormaps
+
+    found = {}
+    for purpose, name in _COLORMAPS.items():
+        colors = colormaps[name](np.arange(256), bytes=True)[:, :3]
+        found[purpose] = base64.b64encode(np.ascontiguousarray(colors).tobytes()).decode()
+    return found

@@ -1,0 +1,147 @@
+"use strict";
+// A live view: the viewer shows what the server draws, and the server hears what the viewer's user does.
+
+const RATE_SECONDS = 1; // over which frames per second are counted
+const NOTICE_MS = 8000;
+
+class Live {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.connection = new Connection(`ws://${location.host}${location.pathname}live`);
+    const send = (message) => this.connection.send(message);
+    this.send = send;
+    this.motion = new MotionPicture(viewer);
+    this.panel = new LivePanel(send);
+    this.controls = new CameraControls(viewer, send);
+    this.panel.turning.addEventListener("click", () => this.controls.turn(!this.controls.turning));
+    this.controls.onturn = (turning) => this.panel.turning.setAttribute("aria-pressed", String(turning));
+    this.shownAt = []; // times of the latest pictures in motion, ms
+    this.counts = { moving: 0, all: 0 };
+    this.header = null;
+    this.bar = create("div", { id: "changed", hidden: true });
+    const reload = create("button", { type: "button", textContent: "Reload" });
+    reload.addEventListener("click", () => send({ type: "reload" }));
+    this.bar.append("The scene’s file has changed.", reload);
+    this.others = create("tbody");
+    document.querySelector("#layers table").after(create("table", { id: "all-layers" }, this.others));
+    document.getElementById("stage").append(this.bar);
+    this.connection.onpicture = (header, arrays) => this.picture(header, arrays);
+    this.connection.addEventListener("message", ({ detail }) => this.message(detail));
+    this.connection.addEventListener("closed", () => this.ended());
+    viewer.addEventListener("change", () => this.tellDisplay());
+    viewer.addEventListener("hover", () => this.probe());
+    this.noticeTimer = setTimeout(() => this.notice("", 0), NOTICE_MS); // the viewer may have said something
+  }
+
+  message(message) {
+    const { type } = message;
+    if (type === "scene") this.describe(message);
+    else if (type === "snapshot") this.panel.written(message);
+    else if (type === "probe") this.probed(message);
+    else if (type === "changed") this.bar.hidden = !message.changed;
+    else if (type === "error") this.failed(message.text);
+  }
+
+  failed(text) {
+    this.panel.failed();
+    this.notice(text);
+  }
+
+  notice(text, ms = NOTICE_MS) {
+    clearTimeout(this.noticeTimer);
+    this.viewer.dispatchEvent(new CustomEvent("notice", { detail: text }));
+    if (ms) this.noticeTimer = setTimeout(() => this.notice("", 0), ms);
+  }
+
+  ended() {
+    document.body.classList.add("ended");
+    this.notice("The view has ended. Start it again for another.", 0);
+  }
+
+  /** Take over the scene. Until its first whole picture is there, the viewer has a black image of its size. */
+  describe(scene) {
+    const [width, height] = scene.resolution;
+    this.name = scene.name;
+    this.bar.hidden = true;
+    if (!this.viewer.images.size) {
+      const black = () => new Float32Array(width * height);
+      this.viewer.setImage(scene.name, { width, height, channels: { R: black(), G: black(), B: black() }, info: {} });
+      this.viewer.set({ exposure: scene.exposure, operator: scene.tonemap });
+    }
+    this.panel.describe(scene);
+    this.tellDisplay();
+  }
+
+  /** Tell the server how the viewer shows pictures; where 8 bits of the color would not do, it sends all values. */
+  tellDisplay() {
+    const { viewer } = this;
+    if (!viewer.image) return;
+    const { exposure, operator, inStops } = viewer.settings;
+    const isColor = viewer.layerOf(viewer.image) === viewer.image.color && viewer.component === null;
+    const display = { exposure, tonemap: operator, as_floats: !isColor || inStops || viewer.mode !== "single" };
+    const text = JSON.stringify(display);
+    if (text === this.display) return;
+    this.display = text;
+    this.send({ type: "set", ...display });
+  }
+
+  picture(header, arrays) {
+    this.header = header;
+    this.counts.all++;
+    if (header.moving) this.counts.moving++;
+    if (header.type === "picture") {
+      this.motion.show(header, arrays.rgba);
+    } else {
+      this.motion.hide();
+      const { width, height } = header;
+      this.viewer.setImage(this.name, { width, height, channels: arrays, info: { header: this.info(header) } });
+    }
+    document.body.classList.toggle("unfinished", !header.last);
+    document.documentElement.dataset.version = String(header.version);
+    if (header.last) this.probe();
+    this.panel.times(header, this.panel.state.samples, this.rate(header));
+  }
+
+  /** Return the frames per second in motion, or null where there is no motion. */
+  rate({ moving }) {
+    const now = performance.now();
+    if (!moving) {
+      this.shownAt = [];
+      return null;
+    }
+    this.shownAt = [...this.shownAt.filter((at) => now - at < 1000 * RATE_SECONDS), now];
+    return this.shownAt.length < 2 ? null : (1000 * (this.shownAt.length - 1)) / (now - this.shownAt[0]);
+  }
+
+  info({ camera, samples }) {
+    const vectors = Object.entries(camera).map(([name, values]) => [name, values.map((value) => value.toPrecision(6)).join(", ")]);
+    return Object.fromEntries([...vectors, ["samples", String(samples)]]);
+  }
+
+  /** Ask for the pinned pixel's values in all layers, once the picture is whole. */
+  probe() {
+    const { pinned } = this.viewer;
+    const key = pinned && this.header?.last ? `${this.header.version} ${pinned.x} ${pinned.y}` : null;
+    if (key === this.probedKey) return;
+    this.probedKey = key;
+    if (key) this.send({ type: "probe", column: pinned.x, row: pinned.y });
+    if (!key || !this.header.last) this.others.replaceChildren();
+  }
+
+  /** Show the values of the layers that the viewer's image lacks. */
+  probed({ version, column, row, values }) {
+    const { pinned, image } = this.viewer;
+    if (pinned?.x !== column || pinned?.y !== row || version !== this.header.version) return;
+    this.probedValues = values;
+    const rows = groupChannels(Object.keys(values)).filter(({ channels }) => !channels.every((name) => image.channels.has(name)));
+    const number = (each) => Number(String(values[each]).replace("inf", "Infinity"));
+    this.others.replaceChildren(...rows.map(({ name, channels }) => {
+      const cells = channels.map((each) => create("span", { textContent: formatted(number(each), 5) }));
+      const title = channels.map((each) => `${each} ${values[each]}`).join("\n");
+      return create("tr", { className: "codes" }, create("th", { textContent: name, scope: "row" }), create("td", { title }, ...cells));
+    }));
+  }
+}
+
+const live = new Live(viewer);
+if (location.hash === "#turn") live.controls.turn(true);

@@ -1,0 +1,135 @@
+"use strict";
+// What is drawn of a layer, and its colors by the processor: the display without WebGL, and the texts on pixels.
+
+const GROUND = [42, 42, 42];
+const NOTHING = [96, 96, 96]; // infinity where colors stand for numbers
+const NAN_MARK = [255, 0, 255];
+const INFINITE_MARK = [255, 176, 0];
+const NEGATIVE_MARK = [0, 181, 255];
+const METRICS = { absolute: 1, squared: 2, relative: 3 }; // numbers of display.glsl
+const FALSE_COLOR_STOPS = [-8, 4]; // relative to 1 at the exposure chosen
+
+/** One image as it is drawn. planes: channels, one or three of them repeated; ranges: [low, high] of each. */
+class Shown {
+  /** component: index of a plane, "luminance", or null for all. range: [low, high] instead of the layer's. */
+  constructor(layer, component, range) {
+    this.layer = layer;
+    this.image = layer.image;
+    this.isEncoded = layer.image.isEncoded(layer);
+    const { kind, ranges } = layer.statistics;
+    this.kind = kind;
+    this.asLuminance = component === "luminance";
+    const single = typeof component === "number" && component < layer.planes.length ? component : null;
+    this.planes = single === null ? layer.planes : [layer.planes[single]];
+    this.ranges = single === null ? ranges : [ranges[single]];
+    if (single !== null && kind !== KIND.color && kind !== KIND.numbers) this.kind = KIND.quantity;
+    if (single !== null && kind === KIND.direction) this.ranges = [[-1, 1]];
+    if (range && this.kind === KIND.quantity) this.ranges = [range];
+    this.count = this.planes.length;
+  }
+
+  /** Return three planes, the first repeated for gray; the third is null where there are two. */
+  three() {
+    return this.count === 1 ? [0, 0, 0].map(() => this.planes[0]) : [0, 1, 2].map((k) => this.planes[k] ?? null);
+  }
+
+  readers() {
+    return this.three().map((plane) => (plane ? plane.reader(this.isEncoded) : () => 0));
+  }
+}
+
+/** Return the color of a tuple of numbers: clshade.images.thumbnails has the same. */
+function numberColor(numbers) {
+  let state = 0;
+  if (numbers.every((number) => number === 0)) return [0, 0, 0];
+  for (const number of numbers) {
+    state = Math.imul(state ^ wholeOf(number), 0x9e3779b1);
+    state = Math.imul(state ^ (state >>> 15), 0x85ebca6b);
+    state ^= state >>> 13;
+  }
+  return [0, 8, 16].map((shift) => (((state >>> shift) & 255) >> 2) * 3 + 64);
+}
+
+function wholeOf(value) {
+  return Number.isFinite(value) ? value % 2 ** 32 >>> 0 : 0;
+}
+
+function difference(a, b, metric) {
+  if (a === b || (a !== a && b !== b)) return 0;
+  const found = Math.abs(a - b);
+  return metric === "squared" ? found * found : metric === "relative" ? found / (Math.abs(b) + 0.01) : found;
+}
+
+/** Return a function from x, y of a pixel to its display color, [r, g, b] in 0 to 255; null outside of the image. */
+function shader(shown, reference, settings, colormaps) {
+  const { image } = shown;
+  const { metric } = settings;
+  const light = lightShader(shown, settings, colormaps.stops);
+  const reads = shown.readers();
+  if (!metric) {
+    const colored = shown.kind === KIND.color ? light : valueShader(shown, settings, colormaps.quantity);
+    return (x, y) => {
+      if (!image.contains(x, y)) return null;
+      const index = y * image.width + x;
+      return colored(reads[0](index), reads[1](index), reads[2](index));
+    };
+  }
+  const others = reference.readers();
+  const numbers = shown.kind === KIND.numbers;
+  return (x, y) => {
+    if (!image.contains(x, y) || !reference.image.contains(x, y)) return null;
+    const [i, j] = [y * image.width + x, y * reference.image.width + x];
+    const found = reads.map((read, k) => difference(read(i), others[k](j), metric));
+    return numbers ? (found.some((each) => each) ? [255, 255, 255] : [0, 0, 0]) : light(...found);
+  };
+}
+
+/** Return a function from x, y of a pixel and a number of digits to its values, or to the differences, as texts. */
+function pixelTexts(shown, reference, metric) {
+  const linear = Boolean(metric);
+  const reads = shown.planes.map((plane) => plane.reader(linear && shown.isEncoded));
+  const others = metric ? reference.planes.map((plane) => plane.reader(reference.isEncoded)) : [];
+  return (x, y, digits) => reads.map((read, k) => {
+    const value = read(y * shown.image.width + x);
+    if (!metric) return formatted(value, digits);
+    return others[k] ? formatted(difference(value, others[k](y * reference.image.width + x), metric), digits) : "";
+  });
+}
+
+function lightShader(shown, { exposure, operator, marking, inStops }, colormap) {
+  const toneMapped = toneMapper(operator, exposure);
+  const gain = 2 ** exposure;
+  const [first, last] = FALSE_COLOR_STOPS;
+  return (r, g, b) => {
+    const sum = r + g + b;
+    if (marking && sum - sum !== 0) return sum !== sum && [r, g, b].some(Number.isNaN) ? NAN_MARK : INFINITE_MARK;
+    if (marking && (r < 0 || g < 0 || b < 0)) return NEGATIVE_MARK;
+    if (shown.asLuminance || inStops) r = g = b = LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b;
+    if (!inStops) return toneMapped(r, g, b);
+    return r > 0 ? mapped(colormap, (Math.log2(r * gain) - first) / (last - first)) : [0, 0, 0];
+  };
+}
+
+function valueShader(shown, { marking }, colormap) {
+  const { kind, count, ranges } = shown;
+  if (kind === KIND.numbers) return (...values) => numberColor(values.slice(0, count));
+  const spread = (value, k) => {
+    const [low, high] = ranges[Math.min(k, ranges.length - 1)];
+    return high === low ? 0.5 : (value - low) / (high - low);
+  };
+  const code = (value) => Math.floor(255 * Math.max(0, Math.min(1, value)) + 0.5);
+  return (...values) => {
+    if (marking && values.some(Number.isNaN)) return NAN_MARK;
+    if (!values.every(Number.isFinite)) return NOTHING;
+    if (kind === KIND.quantity) return mapped(colormap, spread(values[0], 0));
+    if (kind === KIND.direction) return values.every((v) => v === 0) ? [0, 0, 0] : values.map((v) => code(v / 2 + 0.5));
+    const found = kind === KIND.coordinates ? values.map((v) => v - Math.floor(v)) : values.map(spread);
+    return found.map((v, k) => (k < count ? code(v) : 0));
+  };
+}
+
+/** Return the color of a colormap, 256 RGB bytes, at a position in [0, 1]. */
+function mapped(colormap, position) {
+  const entry = 3 * Math.floor(256 * Math.max(0, Math.min(0.999, position)));
+  return [colormap[entry], colormap[entry + 1], colormap[entry + 2]];
+}

@@ -1,0 +1,298 @@
+"use strict";
+// The viewer: images, what is selected, and drawing when something has changed.
+
+const MODES = ["single", "wipe", "flicker", "difference"];
+const FLICKER_MS = 500;
+const SETTINGS = { exposure: 0, operator: "srgb", marking: true, inStops: false };
+const MOST_EXPOSURE = 100; // stops
+
+/**
+ * Shows images. Events: `change` after any of its state, `hover` when the probed pixel changes, `statistics` when those
+ * of the layer are there.
+ *
+ * canvas: what takes pointer events. onpointer: a function of a pointer or wheel event and {x, y} of the pixel below it,
+ * which may lie outside of the image; where it returns true, the viewer itself does nothing.
+ */
+class Viewer extends Viewport {
+  /** settings: exposure and operator at first. */
+  constructor(canvas, overlay, display, settings) {
+    super(canvas);
+    this.overlay = new Overlay(overlay);
+    this.display = display;
+    this.display.onrestored = () => this.requestDraw();
+    this.onpointer = null;
+    this.images = new Map();
+    this.selected = null; // names of images
+    this.reference = null;
+    this.layerName = null; // null: the image's color
+    this.component = null; // index, "luminance" or null for all
+    this.initial = { ...SETTINGS, ...settings };
+    this.settings = { ...this.initial };
+    this.ranges = new Map(); // layer's name and component -> [low, high] chosen
+    this.mode = "single";
+    this.metric = "absolute";
+    this.wipeAt = 0.5; // of the canvas's width
+    this.hovered = null;
+    this.pinned = null;
+    this.held = null; // "A" or "B" while a key is held
+    this.flickered = false;
+    this.border = false;
+    this.statisticsTime = 0; // when they were computed last
+    new ResizeObserver(() => this.resized()).observe(canvas.parentElement);
+    attachNavigation(this);
+  }
+
+  // Images
+
+  /** Add an image, or replace the one of this name in place; selection, zoom and exposure stay. Returns it. */
+  setImage(name, description) {
+    const image = new HdrImage(name, description);
+    const before = this.images.get(name);
+    for (const layer of before ? image.layers : []) {
+      const earlier = before.layer(layer.name);
+      if (earlier?.channels.join("\0") !== layer.channels.join("\0")) continue;
+      Object.assign(layer, { statistics: earlier.statistics, full: earlier.full, stale: true });
+      layer.planes.forEach((plane, k) => this.display.replaceChannel(earlier.planes[k], plane));
+    }
+    for (const channel of before?.channels.values() ?? []) this.display.dropChannel(channel);
+    this.images.set(name, image);
+    this.selected ??= name;
+    if (name !== this.selected) this.reference ??= name;
+    if (this.fitted && !before && this.images.size === 1) this.fit();
+    const resized = before && (before.width !== image.width || before.height !== image.height);
+    if (resized && name === this.selected && this.fitted) this.fit();
+    this.changed();
+    if (this.probed) this.dispatchEvent(new Event("hover"));
+    return image;
+  }
+
+  removeImage(name) {
+    const image = this.images.get(name);
+    if (!image) return;
+    for (const channel of image.channels.values()) this.display.dropChannel(channel);
+    this.images.delete(name);
+    const others = [...this.images.keys()];
+    if (this.selected === name) this.selected = others[0] ?? null;
+    if (this.reference === name) this.reference = others.find((each) => each !== this.selected) ?? null;
+    if (!this.reference) this.mode = "single";
+    this.changed();
+  }
+
+  get image() {
+    return this.images.get(this.selected) ?? null;
+  }
+
+  get referenceImage() {
+    return this.images.get(this.reference) ?? null;
+  }
+
+  select(name) {
+    if (!this.images.has(name)) return;
+    this.selected = name;
+    this.changed();
+  }
+
+  setReference(name) {
+    if (!this.images.has(name)) return;
+    this.reference = name;
+    if (this.mode === "single") this.mode = "wipe";
+    this.changed();
+  }
+
+  setMode(mode) {
+    this.mode = mode !== "single" && !this.referenceImage ? "single" : mode;
+    clearInterval(this.timer);
+    this.flickered = false;
+    if (this.mode === "flicker") {
+      this.timer = setInterval(() => {
+        this.flickered = !this.flickered;
+        this.changed();
+      }, FLICKER_MS);
+    }
+    this.changed();
+  }
+
+  setMetric(metric) {
+    this.metric = metric;
+    this.changed();
+  }
+
+  /** Show the image or its reference alone while a key is held: "A", "B" or null. */
+  hold(which) {
+    if (which === this.held || (which && !this.referenceImage)) return;
+    this.held = which;
+    this.changed();
+  }
+
+  // Layers
+
+  /** Return the layer of an image that is selected, or what stands for it where the image has none of this name. */
+  layerOf(image) {
+    return image ? (image.layer(this.layerName) ?? image.color ?? image.layers[0] ?? null) : null;
+  }
+
+  setLayer(name) {
+    this.layerName = name;
+    this.component = null;
+    this.changed();
+  }
+
+  setComponent(component) {
+    this.component = component;
+    this.changed();
+  }
+
+  rangeKey() {
+    return `${this.component ?? ""} ${this.layerOf(this.image)?.name}`;
+  }
+
+  /** Set the range of the layer's colors; null: that of its values. */
+  setRange(range) {
+    if (range) this.ranges.set(this.rangeKey(), range);
+    else this.ranges.delete(this.rangeKey());
+    this.changed();
+  }
+
+  // Settings
+
+  set(changes) {
+    Object.assign(this.settings, changes);
+    this.settings.exposure = Math.max(-MOST_EXPOSURE, Math.min(MOST_EXPOSURE, Number(this.settings.exposure) || 0));
+    this.changed();
+  }
+
+  reset() {
+    this.ranges.clear();
+    this.set({ ...this.initial });
+  }
+
+  /** Set the exposure at which the brightest finite value of the layer is 1. */
+  normalize() {
+    const high = this.layerOf(this.image)?.full?.high;
+    if (high > 0 && Number.isFinite(high)) this.set({ exposure: Math.round(-Math.log2(high) * 100) / 100 });
+  }
+
+  // Comparison
+
+  setWipe(fraction) {
+    this.wipeAt = Math.max(0, Math.min(1, fraction));
+    this.changed();
+  }
+
+  /** Return x of the wipe's line in pixels of the canvas, or null. */
+  wipeX() {
+    return this.mode === "wipe" && !this.held && this.referenceImage ? this.wipeAt * this.canvas.width : null;
+  }
+
+  setBorder(border) {
+    this.border = border;
+    this.changed();
+  }
+
+  // Probe
+
+  /** Return the pixel that is probed: the pinned one, else the one below the pointer; null outside of the image. */
+  get probed() {
+    return this.pinned ?? this.hovered;
+  }
+
+  hover(pixel, event = null) {
+    this.pointer = event;
+    this.hovered = pixel && this.image?.contains(pixel.x, pixel.y) ? pixel : null;
+    this.dispatchEvent(new Event("hover"));
+  }
+
+  /** Pin a pixel, or release the pinned one: null, the same again, or one outside of the image. */
+  pin(pixel) {
+    const same = pixel && this.pinned && pixel.x === this.pinned.x && pixel.y === this.pinned.y;
+    this.pinned = pixel && !same && this.image?.contains(pixel.x, pixel.y) ? pixel : null;
+    this.changed();
+    this.dispatchEvent(new Event("hover"));
+  }
+
+  // Drawing
+
+  changed() {
+    this.requestDraw();
+    this.dispatchEvent(new Event("change"));
+  }
+
+  resized() {
+    const box = this.canvas.parentElement.getBoundingClientRect();
+    const [width, height] = [box.width, box.height].map((side) => Math.max(1, Math.round(side * this.ratio)));
+    for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
+    if (this.fitted) this.fit();
+    this.draw(); // at once: a resized canvas is blank
+  }
+
+  requestDraw() {
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = null;
+      this.draw();
+    });
+  }
+
+  /** Return what is drawn of an image, or null until it is decoded, after which it is drawn again. */
+  shownOf(image) {
+    const layer = this.layerOf(image);
+    if (!layer) return null;
+    if (!layer.planes.every((plane) => plane.data)) {
+      Promise.all(layer.planes.map((plane) => plane.load())).then(() => this.changed(), (error) => this.failed(error));
+      return null;
+    }
+    layer.statistics ??= quickStatistics(layer);
+    if (!layer.full || layer.stale) this.scheduleStatistics();
+    return new Shown(layer, this.component, this.ranges.get(this.rangeKey()));
+  }
+
+  failed(error) {
+    this.dispatchEvent(new CustomEvent("notice", { detail: `The page's data is damaged: ${error.message}` }));
+  }
+
+  /** Return the image alone that is seen now, or null where two are. */
+  get soleImage() {
+    if (this.held === "B" || (this.flickered && !this.held)) return this.referenceImage;
+    const isSole = this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage;
+    return isSole ? this.image : null;
+  }
+
+  draw() {
+    const { canvas, view, settings } = this;
+    const sole = this.soleImage;
+    const shown = this.shownOf(sole ?? this.image);
+    const reference = sole ? null : this.shownOf(this.referenceImage);
+    if (this.image && (!shown || (!sole && !reference))) return; // what is drawn stays until the data is there
+    const wipe = this.wipeX();
+    const metric = !sole && this.mode === "difference" ? this.metric : null;
+    const all = { ...settings, wipe, metric };
+    this.display.draw(shown, reference, view, all);
+    const part = (each, other, from, to) => ({ shown: each, from, to,
+      texts: () => pixelTexts(each, other, metric), colors: () => shader(each, other, all, this.display.colormaps) });
+    const parts = shown ? [part(shown, reference, 0, wipe ?? canvas.width)] : [];
+    if (wipe !== null && shown) parts.push(part(reference, null, wipe, canvas.width));
+    this.overlay.draw(parts, view, { wipe, pinned: this.pinned, ratio: this.ratio, border: this.border });
+    this.drawn = shown;
+    this.dispatchEvent(new Event("drawn"));
+  }
+
+  /** Compute the layer's statistics soon: of images that follow each other when they pause, or every two seconds. */
+  scheduleStatistics() {
+    const follows = this.layerOf(this.image)?.stale;
+    if (this.statisticsTimer && !(follows && performance.now() - this.statisticsTime < 2000)) return;
+    clearTimeout(this.statisticsTimer);
+    this.statisticsTimer = setTimeout(() => {
+      this.statisticsTimer = null;
+      for (const image of [this.image, this.referenceImage]) {
+        const layer = this.layerOf(image);
+        if (!layer?.statistics || (layer.full && !layer.stale) || !layer.planes.every((plane) => plane.data)) continue;
+        const live = layer.stale;
+        layer.statistics = live ? { ...layer.statistics, ...quickStatistics(layer) } : layer.statistics;
+        layer.full = fullStatistics(layer);
+        layer.stale = false;
+        if (live) this.requestDraw();
+      }
+      this.statisticsTime = performance.now();
+      this.dispatchEvent(new Event("statistics"));
+    }, follows ? 300 : 50);
+  }
+}

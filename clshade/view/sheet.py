@@ -1,0 +1,296 @@
+"""A sheet of named views of a scene, with scale bars and axes, and the facts about it for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base import atomic_files
+from ..base.arrays import Bytes
+from ..base.json_values import plain
+from ..base.validation import flag, sequence, value_error
+from ..images import contact_sheet, drawing_marks, lettering, png
+from ..images.statistics import image_statistics
+from ..pipeline.frame import output_paths
+from ..pipeline.renderer import render
+from ..scene import geometry
+from ..scene.surface_facts import surface_facts
+from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ..images.tonemap import Operator
+    from ..pipeline.frame import Frame
+    from ..pipeline.opencl.device import Device
+    from ..scene.camera import Camera
+    from ..scene.model import Scene
+    from ..scene.settings import FrameOptions
+
+DEFAULT_VIEWS = ("front", "right", "top", "iso")
+MOST_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
+
+_LEAST_WIDTH = 240  # pixels of a panel: a smaller image stands in its middle
+_BAR_SHARE = 0.3  # of the image's width, at most
+_GAP, _PAD = 16, 8  # pixels
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A drawn sheet. picture: (height, width, 3) uint8. facts: for JSON, see clshade/view/README.md."""
+
+    picture: Bytes
+    facts: dict[str, Any]
+
+    def save(self, path: str | Path) -> tuple[Path, Path]:
+        """Write the picture and the facts to path.png and path.json, both or neither, and return their paths.
+
+        An extension .png or .json is dropped. Raises OutputError.
+        """
+        picture, facts = sheet_paths(path)
+        text = json.dumps({**self.facts, "image": picture.name}, indent=2)
+        with atomic_files.replacing_all(picture, facts) as (picture_file, facts_file):
+            with atomic_files.naming(picture):
+                png.encode(picture_file, self.picture)
+            with atomic_files.naming(facts):
+                facts_file.write(text.encode() + b"\n")
+        return picture, facts
+
+
+def sheet_paths(path: str | Path, asked: tuple[str, str] = ("Sheet.save", "path")) -> tuple[Path, Path]:
+    """Return the paths that `Sheet.save` writes. Raises InputError as `output_paths` does, with `asked` in front."""
+    path = Path(path)
+    picture = output_paths(path.with_suffix("") if path.suffix.lower() == ".json" else path, asked)[1]
+    return picture, picture.with_suffix(".json")
+
+
+def draw_sheet(
+    scene: Scene,
+    views: Sequence[str] = DEFAULT_VIEWS,
+    *,
+    device: Device | str | None = None,
+    fixed_lights: bool = False,
+    tonemap: Operator | None = None,
+    exposure: float = 0.0,
+    **options: Unpack[FrameOptions],
+) -> Sheet:
+    """Draw views of a scene side by side.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to draw.
+    views : sequence of str
+        Names of `clshade.scene.views.VIEWS`; each once. All but ``"camera"`` are parallel projections of one scale.
+    device : Device or str, optional
+        See `clshade.render`.
+    fixed_lights : bool, default False
+        Leave the lights where they are in the scene. Otherwise they turn with the view, so that each is lit as the
+        scene's own.
+    tonemap, exposure
+        See `Frame.to_png8`.
+    **options
+        Those of `clshade.render`; the resolution is that of each view.
+
+    Returns
+    -------
+    Sheet
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, or the sheet would have more than 2^28 pixels.
+    DeviceError
+        If no OpenCL device works.
+    """
+    flag("draw_sheet", "fixed_lights", fixed_lights)
+    names = () if isinstance(views, str) else sequence(views)
+    if not names:
+        raise value_error("draw_sheet", "views", "a sequence of names", views)
+    options = {**options}
+    cameras = named_cameras(scene, names, options.pop("resolution", None))
+    asked = options.pop("layers", ())
+    options["layers"] = (*((asked,) if isinstance(asked, str) else asked), "id")
+    layout, strip = _layout(next(iter(cameras.values())).resolution, len(cameras))
+    about = scene_facts(scene)
+    heading = _heading(about, layout)
+    layout = replace(layout, head=round((1.2 + lettering.LINE * len(heading)) * layout.title_size))
+    panels, facts = [], []
+    for number, (name, camera) in enumerate(cameras.items()):
+        frame = render(seen_by(scene, camera, fixed_lights=fixed_lights), device=device, **options)
+        pixels = frame.to_png8(tonemap, exposure)
+        found = view_facts(name, frame)
+        panels.append(_panel(pixels, found, camera, layout, strip))
+        x, y = layout.corner(number, pixels.shape[0] + strip)
+        rows, columns = pixels.shape[:2]
+        found["panel"] = [x + (layout.panel - columns) // 2, y, columns, rows]
+        facts.append(found)
+    picture = contact_sheet.compose(panels, "\n".join(heading), layout)
+    return Sheet(picture, {**about, "views": facts, "size": [picture.shape[1], picture.shape[0]]})
+
+
+def scene_facts(scene: Scene) -> dict[str, Any]:
+    """Return name, bounding box, counts and area of a scene, for JSON."""
+    low, high = geometry.bounding_box(scene)
+    surface = surface_facts(scene)
+    materials = {id(mesh.material) for mesh in scene.meshes}
+    found: dict[str, Any] = plain(
+        {
+            "name": scene.name,
+            "bounding_box": {"low": low, "high": high, "center": low / 2 + high / 2, "size": high - low},
+            "counts": {
+                "triangles": surface.triangles,
+                "vertices": surface.vertices,
+                "positions": surface.positions,
+                "shapes": surface.shapes,
+                "boundary_edges": surface.boundary_edges,
+                "non_manifold_edges": surface.non_manifold_edges,
+                "meshes": len(scene.meshes),
+                "instances": sum(len(np.asarray(mesh.instances)) for mesh in scene.meshes),
+                "materials": len(materials),
+                "lights": len(scene.lights),
+                "dropped_triangles": scene.nonfinite,
+            },
+            "closed": surface.closed,
+            "surface_area": surface.area,
+            "not_rendered": list(scene.ignored),
+        }
+    )
+    return found
+
+
+def view_facts(name: str, frame: Frame) -> dict[str, Any]:
+    """Return what a view shows, for JSON. The frame has the layer id."""
+    camera, ids = frame.scene.camera, frame["id"]
+    seen = np.zeros(frame.scene.face_count + 1, bool)
+    seen[ids] = True
+    covered = frame.alpha > 0.0
+    rows, columns = (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
+    box = None
+    if len(rows):
+        box = [int(v) for v in (columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1)]
+    scale, pixels = units_per_pixel(camera), camera.resolution[0]
+    most = _BAR_SHARE * scale * pixels
+    length = drawing_marks.round_length(most) if 0.0 < most < math.inf else 0.0
+    height, width = camera.plane
+    found: dict[str, Any] = plain(
+        {
+            "name": name,
+            "title": _title(name, camera),
+            "camera": {
+                "eye": camera.eye,
+                "lookat": camera.lookat,
+                "up": camera.up,
+                "focal": camera.focal,
+                "plane": [height, width],
+                "resolution": list(camera.resolution),
+                "principal": list(camera.principal),
+                "orthographic": camera.orthographic,
+            },
+            "units_per_pixel": scale,
+            "scale_holds": "everywhere" if camera.orthographic else "at the distance of the focal point",
+            "scale_bar": {"length": length, "pixels": length / scale},
+            "coverage": float(frame.alpha.mean(dtype=np.float64)),
+            "covered_box": box,
+            "visible_faces": int(np.count_nonzero(seen[1:])),
+            "triangles_in_view": frame.stats["visible"],
+            "statistics": image_statistics(frame.rgb).stats(),
+        }
+    )
+    return found
+
+
+def _title(name: str, camera: Camera) -> str:
+    if name != CAMERA:
+        return f"{name}, seen from {towards_eye(camera)}"
+    if camera.orthographic:
+        return f"{name}, parallel projection"
+    angle = math.degrees(2.0 * math.atan(camera.plane[0] / camera.focal / 2.0))
+    return f"{name}, perspective, {angle:.3g} degrees"
+
+
+def _text_size(width: int) -> float:
+    """Return the text size, points, for a panel of this width."""
+    return min(max(width / 62.0, 8.0), 14.0)
+
+
+def _layout(resolution: tuple[int, int], count: int) -> tuple[contact_sheet.Layout, int]:
+    """Return the layout of a sheet, about 4:3, without room for its heading, and the height of the strip below each
+    image.
+
+    Raises InputError for a sheet of more than MOST_PIXELS.
+    """
+    columns, rows = resolution
+    width = max(columns, _LEAST_WIDTH)
+    strip = min(max(round(0.13 * width), 44), 100)
+    across = min(range(1, count + 1), key=lambda n: (_unevenness(n, count, width, rows + strip), n))
+    size = _text_size(width)
+    layout = contact_sheet.Layout(across, width, _GAP, round(3.0 * size), 8, 0, size, size)
+    height = layout.corner(-(-count // across) * across, rows + strip)[1]
+    if height * across * (width + _GAP) > MOST_PIXELS:
+        limit = f"a resolution with which {count} views have at most {MOST_PIXELS} pixels in all"
+        raise value_error("sheet", "resolution", limit, f"{columns} x {rows}")
+    return layout, strip
+
+
+def _unevenness(across: int, count: int, width: int, height: int) -> float:
+    """Return how far a grid is from 4:3, and how much of it is empty: the smaller the better."""
+    down = -(-count // across)
+    empty = across * down - count
+    return abs(math.log(across * width / (down * height) * 3.0 / 4.0)) + 0.25 * empty
+
+
+def _panel(
+    pixels: Bytes, found: dict[str, Any], camera: Camera, layout: contact_sheet.Layout, strip: int
+) -> contact_sheet.Panel:
+    """Return the image with its title, and below it axes, scale bar and what it shows."""
+    rows, columns = pixels.shape[:2]
+    whole = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
+    left = (layout.panel - columns) // 2
+    whole[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
+    whole[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
+    whole[:rows, left : left + columns] = pixels
+    size, x = 0.9 * layout.text_size, 2 * _PAD + strip
+    bar = found["scale_bar"]
+    unit = f"{bar['length']:g} unit" + ("" if bar["length"] == 1.0 else "s")
+    label = unit if camera.orthographic else f"{unit} at the focal point"
+    first, second = rows + round(0.36 * strip), rows + round(0.80 * strip)
+    if bar["pixels"] >= 4.0:
+        drawing_marks.scale_bar(whole, x, first, bar["pixels"])
+        after = x + bar["pixels"] + _PAD
+        text = lettering.fitted(label, size, layout.panel - after - _PAD)
+        lettering.put(whole, after, first + 0.5 * size, size, text, drawing_marks.INK)
+    lines = (
+        f"{found['coverage']:.1%} covered, {found['visible_faces']:,} faces visible",
+        f"{found['coverage']:.0%} covered",
+    )
+    text = next((each for each in lines if lettering.width_of(each, size) <= layout.panel - x - _PAD), "")
+    lettering.put(whole, x, second, size, text, drawing_marks.INK)
+    title = lettering.fitted(found["title"], layout.title_size, layout.panel)
+    return contact_sheet.Panel(whole, title, "")
+
+
+def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
+    """Return lines on the scene, none wider than the sheet."""
+    counts, width = facts["counts"], layout.across * (layout.panel + layout.gap) - 2 * _GAP
+    shapes, area = counts["shapes"], facts["surface_area"]
+    parts = [f"{facts['name'] or 'unnamed'}: {counts['triangles']:,} triangles", f"{counts['vertices']:,} vertices"]
+    if shapes is not None:
+        edges = f"{counts['boundary_edges']:,} boundary and {counts['non_manifold_edges']:,} non-manifold edges"
+        parts += [f"{shapes:,} connected shape{'s' * (shapes != 1)}", "closed" if facts["closed"] else edges]
+    parts.append("size " + " x ".join(f"{each:.4g}" for each in facts["bounding_box"]["size"]) + " units")
+    parts += [] if area is None else [f"surface {area:.4g} square units"]
+    lines: list[str] = []
+    for part in parts:
+        joined = f"{lines[-1]}, {part}" if lines else part
+        if lines and lettering.width_of(lettering.drawable(joined), layout.title_size) <= width:
+            lines[-1] = joined
+        else:
+            lines.append(part)
+    return [lettering.fitted(line, layout.title_size, width) for line in lines]

@@ -1,0 +1,169 @@
+"""Regions of large errors: planted ones are found, noise is not, and a figure shows them magnified."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from clshade.cli.main import main
+from clshade.images import compare, compare_figure, compare_windows, exr, png
+from clshade.images.clusters import Cluster, find_clusters, large_error, leading
+from clshade.images.image_file import Picture
+
+
+def planted(shape=(120, 160)):
+    """Return errors with three regions, of 200, 30 and 1 pixels, above noise of at most 1e-4."""
+    errors = np.random.default_rng(3).uniform(0.0, 1e-4, shape)
+    errors[20:30, 40:60] = 0.1
+    errors[22, 50] = 0.2
+    errors[80:110, 150] = 0.05
+    errors[5, 5] = 0.4
+    return errors
+
+
+def test_planted_regions_are_found_largest_first():
+    assert find_clusters(planted()) == (
+        Cluster(40, 20, 20, 10, 200, 0.2, (50, 22)),
+        Cluster(150, 80, 1, 30, 30, 0.05, (150, 80)),
+        Cluster(5, 5, 1, 1, 1, 0.4, (5, 5)),
+    )
+
+
+def test_equal_images_have_none():
+    assert find_clusters(np.zeros((7, 9))) == ()
+
+
+def test_diagonal_neighbors_are_connected_and_distant_pixels_are_not():
+    errors = np.zeros((64, 64))
+    errors[range(8, 24), range(8, 24)] = errors[60, 60] = 1.0
+    assert [each.pixels for each in find_clusters(errors)] == [16, 1]
+    errors[range(23, 7, -1), range(8, 24)] = 1.0  # a cross
+    assert [each.pixels for each in find_clusters(errors)] == [32, 1]
+
+
+def test_infinite_errors_count_and_are_the_worst():
+    errors = planted()
+    errors[100, 20] = np.inf
+    found = find_clusters(errors)
+    assert found[2] == Cluster(20, 100, 1, 1, 1, np.inf, (20, 100))
+    assert found[2] in leading(found, 2)
+    assert found[2].stats()["maximum"] == "inf"
+    only = np.zeros((5, 5))
+    only[2, 3] = np.inf
+    assert find_clusters(only)[0].worst == (3, 2)
+
+
+def test_leading():
+    clusters = [Cluster(0, 0, 9, 9, 81 - k, 1.0 + (k == 7), (0, 0)) for k in range(8)]
+    assert leading(clusters, 3) == [clusters[0], clusters[1], clusters[7]]
+    assert leading(clusters, 8) == clusters
+    assert leading(clusters, 0) == []
+    assert leading((), 3) == []
+
+
+def test_what_counts_as_large():
+    errors = planted()
+    assert 1e-4 < large_error(errors) < 0.05  # above the noise, below all regions
+    assert large_error(errors, 0.15) == 0.15
+    assert [each.pixels for each in find_clusters(errors, 0.15)] == [1, 1]
+    assert large_error(errors, 0.5) == large_error(errors)  # nothing is over that
+    everywhere = np.full((8, 8), 0.3)
+    assert find_clusters(everywhere)[0][:5] == (0, 0, 8, 8, 64)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5000), (3000, 2), (17, 3)])
+def test_odd_sizes(shape):
+    errors = np.zeros(shape)
+    errors[-1, -1] = 1.0
+    assert find_clusters(errors) == (Cluster(shape[1] - 1, shape[0] - 1, 1, 1, 1, 1.0, (shape[1] - 1, shape[0] - 1)),)
+
+
+def test_strips_of_rows_make_no_difference(monkeypatch):
+    from clshade.images import clusters
+
+    tall = np.concatenate([planted()] * 3)
+    whole, over = find_clusters(tall), clusters._over
+    monkeypatch.setattr(
+        clusters,
+        "_over",
+        lambda e, limit, cell: (
+            (y + k, x, v) for k in range(0, len(e), cell) for y, x, v in over(e[k : k + cell], limit, cell)
+        ),
+    )
+    assert find_clusters(tall) == whole
+
+
+# Comparisons
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Write a.exr, and b.exr, with a square of 6 x 5 pixels that differs in depth and a NaN in its color."""
+    monkeypatch.chdir(tmp_path)
+    planes = {name: np.linspace(0.1, 0.9, 3600, dtype=np.float32).reshape(48, 75).copy() for name in "RGBZ"}
+    exr.write("a.exr", planes)
+    planes["Z"][30:35, 50:56] += 1.0
+    planes["G"][3, 4] = np.nan
+    exr.write("b.exr", planes)
+    return tmp_path
+
+
+def test_the_command_says_where(files, capsys):
+    assert main(["compare", "b.exr", "a.exr", "--json"]) == 0
+    layers = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["layers"]
+    (cluster,) = layers["Z"]["clusters"]
+    assert [cluster[name] for name in ("x", "y", "width", "height", "pixels")] == [50, 30, 6, 5, 30]
+    assert layers["RGB"]["clusters"][0]["worst"] == [4, 3]
+    assert main(["compare", "b.exr", "a.exr"]) == 0
+    assert "Z differs most in 6 x 5 at 50,30 (30 pixels, up to 1)" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_figure_shows_them_magnified(files):
+    image, reference = (Picture(exr.read(name)[0]) for name in ("b.exr", "a.exr"))
+    layers = compare.chosen_layers(image, reference)
+    found = compare.compared(image, reference).layers
+    clusters = {name: found[name].clusters for name in layers}
+    figure = compare_figure.draw(layers, encoded=False, titles=("b", "a"), clusters=clusters)
+    panels = [axes for axes in figure.axes if axes.images]
+    assert [axes.get_title().split("\n")[0] for axes in panels] == [
+        *("RGB of b", "RGB of a", "difference, up to 0, cyan: NaN or infinite in one"),
+        *("1: RGB at 4,3, 1 x 1", "1: a", "1: difference, up to 0,"),
+        *("Z of b", "Z of a", "difference, up to 1"),
+        *("1: Z at 50,30, 6 x 5", "1: a", "1: difference, up to 1"),
+    ]
+    shown = np.asarray(panels[11].images[0].get_array())
+    assert shown.shape == (24, 24, 3)
+    differs = np.argwhere((shown != shown[0, 0]).any(axis=-1))
+    x, y, _, _ = compare_windows.windows(layers, clusters)["Z"][0][1]
+    assert (differs.min(axis=0) + (y, x)).tolist() == [30, 50]
+    assert (differs.max(axis=0) + (y, x)).tolist() == [34, 55]
+    frames = [patch.get_bbox().bounds for patch in panels[6].patches]
+    assert frames == [(x - 0.5, y - 0.5, 24.0, 24.0)] * 2  # black below white
+    assert [text.get_text() for text in panels[6].texts] == ["1"]
+
+
+def test_windows_lie_in_the_image_and_hold_the_worst_pixel():
+    group = compare.grouped({"Z": np.zeros((300, 500))})["Z"]
+    clusters = (
+        Cluster(0, 0, 500, 300, 150_000, 0.5, (499, 299)),
+        Cluster(400, 200, 3, 3, 9, 0.5, (400, 200)),  # within the first window
+        Cluster(0, 299, 1, 1, 1, 2.0, (0, 299)),
+    )
+    found = compare_windows.windows({"Z": (group, group)}, {"Z": clusters})["Z"]
+    assert [window for _, window in found] == [(372, 172, 128, 128), (0, 276, 24, 24)]
+
+
+def test_a_figure_of_many_layers_has_few_crops():
+    group = compare.grouped({"Z": np.zeros((30, 30))})["Z"]
+    names = [f"L{k}" for k in range(40)]
+    clusters = {name: (Cluster(3, 3, 1, 1, 1, 1.0, (3, 3)),) for name in names}
+    found = compare_windows.windows(dict.fromkeys(names, (group, group)), clusters)
+    assert sum(map(len, found.values())) == compare_windows.MOST_CROPS
+
+
+def test_the_picture_is_written(files, capsys):
+    assert main(["compare", "b.exr", "a.exr", "-o", "d.png"]) == 0
+    height = len(png.read("d.png"))  # of two layers, each with a crop of 3 inches, and their titles
+    assert height == pytest.approx(100 * 2 * (3.6 * 48 / 75 + 0.5 + 3.0 + 0.5), abs=2)

@@ -1,0 +1,123 @@
+"""Text, scale bars and axes triads beside images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clshade.images import contact_sheet, lettering
+from clshade.images.drawing_marks import AXES, INK, faded, round_length, scale_bar, triad
+
+X, Y, Z = np.eye(3)
+FRONT, BACK = np.array([X, Y, -Z]), np.array([-X, Y, Z])  # right, up, forward
+
+
+def near(picture, color, tolerance=12):
+    """Return rows and columns of pixels of about this color."""
+    return np.nonzero(np.abs(picture.astype(int) - color).max(axis=-1) <= tolerance)
+
+
+@pytest.mark.parametrize(
+    ("most", "length"),
+    [
+        (1.0, 1.0),
+        (0.99, 0.5),
+        (0.3, 0.2),
+        (3.0, 2.0),
+        (7.3, 5.0),
+        (19.999, 10.0),
+        (1e-7, 1e-7),
+        (4.2e12, 2e12),
+        (0.6, 0.5),
+    ],
+)
+def test_round_length(most, length):
+    assert round_length(most) == length
+
+
+def test_round_lengths_are_the_floats_that_decimal_numbers_are():
+    for most in np.geomspace(1e-12, 1e12, 1000):
+        length = round_length(float(most))
+        assert repr(length) == repr(float(f"{length:g}"))
+        assert 0.4 * most - 1e-12 <= length <= most * (1.0 + 1e-9)
+        assert f"{length:e}"[0] in "125"
+
+
+def test_the_bar_is_as_long_as_it_says():
+    picture = np.full((20, 90, 3), 255, np.uint8)
+    scale_bar(picture, 10, 10, 61.6)
+    columns = near(picture, INK)[1]
+    assert (columns.min(), columns.max() + 1) == (10, 72)
+    assert (picture[10] == INK).all(axis=-1).sum() == 62 - 4 or (picture[9] == INK).all(axis=-1).sum() == 62
+
+
+@pytest.mark.parametrize("side", [44, 100])
+def test_the_axes_point_where_they_do(side):
+    """Seen from the front, x goes to the right, y up, and z is a dot at the origin."""
+    picture = triad(FRONT, side)
+    assert picture.shape == (side, side, 3)
+    (_, x_columns), (y_rows, y_columns), (z_rows, z_columns) = (near(picture, color) for color in AXES.values())
+    assert x_columns.max() > y_columns.max() + 0.2 * side
+    assert y_rows.min() < z_rows.min() - 0.2 * side
+    assert abs(z_columns.mean() - y_columns.mean()) < 0.25 * side
+    assert len(z_rows) > 10
+    assert len(near(picture, faded(AXES["z"]))[0]) < len(z_rows) / 4  # edges alone
+    edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (edge == 255).all()  # nothing is cut
+
+
+def test_an_axis_that_points_away_is_lighter():
+    picture = triad(BACK, 88)
+    assert len(near(picture, faded(AXES["z"]))[0]) > 5
+    assert not len(near(picture, AXES["z"])[0])
+    assert sum(faded(AXES["z"])) > sum(AXES["z"]) + 150
+
+
+def test_no_label_meets_another_or_the_edge():
+    rng = np.random.default_rng(8)
+    for _ in range(40):
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        picture = triad(axes, 60)
+        edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+        assert (edge == 255).all()
+        assert all(len(near(picture, faded(c) if axes[2, k] > 0 else c, 40)[0]) for k, c in enumerate(AXES.values()))
+
+
+# Text
+
+
+def test_text_is_shortened_to_its_width():
+    text = "a rather long title of a view"
+    for width in range(0, 300, 7):
+        found = lettering.fitted(text, 9.0, width)
+        assert not found or lettering.width_of(found, 9.0) <= width
+        assert found == text or found == "" or (found.endswith("...") and text.startswith(found[:-3]))
+    assert lettering.fitted(text, 9.0, 300) == text
+    assert lettering.fitted("", 9.0, 10) == ""
+
+
+def test_characters_that_cannot_be_drawn(recwarn):
+    hostile = "a\nb\x1b[31m\udce9\u4e2d é"
+    found = lettering.drawable(hostile)
+    assert found == "a?b?[31m?? é"
+    picture = np.full((30, 200, 3), 255, np.uint8)
+    lettering.put(picture, 2, 20, 9.0, found)
+    assert picture.min() < 100
+    assert not recwarn.list
+
+
+def test_text_is_clipped_at_the_picture():
+    for x, y in ((-500, 5), (-9, 5), (35, 5), (500, 5), (3, -40), (3, 1), (3, 60), (3, 500)):
+        picture = np.full((12, 40, 3), 255, np.uint8)
+        lettering.put(picture, x, y, 9.0, "clipped")
+        assert picture.shape == (12, 40, 3)
+
+
+def test_panels_of_a_layout_lie_where_it_says():
+    layout = contact_sheet.Layout(across=2, panel=50, gap=6, title=20, caption=4, head=30)
+    panels = [contact_sheet.Panel(np.full((40, 50, 3), 10 * k, np.uint8), "", "") for k in range(3)]
+    sheet = contact_sheet.compose(panels, "", layout)
+    assert sheet.shape == (30 + 2 * 64, 112, 3)
+    for k in range(3):
+        x, y = layout.corner(k, 40)
+        assert (sheet[y : y + 40, x : x + 50] == 10 * k).all()

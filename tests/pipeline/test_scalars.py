@@ -1,0 +1,239 @@
+"""Scalars shown by a color map: closed forms, the oracle's images, bits that stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from matplotlib import colormaps
+
+import clshade
+from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr, oracle
+from clshade.errors import InputError
+from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.scalar_tables import map_positions
+from clshade.pipeline.struct_layout import MOST_POSITION
+from clshade.scene.scalar_colors import ColorMap, color_map_of
+
+SQUARE = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+FRONT = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 2.0, (1.0, 1.0), (64, 64), orthographic=False)
+ASIDE = Camera((2, 1, 3), (0, 0, 0), (0, 1, 0), 1.4, (0.75, 1.0), (48, 36))
+LIGHT = PointLight((2, 3, 4))
+
+
+def square(values, **fields) -> Mesh:
+    return Mesh(SQUARE, HALVES, scalars={"data": values}, **fields)
+
+
+def wave(values=None, **fields) -> Mesh:
+    """A curved sheet of 8 x 8 cells; its scalars are its heights unless given by a function of vertices and faces."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)))
+    verts = np.stack([x, y, 0.3 * np.sin(4 * x + y)], axis=1).astype(np.float32)
+    corner = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, 10], corner[:, None] + [0, 10, 9]])
+    own = verts[:, 2] if values is None else values(verts, faces)
+    return Mesh(verts, faces, scalars={"data": own}, **fields)
+
+
+def floor() -> Mesh:
+    """A textured mesh without scalars."""
+    texture = Texture(np.random.default_rng(1).random((4, 4, 3)))
+    return Mesh(SQUARE * 1.5 - np.float32([0, 0, 0.6]), HALVES, uvs=SQUARE[:, :2], material=Material(texture=texture))
+
+
+def drawn(device, scene: Scene, *, preset: str = "standard", lanes: int | None = None, **options) -> Frame:
+    given = {"scalars": "data", "layers": "all", **options}
+    with Renderer(scene, device=device, preset=preset, lanes=lanes, **given) as renderer:
+        return renderer.render()
+
+
+def test_a_step_is_sharp_within_a_triangle(device):
+    """Two colors of a map meet where the scalar crosses its middle: the number is interpolated, never the color."""
+    scene = Scene(square([-1.0, 1.0, 1.0, -1.0]), FRONT)
+    frame = drawn(device, scene, scalars=Scalars("data", ("black", "white")), shader="nolight")
+    covered = frame.alpha > 0
+    x = np.broadcast_to((np.arange(64) + 0.5) / 64 * 2 - 1, (64, 64))
+    assert np.array_equal(frame.rgb[..., 0][covered], (x > 0)[covered].astype(np.float32))
+    assert np.abs(frame["scalar"] - x)[covered].max() < 1e-6
+    assert np.array_equal(np.isnan(frame["scalar"]), ~covered)
+
+
+@pytest.mark.parametrize("preset", ["standard", "course"])
+def test_an_unlit_png_shows_the_maps_colors(device, preset):
+    values = np.array([0.25, 3.0])
+    scene = Scene(square(values), FRONT, preset=preset)
+    frame = drawn(device, scene, preset="standard", shader="nolight", scalars=Scalars("data", "viridis", (0, 4)))
+    table = colormaps["viridis"](np.floor(values / 4 * 256).astype(int))[:, :3]
+    found = frame.to_png8()[frame["id"] == 1][0], frame.to_png8()[frame["id"] == 2][0]
+    assert np.array_equal(found, np.rint(255 * table))
+
+
+def some_missing(verts, faces):
+    return np.where(np.arange(len(faces)) % 9, faces[:, 0], np.nan)
+
+
+CASES = {
+    "vertices": ({}, {}),
+    "faces, NaN, Gouraud": ({"values": some_missing}, {"shader": "gouraud"}),
+    "corners, samples": ({"values": lambda v, f: v[f][..., 2] * 3.0 + (f % 3)}, {"samples": 3, "resolve": "weighted"}),
+    "affine at corners": ({}, {"preset": "course", "scalars": Scalars("data", "tab10", (-0.1, 0.2))}),
+    "float64": ({"values": lambda v, f: np.where(np.arange(len(v)) % 11, v[:, 0], np.inf)}, {"precision": "float64"}),
+    "near": ({"instances": [np.diag([-1.0, 1, 1, 1])]}, {"near": 3.2, "shader": "gouraud"}),
+    "fast": ({}, {"precision": "fast", "shader": "nolight"}),
+}
+LONG = ("affine at corners", "float64", "near", "fast")  # each builds a program of its own
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
+def test_frames_are_the_oracles(device, case):
+    fields, options = CASES[case]
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    frame = drawn(device, Scene((wave(**fields), floor()), ASIDE, LIGHT), **options)
+    expected = oracle.render(frame.scene, frame.settings)
+    layers = oracle.render_layers(frame.scene, frame.settings)
+    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings, skip=agreement.ties)
+    shown = np.isfinite(frame["scalar"])
+    assert 0.1 < shown.mean() < 0.9
+    assert (frame["object_id"][shown] == 1).all()
+    assert frame.scene.meshes[0].scalars is not None
+    assert clshade.check(frame, "all").passed
+
+
+def test_another_color_of_the_map_is_noticed(device):
+    """Away from a step; at one, the neighboring color is as good."""
+    frame = drawn(device, Scene((wave(), floor()), ASIDE, LIGHT))
+    expected = oracle.render(frame.scene, frame.settings)
+    table = color_map_of(frame.scene, frame.settings.scalars).table
+    near = np.argwhere((frame["object_id"] == 1) & (expected.jump == 0).all(axis=-1))[100]
+    row = int(np.abs(table - frame["albedo"][tuple(near)]).sum(axis=1).argmin())
+    frame.rgb[tuple(near)] *= table[row + 1] / table[row]
+    with pytest.raises(AssertionError, match="colors off by more than 32 bounds: 1 of"):
+        oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    assert not clshade.check(frame, "all").passed
+
+
+def test_a_color_of_the_map_is_lit_as_any_other(device):
+    """A map of one color, and the same mesh in that color: the same bits."""
+    white, red = wave(), replace(wave(), scalars=None, colors=np.tile([1.0, 0.0, 0.0], (81, 1)))
+    scalars = Scalars("data", ["red"])
+    mapped = drawn(device, Scene(white, ASIDE, LIGHT), scalars=scalars)
+    plain = drawn(device, Scene(red, ASIDE, LIGHT), scalars=None)
+    assert np.array_equal(mapped.rgba.view("u4"), plain.rgba.view("u4"))
+    changed = replace(white, material=Material(color=(0, 1, 0)), colors=np.full((81, 3), 0.3))
+    again = drawn(device, Scene(changed, ASIDE, LIGHT), scalars=scalars)
+    assert np.array_equal(mapped.rgba.view("u4"), again.rgba.view("u4"))
+
+
+def test_scalars_that_are_not_shown_change_nothing(device):
+    scene = Scene((wave(), floor()), ASIDE, LIGHT)
+    bare = replace(scene, meshes=tuple(replace(mesh, scalars=None) for mesh in scene.meshes))
+    first, second = (drawn(device, each, scalars=None) for each in (scene, bare))
+    assert same_bits(first, second)
+    assert "scalar" not in first.layers
+    assert first.stats["left_out"]["SCALARS"] == "no scalars asked for"
+    assert first.stats["bytes"] == second.stats["bytes"]
+
+
+@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long)])
+def test_lanes_do_not_change_a_bit(device, lanes):
+    scene = Scene((wave(), floor()), ASIDE, LIGHT)
+    first, other = (
+        drawn(device, scene, lanes=count, layers=("Z", "id", "albedo", "scalar")) for count in (None, lanes)
+    )
+    assert np.array_equal(first["scalar"], other["scalar"], equal_nan=True)
+    assert np.array_equal(first["albedo"], other["albedo"])
+    assert np.array_equal(first.rgba, other.rgba)
+
+
+EXTREMES = [(1.0, 1e30), (1e9, 1e9 + 1e-3), (5e-324, 1e-310), (-1.7e308, 1.7e308), (0.5, 0.5), (0.0, 1e-300)]
+
+
+@pytest.mark.parametrize("ends", EXTREMES)
+def test_positions_of_any_numbers(ends):
+    """Positions of a face's corners against fractions: their own, or in proportion where the map is too narrow."""
+    color_map = ColorMap(np.zeros((259, 3), np.float32), *ends)
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(50, 3)) * 10.0 ** rng.uniform(-300, 300, (50, 1))
+    values[:10] = ends[0] + rng.random((10, 3)) * (ends[1] / 2 - ends[0] / 2)
+    for row, found in zip(values, map_positions(values, color_map), strict=True):
+        low, high = map(Fraction, ends)
+        apart = [Fraction(float(value)) - low for value in row]
+        most = max(map(abs, apart))
+        if not most:
+            assert not found.any()
+            continue
+        factor = Fraction(256) / (high - low) if high > low else None
+        assert np.isfinite(found).all()
+        if factor is None or factor * most > 10**300:
+            factor = Fraction(float(np.abs(found).max())) / most
+            assert np.abs(found).max() > MOST_POSITION
+        for exact, position in zip(apart, found.tolist(), strict=True):
+            assert abs(Fraction(position) - exact * factor) <= most * factor * Fraction(1, 2**49)
+
+
+def test_whole_numbers_of_colors_are_exact():
+    """29 of 100 colors: 29/100*100 would be below 29 in float64."""
+    color_map = ColorMap(np.zeros((103, 3), np.float32), 0.0, 100.0)
+    assert np.array_equal(map_positions(np.arange(101.0)[:, None], color_map)[:, 0], np.arange(101.0))
+
+
+def test_a_map_without_width_separates_what_is_below_and_above(device):
+    scene = Scene(square([0.5, 0.5 + 1e-9, 0.5 + 1e-9, 0.5]), FRONT)
+    found = drawn(device, scene, scalars=Scalars("data", ("black", "red"), (0.5, 0.5)), shader="nolight")
+    assert (found.rgb[8:-8, 8:-8] == np.float32([1, 0, 0])).all()
+    same = drawn(
+        device, Scene(square(np.full(4, 0.5)), FRONT), scalars=Scalars("data", ("lime", "red")), shader="nolight"
+    )
+    assert (same.rgb[8:-8, 8:-8] == np.float32([0, 1, 0])).all()
+
+
+def test_the_layer_in_a_file(opened, tmp_path):
+    frame = drawn(opened, Scene((wave(), floor()), ASIDE, LIGHT), layers=("Z", "scalar"))
+    for crop in (False, True):
+        frame.save(tmp_path / "a", crop=crop, half=True)
+        channels, header = exr.read(tmp_path / "a.exr")
+        assert channels["scalar"].dtype == np.float32
+        assert np.array_equal(channels["scalar"], frame["scalar"], equal_nan=True)
+        assert (header["dataWindow"] != header["displayWindow"]) == crop
+    assert header["scalarName"] == "data"
+    assert (header["scalarLow"], header["scalarHigh"]) == (
+        np.float32(frame.scene.meshes[0].scalars["data"].min()),
+        np.float32(frame.scene.meshes[0].scalars["data"].max()),
+    )
+
+
+@pytest.mark.parametrize("size", [(48, 36), (3, 2), (40, 300)])
+def test_a_color_bar_leaves_the_image_as_it_is(opened, tmp_path, size):
+    from PIL import Image
+
+    frame = drawn(opened, Scene((wave(), floor()), ASIDE.with_resolution(size), LIGHT), layers=())
+    frame.save(tmp_path / "plain")
+    frame.save(tmp_path / "bar", colorbar=True)
+    plain, bar = (np.asarray(Image.open(tmp_path / f"{name}.png")) for name in ("plain", "bar"))
+    assert bar.shape[0] == size[1]
+    assert bar.shape[1] >= size[0] + 16
+    assert np.array_equal(bar[:, : size[0]], plain)
+    assert len(np.unique(bar[:, size[0] :].reshape(-1, 3), axis=0)) > (20 if size[1] > 30 else 1)
+    assert np.array_equal(exr.read(tmp_path / "bar.exr")[0]["R"], frame.rgb[..., 0])
+
+
+def test_refusals(opened):
+    scene = Scene((wave(), floor()), ASIDE)
+    with pytest.raises(
+        InputError, match=r"render: scalars: expected one of the scene's \(data\), found 'date': did you mean 'data'"
+    ):
+        drawn(opened, scene, scalars="date")
+    with pytest.raises(InputError, match="render: scalars: expected none: the scene has no scalars, found 'data'"):
+        drawn(opened, Scene(floor(), ASIDE))
+    with pytest.raises(InputError, match="Settings: layers: expected scalar only with scalars"):
+        Settings(layers="scalar")
+    with pytest.raises(InputError, match=r"Frame\.save: colorbar: expected False without scalars"):
+        drawn(opened, Scene(floor(), ASIDE), scalars=None, layers=()).save("never", colorbar=True)

@@ -1,0 +1,98 @@
+"""Counts and area of surfaces, in closed form and against trimesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade.scene import surface_facts as module
+from clshade.scene.model import Mesh, Scene
+from clshade.scene.surface_facts import SurfaceFacts, surface_facts
+
+CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+FACES = np.array([triangle for a, b, c, d in SIDES for triangle in ((a, b, c), (a, c, d))])
+CAMERA = clshade.Camera.from_fov((0, 0, 9), (0, 0, 0), (0, 1, 0), 40.0)
+
+
+def scene_of(*meshes):
+    return Scene(meshes, CAMERA)
+
+
+def placement(scale=1.0, shift=(0.0, 0.0, 0.0)):
+    matrix = np.diag([scale, scale, scale, 1.0])
+    matrix[:3, 3] = shift
+    return matrix
+
+
+def test_a_cube():
+    found = surface_facts(scene_of(Mesh(CORNERS, FACES)))
+    assert found == SurfaceFacts(8, 12, 6.0, 8, 1, 0, 0)
+    assert found.closed
+
+
+def test_corners_that_are_stored_several_times_count_as_one():
+    found = surface_facts(scene_of(Mesh(CORNERS[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))))
+    assert found == SurfaceFacts(36, 12, 6.0, 8, 1, 0, 0)
+
+
+def test_an_open_cube_and_a_fin():
+    assert surface_facts(scene_of(Mesh(CORNERS, FACES[:-2]))) == SurfaceFacts(8, 10, 5.0, 8, 1, 4, 0)
+    fin = np.concatenate([CORNERS, [(0.0, 0.5, -1.0)]])
+    found = surface_facts(scene_of(Mesh(fin, np.concatenate([FACES, [(0, 2, 8)]]))))
+    assert (found.boundary_edges, found.non_manifold_edges, found.shapes, found.closed) == (2, 1, 1, False)
+
+
+def test_instances_and_meshes():
+    """Two cubes of sides 1 and 2 apart, and one that another mesh adds to the first."""
+    two = np.stack([placement(), placement(2.0, (5.0, 0.0, 0.0))])
+    found = surface_facts(scene_of(Mesh(CORNERS, FACES, instances=two), Mesh(CORNERS + (1.0, 0.0, 0.0), FACES)))
+    assert found.area == 6.0 + 24.0 + 6.0
+    assert (found.vertices, found.triangles, found.positions, found.shapes) == (24, 36, 20, 2)
+    assert (found.boundary_edges, found.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
+
+
+def test_triangles_without_area_and_unused_vertices():
+    verts = np.concatenate([CORNERS, [(9.0, 9.0, 9.0)]])
+    found = surface_facts(scene_of(Mesh(verts, np.concatenate([FACES, [(3, 3, 5)]]))))
+    assert found == SurfaceFacts(9, 13, 6.0, 8, 1, 0, 0)
+    assert surface_facts(scene_of()) == SurfaceFacts(0, 0, 0.0, 0, 0, 0, 0)
+    assert surface_facts(scene_of(Mesh(CORNERS, np.zeros((0, 3), int)))) == SurfaceFacts(8, 0, 0.0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 2.0**-500, 1e100])
+def test_any_scale(scale):
+    found = surface_facts(scene_of(Mesh(CORNERS * scale, FACES)))
+    assert found.area == pytest.approx(6.0 * scale**2, rel=1e-12)
+    assert found.closed
+
+
+def test_edges_of_large_scenes_are_not_counted(monkeypatch):
+    monkeypatch.setattr(module, "MOST_FACES", 11)
+    found = surface_facts(scene_of(Mesh(CORNERS, FACES)))
+    assert found == SurfaceFacts(8, 12, 6.0)
+    assert found.closed is None
+
+
+@pytest.mark.parametrize("name", ["teapot", "icosphere", "box_room"])
+def test_against_trimesh(name):
+    trimesh = pytest.importorskip("trimesh")
+    scene = clshade.builtin(name)
+    parts = [
+        trimesh.Trimesh(mesh.verts @ m[:3, :3].T + m[:3, 3], mesh.faces, process=False)
+        for mesh in scene.meshes
+        for m in mesh.instances
+    ]
+    whole = trimesh.util.concatenate(parts)
+    whole = trimesh.Trimesh(
+        np.unique(whole.vertices, axis=0, return_inverse=True)[0],
+        np.unique(whole.vertices, axis=0, return_inverse=True)[1].reshape(-1)[whole.faces],
+        process=False,
+    )
+    found = surface_facts(scene)
+    assert found.area == pytest.approx(whole.area, rel=1e-9)
+    _, uses = np.unique(whole.edges_sorted, axis=0, return_counts=True)
+    assert (found.boundary_edges, found.non_manifold_edges) == ((uses == 1).sum(), (uses > 2).sum())
+    graph = trimesh.graph.connected_component_labels(whole.edges, len(whole.vertices))
+    assert found.shapes == len(np.unique(graph[whole.faces]))

@@ -1,0 +1,245 @@
+"""Films drawn by `turntable` and `animate`: pixels, resuming, what is left after a failure, refusals."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import assert_refused, listing, needs_device, run
+from PIL import Image
+from processes import ROOT
+
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames
+from clshade.farm.job import FrameWriter
+from clshade.images import png
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
+from clshade.view import animation, video
+from clshade.view.film_frames import FrameFolder, digest_of
+
+SMALL = ("--resolution", "32,24", "--preset", "course", "--deterministic")
+TURN = ("turntable", "icosphere", *SMALL, "--count", "3")
+
+needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="PyAV is not installed")
+
+
+def shown(path: Path) -> list[np.ndarray]:
+    """Return the frames of an animated image."""
+    with Image.open(path) as film:
+        found = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            found.append(np.asarray(film.convert("RGB")))
+        return found
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def interrupt_after(monkeypatch, frames: int) -> None:
+    """Let Ctrl-C arrive when so many frames are drawn."""
+    draw, drawn = FrameWriter.draw, []
+
+    def drawing(self, task, ready=None):
+        if len(drawn) == frames:
+            raise KeyboardInterrupt
+        drawn.append(task.number)
+        return draw(self, task, ready)
+
+    monkeypatch.setattr(FrameWriter, "draw", drawing)
+
+
+@needs_device
+def test_a_film_holds_the_pixels_of_the_frames(folder, capsys):
+    assert run(capsys, *TURN, "--exposure", "1", "--quiet", "-o", "f.####.exr")[0] == 0
+    code, out, err = run(capsys, *TURN, "--exposure", "1", "--fps", "12.5", "-o", "film.webp")
+    assert code == 0, err
+    assert "film    film.webp, 32x24, 3 frames, 12.5 a second, 0.24 s" in out
+    assert "WebP (lossless)" in out
+    assert "files " not in out
+    frames = [png.read(f"f.{number:04d}.png") for number in (1, 2, 3)]
+    assert all((a == b).all() for a, b in zip(shown(folder / "film.webp"), frames, strict=True))
+    assert (frames[0] != frames[2]).any()
+    assert sorted(path.suffix for path in folder.iterdir()) == [".exr"] * 3 + [".png"] * 3 + [".webp"]
+
+
+@needs_av
+@needs_device
+def test_a_video_of_ten_bits_and_its_frames(folder, capsys):
+    import av
+
+    big = ("--resolution", "65,64", "--bit-depth", "10", "--json", "-o", "new/a.mp4")
+    code, out, _ = run(capsys, *TURN, *big, "--keep-frames")
+    found = json.loads(out)
+    assert (code, found["drawn"], found["film"]["resolution"]) == (0, 3, [66, 64])
+    assert (found["film"]["codec"], found["film"]["pixels"]) == ("HEVC", "yuv420p10le, BT.709")
+    assert (found["film"]["seconds"], found["film"]["fps"], found["film"]["frames"]) == (0.1, 30.0, "new/a.mp4.frames")
+    names = [f"{number:04d}.{kind}" for number in (1, 2, 3) for kind in ("exr", "png")]
+    assert sorted(listing(folder / "new" / "a.mp4.frames")) == [*names, "film.json"]
+    with av.open("new/a.mp4") as film:
+        frames = list(film.decode(video=0))
+    assert len(frames) == 3
+    # Luma of what the PNG shows, off by half an 8-bit code, and by the quantizer in this small picture: a few codes.
+    picture = png.read("new/a.mp4.frames/0002.png") @ [0.2126, 0.7152, 0.0722]
+    luma = np.frombuffer(frames[1].planes[0], np.uint16).reshape(64, -1)[:, :65]
+    assert np.abs((luma / 4 - 16) * 255 / 219 - picture).mean() < 2
+    # Frames that were kept stay, and serve a film of another rate.
+    code, out, _ = run(capsys, *TURN, *big, "--fps", "10")
+    found = json.loads(out)
+    assert (code, found["drawn"], found["skipped"], found["film"]["seconds"]) == (0, 0, 3, 0.3)
+    assert len(listing(folder / "new" / "a.mp4.frames")) == 7
+
+
+@needs_device
+def test_an_interrupted_film_goes_on(folder, capsys, monkeypatch):
+    film = folder / "film.apng"
+    with monkeypatch.context() as patched:
+        interrupt_after(patched, 2)
+        assert run(capsys, *TURN, "-o", "film.apng")[0] == 130
+    frames = ["film.apng.frames", *(f"film.apng.frames/{name}" for name in ("0001.png", "0002.png", "film.json"))]
+    assert listing(folder) == frames
+    code, out, err = run(capsys, *TURN, "-o", "film.apng", "--json")
+    found = json.loads(out)
+    assert (code, found["drawn"], found["skipped"]) == (0, 1, 2), err
+    assert "first" not in found
+    assert listing(folder) == ["film.apng"]
+    resumed = film.read_bytes()
+    assert run(capsys, *TURN, "-o", "film.apng", "--quiet")[0] == 0
+    assert film.read_bytes() == resumed
+
+
+@needs_device
+def test_frames_of_other_settings_are_drawn_again(folder, capsys, monkeypatch):
+    for number, other in enumerate((("--exposure", "1"), ("--camera-azimuth-angle", "9"), ("--degrees", "90"))):
+        with monkeypatch.context() as patched:
+            interrupt_after(patched, 2)
+            assert run(capsys, *TURN, "-o", "film.gif")[0] == 130
+        code, out, err = run(capsys, *TURN, *other, "-o", "film.gif", "--json")
+        assert (code, json.loads(out)["skipped"]) == (0, 0), number
+        assert err[0] == "clshade: film.gif.frames: frames of another scene or other settings: drawn again"
+        assert listing(folder) == ["film.gif"]
+
+
+@pytest.mark.parametrize("ending", [pytest.param("mp4", marks=needs_av), "webp"])
+@needs_device
+def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypatch, ending):
+    """The frames stay. The limit is shorter than the index of an MP4, and than this WebP."""
+    resource = pytest.importorskip("resource")
+    name, module = f"film.{ending}", {"mp4": video, "webp": animation}[ending]
+    (folder / name).write_bytes(b"earlier")
+    left = [name, f"{name}.frames", *(f"{name}.frames/{each}" for each in ("0001.png", "0002.png", "0003.png"))]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    encode = module.encode
+
+    def limited(*arguments):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+        encode(*arguments)
+
+    monkeypatch.setattr(module, "encode", limited)
+    try:
+        code, _, err = run(capsys, *TURN, "-o", name)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (code, err[-1]) == (2, f"clshade: {name}: cannot be written: File too large")
+    assert listing(folder) == [*left, f"{name}.frames/film.json"]
+
+    def interrupted(file, *_):
+        file.write(b"half a film")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "encode", interrupted)
+    assert run(capsys, *TURN, "-o", name, "--quiet")[0] == 130
+    assert listing(folder) == [*left, f"{name}.frames/film.json"]
+    assert (folder / name).read_bytes() == b"earlier"
+
+    monkeypatch.setattr(module, "encode", encode)
+    code, out, _ = run(capsys, *TURN, "-o", name, "--json")
+    assert (code, json.loads(out)["skipped"]) == (0, 3)
+    assert listing(folder) == [name]
+    assert (folder / name).read_bytes() != b"earlier"
+
+
+REFUSED = [
+    (("-o", "a.mov"), ("--output", "'a.mov'", "did you mean '.mp4'?")),
+    (("-o", "a.##.gif"), ("--output", "without #")),
+    (("-o", "a.####.exr", "--fps", "24"), ("--fps", "expected a film as --output", "a.####.exr")),
+    (("-o", "a.####.exr", "--bit-depth", "8"), ("--bit-depth", "expected a film")),
+    (("-o", "a.####.exr", "--keep-frames"), ("--keep-frames", "expected a film")),
+    (("-o", "a.gif", "--fps", "fast"), ("--fps", "0.1 to 50 for .gif", "'fast'")),
+    (("-o", "a.gif", "--bit-depth", "10"), ("--bit-depth", "expected 8 for .gif", ".mp4 can have 10")),
+    (("-o", "a.gif", "--bit-depth", "x"), ("--bit-depth", "'x'")),
+    (("-o", "a.webp", "--resolution", "16384,2"), ("1 to 16383 pixels", "16384x2")),
+    (("-o", "used.gif"), ("used.gif.frames", "expected a folder with frames of this film", "other files")),
+    (("-o", "file.gif"), ("file.gif.frames", "it is not a folder")),
+    (("-o", "folder.gif"), ("folder.gif", "it is a folder")),
+    (("-o", "new/deep/a.gif", "--device", "no-such"), ("frame 1", "no OpenCL device")),
+    (("-o", "new/a.gif", "--compression", "rar"), ("compression", "'rar'")),
+    (("-o", "new/a.gif", "--workers", "0"), ("workers", "0")),
+]
+
+
+@pytest.mark.parametrize(("arguments", "parts"), REFUSED)
+def test_refused_command_lines(folder, capsys, arguments, parts):
+    (folder / "used.gif.frames").mkdir()
+    (folder / "used.gif.frames" / "0001.png").write_text("of somebody else")
+    (folder / "file.gif.frames").write_text("no folder")
+    (folder / "folder.gif").mkdir()
+    before = listing(folder)
+    assert_refused(run(capsys, *TURN, *arguments), *parts)
+    assert listing(folder) == before
+
+
+@needs_av
+def test_small_films_of_ten_bits_are_refused(folder, capsys):
+    assert_refused(run(capsys, *TURN, "-o", "a.mp4", "--bit-depth", "10"), "64 to 16384 pixels a side", "32x24")
+
+
+@needs_device
+def test_frames_of_a_film_have_one_size(folder, capsys):
+    (folder / "c.json").write_text('[{"eye": [3, 2, 9], "resolution": [20, 10]}, {"resolution": [10, 20]}]')
+    command = ("animate", "icosphere", "c.json", "--preset", "course", "-o", "a.gif")
+    assert_refused(run(capsys, *command), "frame 2", "20x10, found 10x20", "--resolution gives them one")
+    assert run(capsys, *command, "--resolution", "16,12", "--quiet")[0] == 0
+    assert [frame.shape for frame in shown(folder / "a.gif")] == [(12, 16, 3)] * 2
+
+
+DIGEST = """
+from clshade.farm import orbit, parse_frames
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
+from clshade.view.film_frames import digest_of
+scene, turn = builtin("teapot"), parse_frames("1..5")
+print(digest_of(scene, Settings(), orbit(scene.camera, turn.numbers, turn)))
+"""
+
+
+def test_a_digest_is_the_same_in_every_process():
+    done = subprocess.run([sys.executable, "-c", DIGEST], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    scene, turn = builtin("teapot"), parse_frames("1..5")
+    cameras = orbit(scene.camera, turn.numbers, turn)
+    assert done.stdout.strip() == digest_of(scene, Settings(), cameras), done.stderr
+    assert digest_of(scene, Settings(), cameras) != digest_of(scene, Settings(shader="gouraud"), cameras)
+    assert digest_of(scene, cameras) != digest_of(scene, orbit(scene.camera, turn.numbers, turn, 90.0))
+
+
+@pytest.mark.parametrize("record", ["", "[]", "{", '{"digest": 3}', "\xff"])
+def test_a_damaged_record_counts_as_that_of_another_film(tmp_path, record):
+    folder = FrameFolder(str(tmp_path / "a.gif"))
+    path = tmp_path / "a.gif.frames"
+    path.mkdir()
+    (path / "film.json").write_text(record, encoding="latin-1")
+    (path / "0001.png").write_text("a frame")
+    assert not folder.kept
+    with folder.of("digest", kept=True):
+        assert listing(path) == ["film.json"]
+        assert folder.kept
+    assert listing(tmp_path) == []  # no frame was drawn

@@ -1,0 +1,297 @@
+"""Encoded films, read back: videos by PyAV, animated images by Pillow; names, rates and depths."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from fractions import Fraction
+from functools import partial
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from clshade.errors import InputError
+from clshade.view import animation, video
+from clshade.view.film_format import FORMATS, checked_depth, checked_rate, durations, format_of, is_film
+
+needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="PyAV is not installed")
+
+SIDE = 32  # pixels of a patch
+COLORS = np.array(
+    [
+        *((255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (0, 255, 255), (255, 0, 255)),
+        *((255, 255, 255), (0, 0, 0), (200, 120, 40), (40, 120, 200), (128, 128, 128)),
+    ],
+    np.float64,
+)
+COUNT = 7
+
+
+def card(number: int) -> np.ndarray:
+    """Return a test card: 3 rows of 4 patches, float64 codes of 8 bits; the gray of the last one is the frame's number."""
+    colors = np.vstack([COLORS, np.full((1, 3), 30.0 * number)]).reshape(3, 4, 3)
+    return np.repeat(np.repeat(colors, SIDE, axis=0), SIDE, axis=1)
+
+
+def images(bits: int = 8) -> list[np.ndarray]:
+    return [card(k).astype(np.uint8) if bits == 8 else card(k) / 255.0 for k in range(COUNT)]
+
+
+def encoded(ending: str, frames: list[np.ndarray], bits: int = 8, rate: Fraction | int = 25) -> bytes:
+    file = io.BytesIO()
+    if FORMATS[ending].video:
+        video.encode(file, frames, len(frames), Fraction(rate), video.codec_of(FORMATS[ending], bits))
+    else:
+        animation.encode(file, [partial(lambda frame: frame, each) for each in frames], Fraction(rate), FORMATS[ending])
+    return file.getvalue()
+
+
+# Videos
+
+
+def planes_of(frame) -> list[np.ndarray]:
+    """Return the codes of a decoded frame's planes."""
+    dtype = np.uint16 if frame.format.name.endswith("10le") else np.uint8
+    found = []
+    for plane in frame.planes:
+        rows = np.frombuffer(plane, dtype).reshape(plane.height, -1)
+        found.append(rows[:, : plane.width].astype(np.float64))
+    return found
+
+
+def rgb_of(y: np.ndarray, cb: np.ndarray, cr: np.ndarray, bits: int, kr: float = 0.2126, kb: float = 0.0722):
+    """Invert limited-range Y'CbCr: 8-bit codes, float64. Default: BT.709; kr=0.299, kb=0.114 are BT.601's."""
+    scale = 2.0 ** (bits - 8)
+    y, cb, cr = (y / scale - 16) / 219, (cb / scale - 128) / 224, (cr / scale - 128) / 224
+    r, b = y + 2 * (1 - kr) * cr, y + 2 * (1 - kb) * cb
+    return 255 * np.stack([r, (y - kr * r - kb * b) / (1 - kr - kb), b], axis=-1)
+
+
+def centers(frame, bits: int, **weights: float) -> np.ndarray:
+    """Return the colors in the middle of a card's patches, (12, 3)."""
+    y, cb, cr = planes_of(frame)
+    middle = np.arange(3)[:, None] * SIDE + SIDE // 2, np.arange(4)[None] * SIDE + SIDE // 2
+    small = tuple(each // 2 for each in middle)
+    return rgb_of(y[middle], cb[small], cr[small], bits, **weights).reshape(12, 3)
+
+
+@needs_av
+@pytest.mark.parametrize(
+    ("ending", "bits", "codec", "pixel_format"),
+    [
+        (".mp4", 8, "h264", "yuv420p"),
+        (".mp4", 10, "hevc", "yuv420p10le"),
+        (".webm", 8, "vp9", "yuv420p"),
+    ],
+)
+def test_a_video_read_back(ending, bits, codec, pixel_format):
+    import av
+
+    data = encoded(ending, images(bits), bits)
+    with av.open(io.BytesIO(data)) as container:
+        stream = container.streams.video[0]
+        context = stream.codec_context
+        assert (context.name, stream.average_rate) == (codec, 25)
+        tags = (context.color_primaries, context.color_trc, context.colorspace, context.color_range)
+        assert tags == (1, 1, 1, 1)  # BT.709, BT.709, BT.709, limited
+        assert container.duration == pytest.approx(1e6 * COUNT / 25, abs=1000)  # WebM counts milliseconds
+        frames = list(container.decode(video=0))
+    assert [frame.format.name for frame in frames] == [pixel_format] * COUNT
+    assert {(frame.width, frame.height) for frame in frames} == {(4 * SIDE, 3 * SIDE)}
+    # A code of a plane is off by 1/2 for rounding. A flat block of a quantizer's step 4 (QP 16; a 4 x 4 transform scales
+    # it by 4) may be off by 1/2, too. Blue adds both of Y' (255/219) and Cb (1.8556 * 255/224): 3.3 codes of 8 bits.
+    bound = 3.3
+    for number, frame in enumerate(frames):
+        error = np.abs(centers(frame, bits) - card(number)[SIDE // 2 :: SIDE, SIDE // 2 :: SIDE].reshape(12, 3))
+        assert error.max() <= bound, number
+    wrong = np.abs(centers(frames[0], bits, kr=0.299, kb=0.114) - np.vstack([COLORS, [[0, 0, 0]]]))
+    assert wrong.max() > 10 * bound  # with the matrix of BT.601
+
+
+@needs_av
+def test_ten_bits_come_from_floats():
+    """Grays a quarter of an 8-bit code apart, in 10 bits 3.4 codes of 8 bits: each has a code of its own."""
+    import av
+
+    grays = 0.5 + np.arange(4) / 3.0 / 255.0
+    image = np.repeat(np.repeat(grays[None, :, None], 64, axis=0), 64, axis=1) * np.ones(3)
+    with av.open(io.BytesIO(encoded(".mp4", [image], 10))) as container:
+        (frame,) = container.decode(video=0)
+    codes = planes_of(frame)[0][32, 32::64]
+    assert np.abs(codes - (219 * grays + 16) * 4).max() <= 1.0
+    assert (np.diff(codes) >= 1).all()
+
+
+@needs_av
+@pytest.mark.parametrize("ending", [".mp4", ".webm"])
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (33, 24)])
+def test_odd_sizes_are_made_even(ending, size):
+    import av
+
+    columns, rows = size
+    image = np.random.default_rng(1).integers(0, 256, (rows, columns, 3)).astype(np.uint8)
+    with av.open(io.BytesIO(encoded(ending, [image] * 2))) as container:
+        frames = list(container.decode(video=0))
+    assert [(frame.width, frame.height) for frame in frames] == [(columns + columns % 2, rows + rows % 2)] * 2
+
+
+@needs_av
+def test_a_fraction_as_rate_and_an_index_before_the_frames():
+    import av
+
+    data = encoded(".mp4", images() * 40, rate=Fraction(30000, 1001))
+    with av.open(io.BytesIO(data)) as container:
+        stream = container.streams.video[0]
+        assert (stream.average_rate, stream.frames) == (Fraction(30000, 1001), 40 * COUNT)
+        assert stream.duration * stream.time_base == Fraction(40 * COUNT * 1001, 30000)
+    assert 0 < data.find(b"moov") < data.find(b"mdat")
+
+
+@needs_av
+def test_what_ffmpeg_reports_is_an_oserror():
+    """It becomes an OutputError that names the film."""
+
+    class Full(io.BytesIO):
+        def write(self, data):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        video.encode(Full(), images(), COUNT, Fraction(25), video.codec_of(FORMATS[".mp4"], 8))
+    with pytest.raises(OSError, match="Invalid argument"):
+        encoded(".mp4", [np.zeros((8, 8, 3))], 10)  # smaller than x265 takes; `draw_film` refuses it before
+
+
+# Animated images
+
+
+@pytest.mark.parametrize("ending", [".gif", ".apng", ".webp"])
+def test_an_animation_read_back(ending):
+    """The card has few colors, which a GIF keeps as well."""
+    with Image.open(io.BytesIO(encoded(ending, images(), rate=24))) as found:
+        assert (found.n_frames, found.info["loop"], found.size) == (COUNT, 0, (4 * SIDE, 3 * SIDE))
+        total = 0.0
+        for number in range(COUNT):
+            found.seek(number)
+            pixels = np.asarray(found.convert("RGB")).astype(int)
+            assert (pixels == card(number).astype(int)).all(), number
+            found.load()
+            total += found.info["duration"]
+    assert total == pytest.approx(1000 * COUNT / 24, abs=5 if ending == ".gif" else 0.5)
+
+
+def test_a_gif_has_one_palette_and_dithers():
+    """Without error diffusion the means of a gradient's blocks would be off by up to half the distance of two colors."""
+    ramp = np.linspace(0, 255, 96)
+    image = np.stack([*np.meshgrid(ramp, ramp), np.full((96, 96), 60.0)], axis=-1).astype(np.uint8)
+    frames = [np.roll(image, 5 * k, axis=1) for k in range(3)]
+    with Image.open(io.BytesIO(encoded(".gif", frames))) as found:
+        palettes = []
+        for number in range(3):
+            found.seek(number)
+            palettes.append(found.tile[0][3] and found.global_palette.getdata()[1])
+            pixels = np.asarray(found.convert("RGB")).astype(float)
+    assert palettes[0] == palettes[1] == palettes[2]
+    blocks = (pixels - frames[2]).reshape(6, 16, 6, 16, 3).mean(axis=(1, 3))
+    assert np.abs(blocks).max() < 4
+    assert np.abs(pixels - frames[2]).max() > 8
+
+
+def test_equal_frames_are_shown_for_as_long():
+    for ending in (".gif", ".apng"):
+        frames = [images()[0]] * 3 + [images()[1]] * 2
+        with Image.open(io.BytesIO(encoded(ending, frames, rate=25))) as found:
+            shown = []
+            for number in range(found.n_frames):
+                found.seek(number)
+                found.load()
+                shown.append(found.info["duration"])
+        assert sum(shown) == 200
+
+
+def test_one_frame_is_a_film_too():
+    for ending in (".gif", ".apng", ".webp"):
+        with Image.open(io.BytesIO(encoded(ending, images()[:1]))) as found:
+            assert (np.asarray(found.convert("RGB")) == images()[0]).all()
+
+
+# Rates and names
+
+
+@pytest.mark.parametrize(
+    ("rate", "ticks", "expected"),
+    [
+        (30, 100, [3, 4, 3, 3, 4, 3]),
+        (25, 100, [4, 4, 4]),
+        (50, 100, [2, 2, 2]),
+        (60, 1000, [17, 16, 17, 17, 16, 17]),
+        (Fraction(30000, 1001), 100, [3, 4, 3]),
+    ],
+)
+def test_durations_add_up(rate, ticks, expected):
+    assert durations(len(expected), Fraction(rate), ticks) == expected
+    many = np.cumsum(durations(1000, Fraction(rate), ticks))
+    exact = np.arange(1, 1001) * ticks / float(rate)
+    assert np.abs(many - exact).max() <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "rate"),
+    [
+        ("24", 24),
+        (30, 30),
+        ("23.976", Fraction(2997, 125)),
+        ("30000/1001", Fraction(30000, 1001)),
+        (12.5, Fraction(25, 2)),
+        ("0.1", Fraction(1, 10)),
+    ],
+)
+def test_rates(text, rate):
+    assert checked_rate(FORMATS[".mp4"], text) == rate
+
+
+@pytest.mark.parametrize(
+    "fps", ["0", "-3", "nan", "inf", "x", "", "1/0", "1e99999", "9" * 50, "241", 0.05, None, True, float("nan"), [3]]
+)
+def test_refused_rates(fps):
+    with pytest.raises(InputError, match=r"^--fps: expected frames per second, 0\.1 to 240 for \.mp4, such as 24"):
+        checked_rate(FORMATS[".mp4"], fps)
+
+
+def test_rates_and_depths_of_a_format():
+    assert checked_rate(FORMATS[".gif"], 50) == 50
+    with pytest.raises(InputError, match=r"0\.1 to 50 for \.gif"):
+        checked_rate(FORMATS[".gif"], 60)
+    assert checked_depth(FORMATS[".mp4"], 10) == 10
+    with pytest.raises(InputError, match=r"^--bit-depth: expected 8 for \.webm, found 10: \.mp4 can have 10$"):
+        checked_depth(FORMATS[".webm"], 10)
+    with pytest.raises(InputError, match=r"^--bit-depth: expected 8 or 10 for \.mp4, found 12$"):
+        checked_depth(FORMATS[".mp4"], 12)
+
+
+def test_names_of_films_and_of_frames():
+    assert [is_film(f"a/b.{ending}") for ending in ("mp4", "webm", "GIF", "apng", "webp")] == [True] * 5
+    assert not any(map(is_film, ("out.####.exr", "out.png", "a", "v1.2", "out.##", "a.##.tif", ".mp4")))
+    for name, near in (
+        ("a.mov", ".mp4"),
+        ("a.mp5", ".mp4"),
+        ("b.MKV", ".webm"),
+        ("a.wepb", ".webp"),
+        ("a.agif", ".gif"),
+    ):
+        with pytest.raises(
+            InputError, match=rf"^--output: expected a film, .* found '{name}': did you mean '{near}'\?$"
+        ):
+            is_film(name)
+    with pytest.raises(InputError, match="expected a film's name without #"):
+        is_film("a.##.mp4")
+
+
+def test_a_missing_encoder_is_named(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    for name in ("a.mp4", "a.webm"):
+        with pytest.raises(InputError, match=rf'^{name}: expected PyAV, found none: `pip install "clshade\[film\]"`'):
+            format_of(name)
+    assert format_of("a.gif").ending == ".gif"
+    with pytest.raises(InputError, match=r"found a\.mpg: did you mean '\.mp4'\?"):
+        format_of("a.mpg")

@@ -1,0 +1,233 @@
+"""The live view in a browser: mouse and keys, values as rendered, controls, and how fast it moves."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import shlex
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browsers import until
+from command_line import needs_device
+from live_views import source_of
+from scene_files import write
+
+pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
+
+import clshade
+from clshade import exr
+from clshade.cli.main import main
+from clshade.view.live_page import live_page
+from clshade.view.live_scene import LiveScene
+from clshade.view.live_server import LiveServer, listen
+
+pytestmark = [needs_device, pytest.mark.long]
+
+SMALL = ("quads", "--resolution", "160,120", "--samples", "4")
+SECONDS = 6.0  # that the teapot turns
+STILL = "live.header?.last && !live.viewer.frame && !live.controls.turning"
+
+
+@contextlib.contextmanager
+def served(*arguments: object) -> Iterator[LiveServer]:
+    """Serve a scene in a thread with a loop of its own."""
+    with listen(None) as listening:
+        server = LiveServer(LiveScene(source_of(*arguments)), listening, lambda host: live_page("a scene", host))
+        loop, ready = asyncio.new_event_loop(), threading.Event()
+        task = loop.create_task(server.serve(ready.set))
+
+        def run() -> None:
+            with contextlib.suppress(asyncio.CancelledError):
+                loop.run_until_complete(task)
+            loop.close()
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        assert ready.wait(60.0)
+        try:
+            yield server
+        finally:
+            loop.call_soon_threadsafe(task.cancel)
+            thread.join(60.0)
+            assert not thread.is_alive()
+
+
+@contextlib.contextmanager
+def shown(browser: Any, *arguments: object, hash_: str = "") -> Iterator[Any]:
+    """Yield the page of a live view; afterwards nothing may have gone wrong in it."""
+    with served(*arguments) as server:
+        page = browser.new_page(viewport={"width": 1000, "height": 700})
+        faults: list[str] = []
+        page.on("console", lambda message: faults.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.goto(server.url + hash_)
+        page.server = server
+        try:
+            until(page, "live.counts.all > 0")
+            yield page
+            assert [fault for fault in faults if "GPU stall due to ReadPixels" not in fault] == []
+        finally:
+            page.close()
+
+
+def at_rest(page: Any) -> int:
+    """Wait until the final picture of the server's latest view is shown; return its version."""
+    page.wait_for_timeout(100)  # input on its way
+    ends = time.monotonic() + 60.0
+    while time.monotonic() < ends:
+        found: int = page.evaluate(f"{STILL} ? live.header.version : -1")
+        if any(found == client.session.version for client in page.server.clients):
+            return found
+        page.wait_for_timeout(20)
+    raise AssertionError("the view does not come to rest")
+
+
+def channel(page: Any, name: str) -> np.ndarray:
+    image = page.evaluate(
+        f"[live.viewer.image.height, live.viewer.image.width, [...live.viewer.image.channels.get('{name}').data]]"
+    )
+    return np.array(image[2], np.float32).reshape(image[0], image[1])
+
+
+def test_mouse_keys_and_values(browser, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with shown(browser, *SMALL) as page:
+        at_rest(page)
+        frame = clshade.render(clshade.builtin("quads"), resolution=(160, 120), samples=4)
+        for k, name in enumerate("RGB"):
+            np.testing.assert_array_equal(channel(page, name), frame.rgb[..., k])
+        assert page.evaluate("live.motion.canvas.hidden")
+        moves = {
+            "drag": lambda: (
+                page.mouse.move(300, 300),
+                page.mouse.down(),
+                page.mouse.move(360, 320, steps=4),
+                page.mouse.up(),
+            ),
+            "right drag": lambda: (
+                page.mouse.down(button="right"),
+                page.mouse.move(330, 300, steps=3),
+                page.mouse.up(button="right"),
+            ),
+            "wheel": lambda: page.mouse.wheel(0, -120),
+            "w": lambda: (page.keyboard.down("w"), page.wait_for_timeout(150), page.keyboard.up("w")),
+            "t": lambda: (page.keyboard.press("t"), page.wait_for_timeout(800), page.keyboard.press("t")),
+        }
+        eyes = [page.evaluate("live.header.camera.eye")]
+        for name, move in moves.items():
+            move()
+            at_rest(page)
+            eyes.append(page.evaluate("live.header.camera.eye"))
+            assert eyes[-1] != eyes[-2], name
+        # What is shown is what the snapshot's command renders.
+        page.click("#snapshot")
+        command = until(page, "document.querySelector('#written code')?.textContent")
+        assert main([*shlex.split(command)[1:-1], "again"]) == 0, capsys.readouterr()
+        written, again = exr.read("quads-1.exr")[0], exr.read("again.exr")[0]
+        for name in "RGB":
+            np.testing.assert_array_equal(channel(page, name), again[name])
+            np.testing.assert_array_equal(written[name], again[name])
+        # A click pins a pixel, whose values come from the server: also those of layers that are not shown.
+        page.mouse.click(350, 330)
+        rows = until(page, "live.probedValues && [...live.others.children].map((row) => row.firstChild.textContent)")
+        assert {"Z", "N", "P", "id", "uv"} <= set(rows)
+        place = page.evaluate("[live.viewer.pinned.y, live.viewer.pinned.x]")
+        values = page.evaluate("live.probedValues")
+        for name in "RGB":
+            assert np.float32(values[name]) == again[name][tuple(place)]
+
+
+def test_controls(browser):
+    with shown(browser, *SMALL) as page:
+        at_rest(page)
+        before = channel(page, "R")
+        page.click("#live .toggles button:text-is('Z')")
+        at_rest(page)
+        depth = clshade.render(clshade.builtin("quads"), resolution=(160, 120), samples=4, layers="Z")["Z"]
+        np.testing.assert_array_equal(channel(page, "Z"), depth)
+        page.click("#layers button:text-is('Z')")  # pictures in motion are then those of the layer
+        until(page, "JSON.parse(live.display).as_floats")
+        at_rest(page)
+        page.keyboard.press("t")
+        until(page, "live.header.moving && live.header.type === 'image'")
+        page.keyboard.press("t")
+        page.click("#live .buttons button:text-is('Reset')")
+        at_rest(page)
+        page.click("#layers button:text-is('RGB')")
+        at_rest(page)
+        np.testing.assert_array_equal(channel(page, "R"), before)
+        page.click(".light input[type=checkbox] >> nth=0")
+        at_rest(page)
+        assert not np.array_equal(channel(page, "R"), before)
+        page.click(".light input[type=checkbox] >> nth=0")
+        at_rest(page)
+        np.testing.assert_array_equal(channel(page, "R"), before)
+        page.click("#live .choice button:text-is('No light')")
+        at_rest(page)
+        assert not np.array_equal(channel(page, "R"), before)
+        page.fill("#adjust input[type=number] >> nth=0", "1.5")
+        page.keyboard.press("Enter")
+        (client,) = page.server.clients
+        until(page, "JSON.parse(live.display).exposure === 1.5")
+        page.wait_for_timeout(300)
+        assert client.session.display.exposure == 1.5
+
+
+def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):
+    path = Path(write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
+    with shown(browser, path, "--resolution", "80,60", "--samples", "1") as page:
+        at_rest(page)
+        before = channel(page, "R")
+        assert page.is_hidden("#changed")
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
+        page.click("#changed button")
+        at_rest(page)
+        assert not np.array_equal(channel(page, "R"), before)
+        until(page, "document.getElementById('changed').hidden")
+        path.write_text("nonsense")
+        page.click("#changed button")
+        until(page, "document.getElementById('notice').textContent.includes('a.obj')")
+        (client,) = page.server.clients
+        loop = client.socket._loop
+        asyncio.run_coroutine_threadsafe(client.socket.close(), loop).result(10.0)
+        until(page, "document.body.classList.contains('ended')")
+
+
+def test_two_pages_at_once(browser):
+    with shown(browser, *SMALL) as first:
+        second = browser.new_page()
+        second.goto(first.server.url)
+        until(second, STILL)
+        at_rest(first)
+        version = second.evaluate("live.header.version")
+        first.mouse.move(300, 300)
+        first.mouse.down()
+        first.mouse.move(400, 330, steps=4)
+        first.mouse.up()
+        at_rest(first)
+        assert first.evaluate("live.header.camera.eye") != second.evaluate("live.header.camera.eye")
+        assert second.evaluate("live.header.version") == version
+        second.close()
+
+
+def test_the_teapot_moves(launch, capsys):
+    """Print how many frames/s of 800x600 a browser without a GPU shows; on two idle processors above 30."""
+    with shown(launch(), "teapot", hash_="#turn") as page:
+        until(page, "live.counts.moving > 10")
+        count, seconds = page.evaluate(
+            f"""async () => {{
+              const [before, start] = [live.counts.moving, performance.now()];
+              await new Promise((after) => setTimeout(after, {SECONDS * 1e3}));
+              return [live.counts.moving - before, (performance.now() - start) / 1e3];
+            }}"""
+        )
+        with capsys.disabled():
+            print(f"\n{count / seconds:.1f} frames/s, {page.evaluate('live.header.drawn.join(`x`)')}")
+            print("\n".join(page.server.stats.lines()))
+        assert count / seconds > 2.0  # on a machine however busy

@@ -1,0 +1,336 @@
+"""The live view over real sockets: who is let in, clients of their own, and what is left after they go."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import needs_device, run, without_compiling
+from live_views import SMALL, source_of, unpacked
+from processes import ROOT
+from scene_files import write
+
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
+
+from clshade.cli.commands import live_view  # noqa: E402
+from clshade.view.live_page import live_page  # noqa: E402
+from clshade.view.live_scene import LiveScene  # noqa: E402
+from clshade.view.live_server import HOST, LiveServer, listen  # noqa: E402
+
+pytestmark = needs_device
+SECONDS = 60.0  # for anything that is waited for: the first picture may compile kernels
+
+
+@contextlib.asynccontextmanager
+async def serving(*arguments: object) -> AsyncIterator[LiveServer]:
+    with listen(None) as listening:
+        server = LiveServer(LiveScene(source_of(*(arguments or SMALL))), listening, lambda host: live_page("x", host))
+        ready = asyncio.Event()
+        task = asyncio.create_task(server.serve(ready.set))
+        await asyncio.wait_for(ready.wait(), SECONDS)
+        try:
+            yield server
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+
+class Client:
+    """A client without a browser."""
+
+    def __init__(self, ws: Any) -> None:
+        self.ws = ws
+
+    async def next(self, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the next message of this type, and the arrays of a picture. Pictures are acknowledged."""
+        while True:
+            message = await asyncio.wait_for(self.ws.receive(), SECONDS)
+            assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY), message
+            if message.type == aiohttp.WSMsgType.TEXT:
+                found, arrays = json.loads(message.data), {}
+            else:
+                found, arrays = unpacked(message.data)
+                await self.send(type="shown")
+            if found["type"] == kind:
+                return found, arrays
+
+    async def send(self, **message: Any) -> None:
+        await self.ws.send_str(json.dumps(message))
+
+
+@contextlib.asynccontextmanager
+async def client(server: LiveServer) -> AsyncIterator[Client]:
+    origin = f"http://{HOST}:{server.port}"
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{server.url}live", origin=origin, max_msg_size=0) as ws,
+    ):
+        yield Client(ws)
+
+
+def in_loop(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    """Run an async test in a loop of its own."""
+
+    def run_it(*arguments: Any) -> None:
+        asyncio.run(asyncio.wait_for(test(*arguments), 3 * SECONDS))
+
+    return run_it
+
+
+def test_only_the_own_page_with_the_token_is_let_in():
+    async def check() -> None:
+        async with serving() as server, aiohttp.ClientSession() as session:
+            own, host = f"http://{HOST}:{server.port}", f"{HOST}:{server.port}"
+
+            async def status(path: str, **headers: str) -> int:
+                async with session.get(f"{own}{path}", headers=headers) as answer:
+                    return answer.status
+
+            page, live = f"/{server.token}/", f"/{server.token}/live"
+            assert await status(page) == 200
+            assert await status(page, Origin=own) == 200
+            assert await status(page, Host=f"localhost:{server.port}") == 200
+            for path in (
+                "/",
+                "/live",
+                f"/{server.token}",
+                f"/{server.token[:-1]}/",
+                f"/x{server.token}/",
+                "//",
+                "/%00/",
+                "/é/",
+            ):
+                assert await status(path) in (403, 404), path
+                assert await status(path) == 403 or server.token in path
+            assert await status(page, Origin="http://evil.example") == 403
+            assert await status(page, Origin="null") == 403
+            assert await status(page, Origin=f"http://localhost:{server.port}") == 403  # of another host
+            assert await status(page, Origin=f"https://{host}") == 403
+            assert await status(page, Host="evil.example") == 403
+            assert await status(page, Host=f"evil.example:{server.port}") == 403
+            assert await status(live) == 403  # no Origin
+            assert await status(live, Origin=own) == 400  # no WebSocket
+            for origin in ("http://evil.example", f"http://{HOST}:{server.port + 1}", None):
+                with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
+                    await session.ws_connect(f"{own}{live}", origin=origin)
+                assert caught.value.status == 403
+            async with session.post(f"{own}{page}") as answer:
+                assert answer.status == 405
+            assert not server.clients
+
+    in_loop(check)()
+
+
+def test_the_page_keeps_its_address_to_itself():
+    async def check() -> None:
+        async with serving() as server, aiohttp.ClientSession() as session, session.get(server.url) as answer:
+            text = await answer.text()
+            assert answer.headers["Referrer-Policy"] == "no-referrer"
+            assert answer.headers["Cache-Control"] == "no-store"
+            assert f"connect-src ws://{HOST}:{server.port};" in text
+            assert server.token not in text
+            assert len(server.token) >= 32
+
+    in_loop(check)()
+
+
+def test_it_listens_on_loopback_alone():
+    with listen(None) as listening:
+        assert listening.getsockname()[0] == "127.0.0.1"
+
+
+def test_two_clients_have_cameras_of_their_own_and_a_lost_one_leaves_nothing():
+    async def check() -> None:
+        async with serving(*SMALL, "--samples", "4") as server:
+            async with client(server) as first, client(server) as second:
+                scene, _ = await first.next("scene")
+                assert scene["resolution"] == [40, 30]
+                await second.next("scene")
+                _, before = await first.next("image")
+                _, same = await second.next("image")
+                np.testing.assert_array_equal(before["R"], same["R"])
+                await first.send(type="orbit", right=30.0, up=5.0)
+                _, moved = await first.next("image")
+                assert not np.array_equal(before["R"], moved["R"])
+                await second.send(type="set", lights=[0.5, 1.0])
+                _, other = await second.next("image")
+                assert not np.array_equal(before["R"], other["R"])
+                assert len(server.clients) == 2
+                renderers = server.scene.open_renderers
+                second.ws._response.connection.transport.abort()  # as a browser that is killed
+                await _until(lambda: len(server.clients) == 1)
+                await server.in_drawing(lambda: None)
+                assert server.scene.open_renderers < renderers
+                await first.send(type="reset")
+                _, again = await first.next("image")
+                np.testing.assert_array_equal(before["R"], again["R"])
+            await _until(lambda: not server.clients)
+            await server.in_drawing(lambda: None)
+            assert server.scene.open_renderers == 0
+
+    in_loop(check)()
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < end
+        await asyncio.sleep(0.01)
+
+
+def test_pictures_wait_for_a_client_that_does_not_show_them():
+    async def check() -> None:
+        async with serving() as server, client(server) as slow:
+            await slow.next("scene")
+            drawn = []
+            server.stats.add = lambda session, drawing, now: drawn.append(drawing)  # type: ignore[method-assign]
+            for _ in range(50):
+                await slow.send(type="orbit", right=1.0)
+                await asyncio.sleep(0.005)
+            await slow.send(type="probe", column=1, row=1)  # answered in order, after what was drawn
+            while json.loads((await _text(slow)).data)["type"] != "probe":
+                pass
+            assert len(drawn) <= 2
+            (session,) = (each.session for each in server.clients)
+            await slow.send(type="shown")
+            await slow.send(type="shown")
+            header, _ = await slow.next("image")
+            assert header["version"] == session.version  # the latest input
+
+    in_loop(check)()
+
+
+async def _text(client: Client) -> Any:
+    while True:
+        message = await asyncio.wait_for(client.ws.receive(), SECONDS)
+        if message.type == aiohttp.WSMsgType.TEXT:
+            return message
+
+
+def test_nonsense_is_answered_with_an_error_and_harms_nobody():
+    async def check() -> None:
+        async with serving() as server, client(server) as other:
+            await other.next("image")
+            for text in (
+                "",
+                "x",
+                "[]",
+                "1",
+                '{"type": "orbit", "right": 1e999}',
+                '{"type": 5}',
+                "[" * 50_000,
+                '{"type": "probe"}',
+            ):
+                await other.ws.send_str(text)
+                assert (await other.next("error"))[0]["text"]
+            await other.ws.send_bytes(b"\0" * 100)
+            await other.send(type="probe", column=20, row=15)
+            found, _ = await other.next("probe")
+            assert {"R", "G", "B", "A", "Z", "N.X", "P.Z", "id"} <= found["values"].keys()
+            async with client(server) as rude:
+                await rude.ws.send_str("x" * (1 << 17))  # too long: that connection ends
+                await _until(lambda: len(server.clients) == 1)
+            await other.send(type="reset")
+            await other.next("image")
+
+    in_loop(check)()
+
+
+def test_a_file_that_changes_is_announced_and_read_again_on_request(tmp_path):
+    path = Path(write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
+
+    async def check() -> None:
+        async with serving(path, "--resolution", "40,30", "--samples", "1") as server, client(server) as one:
+            _, before = await one.next("image")
+            path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
+            assert (await one.next("changed"))[0]["changed"] is True
+            await one.send(type="reload")
+            assert (await one.next("scene"))[0]["triangles"] == 2
+            _, after = await one.next("image")
+            assert not np.array_equal(before["R"], after["R"])
+            path.write_text("f 1 2 3\n")
+            await one.next("changed")
+            await one.send(type="reload")
+            assert "a.obj" in (await one.next("error"))[0]["text"]
+            await one.send(type="orbit", right=10.0)
+            await one.next("image")
+
+    in_loop(check)()
+
+
+def test_a_port_that_is_taken(capsys):
+    with socket.create_server((HOST, 0)) as taken:
+        port = taken.getsockname()[1]
+        code, out, err = run(capsys, "view", *SMALL, "--port", port)
+    assert (code, out, len(err)) == (2, "", 1)
+    assert f"--port: expected a free port from 1 to 65535, found {port}" in err[0]
+
+
+def test_without_aiohttp_one_line_names_the_extra(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "clshade.view.live_server")
+    monkeypatch.delattr("clshade.view.live_server")
+    code, out, err = run(capsys, "view", *SMALL)
+    assert (code, out, len(err)) == (2, "", 1)
+    assert "pip install 'clshade[view]'" in err[0]
+
+
+def test_open_shows_the_page_in_the_browser(monkeypatch, capsys):
+    shown = threading.Event()
+    monkeypatch.setattr("webbrowser.open", lambda url: shown.set())
+    live_view._announce("http://127.0.0.1:1/x/", True)
+    assert shown.wait(10.0)
+    assert capsys.readouterr().out == "http://127.0.0.1:1/x/\n"
+
+
+def view_process(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "clshade", "view", *map(str, arguments)]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=cwd, env=environment, **pipes)
+
+
+def test_an_interrupt_ends_the_view(tmp_path):
+    process = view_process(*SMALL, "--stats", cwd=tmp_path)
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+
+    async def look() -> None:
+        token = url.split("/")[3]
+        origin = url.removesuffix(f"/{token}/")
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{url}live", origin=origin) as ws:
+            one = Client(ws)
+            await one.next("image")
+            process.send_signal(signal.SIGINT)
+            sent = time.monotonic()
+            while (await asyncio.wait_for(ws.receive(), SECONDS)).type not in (
+                aiohttp.WSMsgType.CLOSE,
+                aiohttp.WSMsgType.CLOSING,
+                aiohttp.WSMsgType.CLOSED,
+            ):
+                pass
+            await asyncio.to_thread(process.wait, SECONDS)
+            assert time.monotonic() - sent < 5.0
+
+    asyncio.run(look())
+    out, err = process.communicate(timeout=SECONDS)
+    assert process.returncode == 130, err
+    assert without_compiling(err) == ["clshade: Ctrl-C ends the view", "clshade: interrupted"]
+    assert out.split()[0] == "samples"
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection((HOST, int(url.split(":")[2].split("/")[0])))

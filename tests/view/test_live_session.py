@@ -1,0 +1,317 @@
+"""Sessions of a live view without a network: camera, refinement, the latest input, probe and snapshot."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import needs_device, run, scene_of
+from live_views import SMALL, all_drawings, next_drawing, session_of, source_of, unpacked
+from scene_files import write
+
+import clshade
+from clshade import exr
+from clshade.cli.main import main
+from clshade.errors import InputError
+from clshade.pipeline.frame import same_bits
+from clshade.view.live_scene import LiveScene
+from clshade.view.live_session import Session, Task
+
+pytestmark = needs_device
+
+
+def test_the_pictures_of_a_still_view_and_their_order():
+    session, clock = session_of(*SMALL, "--samples", "16", "--layers", "Z,id")
+    drawings = all_drawings(session, clock)
+    headers = [unpacked(drawing.message)[0] for drawing in drawings]
+    assert [(h["samples"], h["type"], h["moving"], h["last"]) for h in headers] == [
+        (1, "picture", True, False),
+        (4, "picture", False, False),
+        (16, "image", False, True),
+    ]
+    header, arrays = unpacked(drawings[-1].message)
+    frame = clshade.render(scene_of(*SMALL), samples=16, layers=("Z", "id"), resolution=(40, 30))
+    assert same_bits(drawings[-1].frame, frame)
+    assert list(arrays) == ["R", "G", "B", "A", "Z", "id"]
+    for name, plane in exr.flatten(frame.channels()).items():
+        np.testing.assert_array_equal(arrays[name], plane)
+    assert arrays["id"].dtype == np.uint32
+    coarse = unpacked(drawings[0].message)[1]["rgba"]
+    one = clshade.render(scene_of(*SMALL), resolution=(40, 30))
+    np.testing.assert_array_equal(coarse[..., :3], one.to_png8())
+    assert (coarse[..., 3] == 255).all()
+    assert {"frame", "convert", "total"} <= header["times_ms"].keys()
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"type": "orbit", "right": 20.0, "up": 5.0},
+        {"type": "pan", "right": 0.2, "up": -0.1},
+        {"type": "dolly", "factor": 0.5},
+        {"type": "fly", "right": 0.1, "up": 0.0, "forward": 0.2},
+        {"type": "set", "lights": [0.5, 1.0]},
+    ],
+    ids=str,
+)
+def test_an_input_gives_another_picture(message):
+    session, clock = session_of(*SMALL, "--samples", "1")
+    before = all_drawings(session, clock)[-1]
+    assert session.due() is None
+    session.handle(message)
+    after = next_drawing(session)
+    assert after.task.is_first
+    assert not same_bits(before.frame, after.frame)
+    session.handle({"type": "reset"})
+    session.handle({"type": "set", "lights": [1.0, 1.0]})
+    assert same_bits(all_drawings(session, clock)[-1].frame, before.frame)
+
+
+def test_the_latest_input_wins():
+    """However many inputs come while a picture is drawn, the next is that of the last."""
+    session, _ = session_of()
+    task = session.due()
+    assert isinstance(task, Task)
+    for _ in range(100):
+        session.handle({"type": "orbit", "right": 1.0, "up": 0.0})
+    session.drawn(task, 1.0)
+    drawing = next_drawing(session)
+    assert drawing.task.is_first
+    assert drawing.task.view.camera is session.view.camera
+    assert drawing.task.version == session.version
+
+
+def test_more_samples_wait_until_the_view_has_been_still_for_as_long_as_they_take():
+    session, clock = session_of(*SMALL, "--samples", "4")
+    next_drawing(session, ms=10.0)
+    wait = session.due()
+    assert wait == pytest.approx(0.02)  # twice as long as with one sample, as a guess
+    clock.now += 0.02
+    assert next_drawing(session, ms=100.0).task.step.last
+    session.handle({"type": "orbit", "right": 1.0})
+    next_drawing(session, ms=10.0)
+    assert session.due() == pytest.approx(0.1)
+    session.handle({"type": "orbit", "right": 1.0})
+    assert isinstance(session.due(), Task)
+
+
+def test_slow_pictures_get_coarser_in_motion_and_finer_again():
+    session, _ = session_of(*SMALL)
+
+    def moved(ms: float) -> int:
+        session.handle({"type": "orbit", "right": 1.0})
+        return next_drawing(session, ms).task.step.scale
+
+    assert [moved(400.0), moved(100.0), moved(25.0), moved(25.0)] == [1, 2, 4, 4]
+    assert [moved(2.0) for _ in range(12)][-1] == 1
+    session, _ = session_of(*SMALL)
+    assert [moved(400.0) for _ in range(5)][-1] == 1  # a coarser picture would be no faster
+
+
+def test_the_elevation_stays_short_of_the_poles():
+    session, _ = session_of()
+    for up in (60.0, 60.0, 1e6, -1e6, -500.0):
+        session.handle({"type": "orbit", "right": 0.0, "up": up})
+    assert next_drawing(session).frame.rgba.shape == (30, 40, 4)
+    for factor in (1e-300, 1e300, 1e-9):
+        session.handle({"type": "dolly", "factor": factor})
+        next_drawing(session)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        {"type": "unknown"},
+        {"type": ["orbit"]},
+        {"type": "orbit", "right": "x"},
+        {"type": "orbit", "right": math.inf},
+        {"type": "dolly", "factor": 0},
+        {"type": "dolly"},
+        {"type": "set", "shader": "toon"},
+        {"type": "set", "samples": 65},
+        {"type": "set", "samples": [1]},
+        {"type": "set", "exposure": math.nan},
+        {"type": "set", "tonemap": "x"},
+        {"type": "set", "lights": [1.0]},
+        {"type": "set", "lights": [-1.0, 1.0, 1.0]},
+        {"type": "set", "lights": 1},
+        {"type": "set", "layers": ["Y"]},
+        {"type": "set", "output": "/etc/passwd"},
+        {"type": "fly", "forward": 1e308},
+    ],
+    ids=str,
+)
+def test_other_inputs_are_refused_and_change_nothing(message):
+    session, _ = session_of("teapot", "--resolution", "40,30")
+    before = session.view, session.version, session.display
+    with pytest.raises(InputError):
+        session.handle(message)
+    assert (session.view, session.version, session.display) == before
+
+
+def test_the_probe_has_every_layer_of_the_final_picture():
+    session, _ = session_of(*SMALL, "--samples", "4")
+    session.handle({"type": "dolly", "factor": 3.0})
+    frame = clshade.render(replace(scene_of(*SMALL), camera=session.view.camera), samples=4, layers="all")
+    planes = exr.flatten(frame.channels())
+    found = session.probe(20, 12)
+    assert found["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
+    assert session.probe(0, 0)["values"]["Z"] == "inf"
+    for place in ((40, 0), (0, 30), (-1, 0), (None, 0), ("1", 0), (0.5, 0)):
+        with pytest.raises(InputError, match="probe"):
+            session.probe(*place)
+
+
+OPTIONS = [
+    ("quads", "--samples", "4", "--half", "--light-intensity", "0.7"),
+    *(
+        pytest.param(options, marks=pytest.mark.long)
+        for options in (
+            ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
+            ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
+            ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
+            ("teapot", "--camera-view-angle", "33.3", "--camera-azimuth-angle", "30", "--precision", "float64"),
+            (
+                "teapot",
+                "--lights",
+                "0,1",
+                "--light-intensity",
+                "0.7,1.3",
+                "--tonemap",
+                "aces",
+                "--components",
+                "diffuse",
+            ),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
+def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, options):
+    monkeypatch.chdir(tmp_path)
+    given = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
+    session, clock = session_of(options[0], *given, *options[1:])
+    session.handle({"type": "orbit", "right": 33.3, "up": -12.1})
+    session.handle({"type": "pan", "right": 0.01, "up": -0.1})
+    session.handle({"type": "dolly", "factor": 0.77})
+    session.handle({"type": "set", "lights": [0.3, 0.0, 1.5][: len(session.view.lights)]})
+    drawn = all_drawings(session, clock)[-1].frame
+    found = session.snapshot()
+    assert found["files"] == ["a b-1.exr", "a b-1.png"]
+    assert found["warnings"] == []
+    assert same_bits(drawn, session._scene.render(session.view))
+    program, *arguments = shlex.split(found["command"])
+    assert program == "clshade"
+    again = [*arguments[:-1], "again"]
+    assert main(again) == 0, capsys.readouterr()
+    channels, _ = exr.read("a b-1.exr")
+    rendered, _ = exr.read("again.exr")
+    assert channels.keys() == rendered.keys()
+    for name, plane in channels.items():
+        assert plane.dtype == rendered[name].dtype
+        np.testing.assert_array_equal(plane, rendered[name], err_msg=name)
+    assert Path("a b-1.png").read_bytes() == Path("again.png").read_bytes()
+    assert session.snapshot()["files"] == ["a b-2.exr", "a b-2.png"]
+
+
+def test_a_snapshot_that_cannot_be_written(tmp_path):
+    session, _ = session_of(*SMALL, "-o", tmp_path / "view")
+    (tmp_path / "view-1.exr").mkdir()
+    assert session.snapshot()["files"] == [str(tmp_path / f"view-2.{kind}") for kind in ("exr", "png")]
+    tmp_path.joinpath("view-3.png").symlink_to(tmp_path / "none" / "x.png")
+    with pytest.raises(clshade.errors.OutputError):
+        session.snapshot()
+    assert not (tmp_path / "view-3.exr").exists()
+
+
+def test_two_sessions_share_a_scene_and_keep_their_own_cameras():
+    scene = LiveScene(source_of(*SMALL, "--samples", "1"))
+    first, second = Session(scene), Session(scene)
+    first.handle({"type": "orbit", "right": 40.0})
+    assert not same_bits(next_drawing(first).frame, next_drawing(second).frame)
+    assert scene.open_renderers == 1
+    second.handle({"type": "set", "lights": [0.5, 1.0]})
+    next_drawing(second)
+    assert scene.open_renderers == 2
+    second.close()
+    assert scene.open_renderers == 1
+    first.close()
+    assert scene.open_renderers == 0
+
+
+def test_renderers_stay_few():
+    session, _ = session_of(*SMALL)
+    for k in range(10):
+        session.handle({"type": "set", "lights": [k / 10.0] * len(session.view.lights)})
+        next_drawing(session)
+    assert session._scene.open_renderers <= 8
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+def test_a_file_that_changes_is_read_again_and_the_camera_stays(tmp_path):
+    path = write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n")
+    session, clock = session_of(path, "--resolution", "40,30", "--samples", "1")
+    scene = session._scene
+    session.handle({"type": "orbit", "right": 10.0})
+    camera = session.view.camera
+    before = all_drawings(session, clock)[-1]
+    assert scene.source.stamps() == scene.stamps
+    write(tmp_path / "a.obj", TRIANGLE + "v 1 1 0\nf 1 2 3\nf 2 4 3\n")
+    assert scene.source.stamps() != scene.stamps
+    scene.load()
+    session.reloaded()
+    assert scene.source.stamps() == scene.stamps
+    after = all_drawings(session, clock)[-1]
+    assert not same_bits(before.frame, after.frame)
+    for name in ("eye", "lookat", "up"):
+        np.testing.assert_array_equal(getattr(session.view.camera, name), getattr(camera, name))
+    write(tmp_path / "a.obj", "f 1 2 3\n")
+    with pytest.raises(InputError):
+        scene.load()
+    session.handle({"type": "orbit", "right": -1.0})
+    next_drawing(session)
+    (tmp_path / "a.obj").unlink()
+    assert scene.source.stamps() == (None,)
+    with pytest.raises(InputError):
+        scene.load()
+    assert len(all_drawings(session, clock)) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("none",), ["SCENE", "found 'none'"]),
+        (("none.obj",), ["none.obj"]),
+        (("teapot", "--light-intensity", "1,2"), ["--light-intensity", "3: one for each light"]),
+        (("teapot", "--light-intensity", "-1"), ["--light-intensity", "at least 0"]),
+        (("teapot", "--samples", "0"), ["samples"]),
+        (("teapot", "--resolution", "0,3"), ["resolution"]),
+        (("teapot", "--exposure", "999"), ["exposure"]),
+        (("teapot", "-o", "none/x"), ["none"]),
+        (("teapot", "--port", "70000"), ["--port"]),
+    ],
+    ids=str,
+)
+def test_bad_options_are_refused_in_one_line(tmp_path, monkeypatch, capsys, arguments, parts):
+    pytest.importorskip("aiohttp")
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "view", *arguments)
+    assert (code, out, len(err)) == (2, "", 1), err
+    assert all(part in err[0] for part in parts), err
+
+
+def test_png_of_a_snapshot_has_the_exposure_of_the_display(tmp_path):
+    session, _ = session_of(*SMALL, "--samples", "1", "-o", tmp_path / "view")
+    session.handle({"type": "set", "exposure": 1.5, "tonemap": "reinhard"})
+    found = session.snapshot()
+    frame = clshade.render(scene_of(*SMALL), resolution=(40, 30))
+    frame.save(tmp_path / "other", tonemap="reinhard", exposure=1.5)
+    assert Path(found["files"][1]).read_bytes() == (tmp_path / "other.png").read_bytes()

@@ -1,0 +1,214 @@
+"""The page for images as text: its data, its escapes, what it lets its scripts do."""
+
+from __future__ import annotations
+
+import base64
+import html as markup
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from command_line import assert_refused, listing, run
+from PIL import Image
+from processes import ROOT
+
+from clshade.errors import InputError, OutputError
+from clshade.images import exr
+from clshade.images.image_file import Picture, read_picture
+from clshade.view import page
+
+HOSTILE = """</script><script>hacked=1</script>"><img src=x onerror='hacked=1'>&amp;%%data%%\u2028"""
+BITS = {"half": np.uint16, "float": np.uint32, "uint": np.uint32, "u8": np.uint8, "u16": np.uint16}
+
+
+class Elements(HTMLParser):
+    """The elements of a page: [tag, attributes, text]."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = [["", {}, ""]]
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append([tag, dict(attrs), ""])
+
+    def handle_endtag(self, tag):
+        self.found.append([f"/{tag}", {}, ""])
+
+    def handle_data(self, data):
+        self.found[-1][2] += data
+
+    def text_of(self, name):
+        return next(text for _, attributes, text in self.found if attributes.get("id") == name)
+
+
+def decoded(elements, described):
+    """Return the channels of an image of a page, as unsigned integers."""
+    channels = {}
+    for channel in described["channels"]:
+        bits, values = BITS[channel["type"]], []
+        for number in channel["chunks"]:
+            planes = np.frombuffer(zlib.decompress(base64.b64decode(elements.text_of(f"chunk-{number}"))), np.uint8)
+            differences = np.ascontiguousarray(planes.reshape(bits().itemsize, -1).T).view(bits).reshape(-1)
+            values.append(np.cumsum(differences, dtype=bits))
+        channels[channel["name"]] = channel["type"], np.concatenate(values).reshape(described["height"], -1)
+    return channels
+
+
+@pytest.mark.parametrize("chunk", [1 << 22, 7])
+def test_every_bit_is_kept(monkeypatch, chunk):
+    monkeypatch.setattr(page, "_CHUNK", chunk)
+    random = np.random.default_rng(5)
+    bits = random.integers(0, 2**32, (6, 5), np.uint32)
+    channels = {"Z": bits.view(np.float32), "id": bits, "R": bits.astype(np.uint16).view(np.float16)}
+    elements = Elements(page.html({"a": Picture(channels)}))
+    (described,) = json.loads(elements.text_of("manifest"))["images"]
+    found = decoded(elements, described)
+    assert {name: kind for name, (kind, _) in found.items()} == {"Z": "float", "id": "uint", "R": "half"}
+    assert (found["Z"][1] == bits).all()
+    assert (found["id"][1] == bits).all()
+    assert (found["R"][1] == bits.astype(np.uint16)).all()
+    assert (described["width"], described["height"]) == (5, 6)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_of_a_png_are_kept(tmp_path, dtype):
+    codes = np.resize(np.arange(np.iinfo(dtype).max + 1), (256, 258, 3)).astype(dtype)
+    # Pillow writes 16 bits in gray alone.
+    Image.fromarray(codes if dtype is np.uint8 else codes[:, :, 0]).save(tmp_path / "a.png")
+    picture = read_picture(tmp_path / "a.png")
+    kind, found = page.stored(next(iter(picture.channels.values())), picture.bits)
+    assert kind == f"u{dtype().itemsize * 8}"
+    assert (found == codes[:, :, 0]).all()
+    assert page.info(picture)["encoded"] is True
+
+
+def test_float64_is_rounded_and_other_types_are_refused():
+    assert page.stored(np.full((1, 1), 0.1))[1].view(np.float32) == np.float32(0.1)
+    with pytest.raises(InputError, match="expected floats or whole numbers, found type complex128"):
+        page.stored(np.zeros((1, 1), complex))
+
+
+def test_nothing_of_a_file_becomes_markup():
+    """Names of scene, file, layers, attributes and their values: all of it is found again as text."""
+    header = {HOSTILE: HOSTILE, "objectNames": json.dumps({"1": HOSTILE})}
+    picture = Picture({"R": np.zeros((2, 2), np.float32), HOSTILE: np.zeros((2, 2), np.uint32)}, header)
+    text = page.html({HOSTILE: picture}, title=HOSTILE)
+    elements = Elements(text)
+    plain = Elements(page.html({"a": Picture({"R": picture.channels["R"], "b": picture.channels[HOSTILE]})}))
+    assert [tag for tag, _, _ in elements.found] == [tag for tag, _, _ in plain.found]
+    manifest = json.loads(elements.text_of("manifest"))
+    (image,) = manifest["images"]
+    assert manifest["title"] == image["name"] == image["channels"][1]["name"] == HOSTILE
+    assert image["info"]["names"] == {"object_id": {"1": HOSTILE}}
+    assert next(data for tag, _, data in elements.found if tag == "title") == HOSTILE
+
+
+def test_scripts_may_not_reach_the_network():
+    text = page.html({}, extra_scripts=["let extra = 1;"])
+    policy = markup.unescape(re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1])
+    directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
+    assert (directives["default-src"], directives["connect-src"]) == ("'none'", "'none'")
+    assert "unsafe" not in policy
+    scripts = [data for tag, attributes, data in Elements(text).found if tag == "script" and not attributes]
+    assert scripts[-1] == "let extra = 1;"
+    assert directives["script-src"].split() == [page._hash(script) for script in scripts]
+    assert not re.search(r"https?://", text)
+    assert "connect-src 'self'" in markup.unescape(page.html({}, connect="'self'"))
+
+
+def test_what_is_drawn_first_stands_before_the_scripts():
+    planes = {name: np.zeros((2, 2), np.float32) for name in ("Z", "B", "G", "R")}
+    elements = Elements(page.html({"a": Picture(planes), "b": Picture(planes)}))
+    order = [attributes.get("id", "script") for tag, attributes, _ in elements.found if tag == "script"]
+    first = order.index("script")
+    assert [name for name in order[:first] if name.startswith("chunk")] == ["chunk-1", "chunk-2", "chunk-3"]
+    assert set(order[first:]) >= {f"chunk-{k}" for k in (0, 4, 5, 6, 7)}
+
+
+@pytest.mark.parametrize("names", ["{", "[1]", 5, "null", "[" * 100_000])
+def test_names_of_another_form_are_left_out(names):
+    picture = Picture({"R": np.zeros((1, 1), np.float32)}, {"objectNames": names})
+    assert page.info(picture)["names"] == {}
+
+
+def test_every_part_is_used_and_installed():
+    parts = {path.name for path in (ROOT / "clshade" / "view" / "page").iterdir()}
+    assert parts == {*page.SCRIPTS, *page.SHADERS, "page.html", "style.css"}
+    (patterns,) = re.findall(r'^"clshade.view" = \[(.*)\]$', (ROOT / "pyproject.toml").read_text(), re.M)
+    assert {f'"page/*.{name.rpartition(".")[2]}"' for name in parts} == set(patterns.split(", "))
+
+
+def test_settings_are_checked():
+    with pytest.raises(InputError, match="tonemap: operator: expected one of"):
+        page.html({}, tonemap="film")
+    with pytest.raises(InputError, match="tonemap: exposure: expected stops"):
+        page.html({}, exposure=np.nan)
+    assert page.checked_settings("aces", 300.0) == {"operator": "aces", "exposure": 100.0}
+
+
+def test_a_page_in_a_notebook():
+    made = page.view({"a": Picture({"R": np.zeros((2, 2), np.float32)})}, HOSTILE)
+    frames = Elements(made._repr_html_()).found
+    assert [tag for tag, _, _ in frames] == ["", "iframe", "/iframe"]
+    assert frames[1][1]["srcdoc"] == made.html
+    assert repr(made).isprintable()
+
+
+# The command
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exr.write("a.exr", {"R": np.ones((2, 3)), "G": np.ones((2, 3)), "B": np.ones((2, 3))})
+    (tmp_path / "other").mkdir()
+    exr.write("other/a.exr", {"Z": np.ones((3, 2))})
+
+
+def images_of(path):
+    return [image["name"] for image in json.loads(Elements(path.read_text("utf-8")).text_of("manifest"))["images"]]
+
+
+def test_the_command_writes_a_page(files, tmp_path, capsys):
+    code, out, err = run(capsys, "view", "a.exr")
+    assert (code, out) == (0, "")
+    assert re.fullmatch(r"clshade: wrote a\.html \(0\.\d MB\)", err[0])
+    assert images_of(tmp_path / "a.html") == ["a.exr"]
+    code, _, _ = run(capsys, "view", "a.exr", "other/a.exr", "-o", "b.html", "--exposure", "-2", "a.exr")
+    assert code == 0
+    assert images_of(tmp_path / "b.html") == ["a.exr", "other/a.exr", "a.exr (2)"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("none.exr",), ("none.exr",)),
+        (("a.exr", "text.txt"), ("text.txt", "expected an OpenEXR or PNG image")),
+        (("a.exr", "-o", "a.png"), ("--output", ".html")),
+        (("a.exr", "-o", "none/a.html"), ("none/a.html", "no folder")),
+        (("a.exr", "-o", "link.html"), ("--output", "another file than is read")),
+        (("a.exr", "--exposure", "nan"), ("exposure", "nan")),
+        (("a.exr", "--tonemap", "film"), ("tonemap", "expected one of none, srgb", "film")),
+    ],
+)
+def test_the_command_refuses(files, tmp_path, capsys, arguments, parts):
+    (tmp_path / "text.txt").write_text("text")
+    (tmp_path / "link.html").hardlink_to(tmp_path / "a.exr")
+    before = listing(tmp_path)
+    assert_refused(run(capsys, "view", *arguments), *parts)
+    assert listing(tmp_path) == before
+
+
+def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    made = page.view({})
+    with pytest.raises(OutputError, match="No space left"):
+        made.save(tmp_path / "a.html")
+    assert listing(tmp_path) == []

@@ -1,0 +1,256 @@
+"""Sheets of views: what they show is where the facts say, and as large; and the files of `render --views` and crops."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from command_line import SMALL, assert_refused, listing, needs_device, run, without_compiling
+
+import clshade
+from clshade.errors import InputError
+from clshade.images import drawing_marks, exr, png
+from clshade.images.crops import Crop, magnified, marked
+from clshade.pipeline.frame import Frame
+from clshade.scene.model import Mesh, Scene
+from clshade.scene.views import named_cameras
+from clshade.view import sheet as module
+from clshade.view.sheet import draw_sheet, sheet_paths
+
+pytestmark = needs_device
+
+SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+FAST = {"shader": "nolight", "tonemap": "none"}
+
+
+def box(resolution=(120, 90)):
+    """Return a closed box of 4 x 2 x 1 units about (7, 8, 9), each side of a gray of its own, over nothing."""
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (4.0, 2.0, 1.0) + (5.0, 7.0, 8.5)
+    verts = np.concatenate([corners[list(side)] for side in SIDES])
+    colors = np.repeat(np.linspace(0.4, 0.9, 6), 4)[:, None] * np.ones(3)
+    faces = [(4 * k + a, 4 * k + b, 4 * k + c) for k in range(6) for a, b, c in ((0, 1, 2), (0, 2, 3))]
+    camera = clshade.Camera.from_fov((7, 8, 29), (7, 8, 9), (0, 1, 0), 20.0, resolution)
+    return Scene(Mesh(verts, faces, colors), camera, background=0.0, name="box")
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return draw_sheet(box(), ("front", "back", "right", "top", "iso", "camera"), **FAST)
+
+
+def views(sheet):
+    return {each["name"]: each for each in sheet.facts["views"]}
+
+
+def test_a_box_of_known_size_spans_the_right_number_of_pixels(sheet):
+    """In every parallel view, by the scale that the facts give; in the perspective one, at the focal distance."""
+    found = views(sheet)
+    for name, width, height in (("front", 4, 2), ("back", 4, 2), ("right", 1, 2), ("top", 4, 1)):
+        x, y, columns, rows = found[name]["covered_box"]
+        scale = found[name]["units_per_pixel"]
+        assert abs(columns - width / scale) <= 1, name
+        assert abs(rows - height / scale) <= 1, name
+        assert abs(x + columns / 2 - 60) <= 1
+        assert abs(y + rows / 2 - 45) <= 1
+        assert found[name]["coverage"] == columns * rows / (120 * 90)
+        assert found[name]["scale_holds"] == "everywhere"
+    near = found["camera"]["units_per_pixel"] * 19.5 / 20.0  # the near side is half a unit nearer
+    assert abs(found["camera"]["covered_box"][2] - 4 / near) <= 1
+    assert found["camera"]["scale_holds"] == "at the distance of the focal point"
+
+
+def test_the_bar_in_the_picture_has_the_length_that_the_box_has_there(sheet):
+    for view in sheet.facts["views"]:
+        bar, (x, y, columns, rows) = view["scale_bar"], view["panel"]
+        assert bar["pixels"] == pytest.approx(bar["length"] / view["units_per_pixel"], rel=1e-12)
+        assert 0.1 * columns < bar["pixels"] <= 0.3 * columns
+        left = x - (module._LEAST_WIDTH - columns) // 2
+        ink = (sheet.picture[y + rows + 2 :, left:][:40, :240] == drawing_marks.INK).all(axis=-1)
+        longest = max(len(run) for line in ink for run in "".join(".#"[int(each)] for each in line).split("."))
+        assert abs(longest - bar["pixels"]) <= 1
+    assert views(sheet)["front"]["scale_bar"]["length"] == 1.0
+
+
+def test_the_panels_are_the_rendered_images(sheet):
+    scene = box()
+    for name, camera in named_cameras(scene, ("front", "iso")).items():
+        view = views(sheet)[name]
+        x, y, columns, rows = view["panel"]
+        frame = clshade.render(Scene(scene.meshes, camera, background=0.0), shader="nolight", layers="id")
+        assert (sheet.picture[y : y + rows, x : x + columns] == frame.to_png8("none")).all()
+        assert view["visible_faces"] == len(np.unique(frame["id"])) - 1
+        assert view["coverage"] == frame.alpha.mean()
+
+
+def test_facts(sheet):
+    facts = json.loads(json.dumps(sheet.facts, allow_nan=False))
+    assert facts["bounding_box"] == {"low": [5, 7, 8.5], "high": [9, 9, 9.5], "center": [7, 8, 9], "size": [4, 2, 1]}
+    counts = facts["counts"]
+    assert (counts["triangles"], counts["vertices"], counts["positions"], counts["shapes"]) == (12, 24, 8, 1)
+    assert (facts["closed"], facts["surface_area"], counts["boundary_edges"]) == (True, 28.0, 0)
+    found = views(sheet)
+    assert {name: each["visible_faces"] for name, each in found.items()} == {
+        **dict.fromkeys(("front", "back", "right", "top", "camera"), 2),
+        "iso": 6,
+    }
+    assert found["front"]["camera"]["eye"][2] > 9
+    assert found["front"]["statistics"]["channels"]["R"]["maximum"] > 0.3
+    assert facts["size"] == [sheet.picture.shape[1], sheet.picture.shape[0]]
+    again = clshade.Camera(**{**found["iso"]["camera"]})
+    assert (
+        clshade.render(Scene(box().meshes, again), shader="nolight", layers="id").alpha.mean()
+        == found["iso"]["coverage"]
+    )
+
+
+def test_titles_do_not_overlap(sheet):
+    """Between a title and the image below, and between panels, there are white pixels; titles are within their panels."""
+    for view in sheet.facts["views"]:
+        x, y, columns, _ = view["panel"]
+        left = x - (module._LEAST_WIDTH - columns) // 2
+        assert (sheet.picture[: y - 2, max(left - 8, 0) : left - 2][-18:] == 255).all()
+        assert (sheet.picture[y - 4 : y - 1, left:][:, :240] == 255).all()
+        assert sheet.picture[y - 24 : y - 4, left:][:, :240].min() < 100
+
+
+@pytest.mark.parametrize("resolution", [(1, 1), (7, 200), (300, 3)])
+def test_odd_sizes(resolution):
+    found = draw_sheet(box(resolution), ("front", "iso"), **FAST)
+    for view in found.facts["views"]:
+        x, y, columns, rows = view["panel"]
+        assert (columns, rows) == resolution
+        assert x + columns <= found.picture.shape[1]
+        assert y + rows <= found.picture.shape[0]
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1e300, 0.0), (1e-310, 0.0), (1.0, 1e12)])
+@pytest.mark.filterwarnings("error")
+def test_extreme_sizes(sheet, scale, shift):
+    scene, mesh = box(), box().meshes[0]
+    verts = (mesh.verts - (7.0, 8.0, 9.0)) * scale + shift
+    camera = clshade.Camera.from_fov(
+        np.full(3, shift) + (0, 0, 20 * scale), np.full(3, shift), (0, 1, 0), 20.0, (120, 90)
+    )
+    scene = Scene(Mesh(verts, mesh.faces, mesh.colors), camera, background=0.0)
+    found = views(draw_sheet(scene, ("front", "iso", "camera"), **FAST))
+    for name, view in found.items():
+        expected = views(sheet)[name]
+        assert view["coverage"] == pytest.approx(expected["coverage"], abs=0.02)
+        assert view["scale_bar"]["length"] == pytest.approx(expected["scale_bar"]["length"] * scale)
+
+
+def test_an_empty_scene_and_hostile_names(monkeypatch):
+    """The frame of a scene without triangles, without building another program for it."""
+
+    def render(scene, **_):
+        empty = np.zeros((90, 120, 4), np.float32), {"id": np.zeros((90, 120), np.uint32)}
+        return Frame(*empty, scene, clshade.Settings(), lambda: {"visible": 0})
+
+    monkeypatch.setattr(module, "render", render)
+    scene = Scene((), box().camera, name="\udce9\n$x$ \x1b[2J" + "long " * 100)
+    found = draw_sheet(scene, ("front",), **FAST)
+    assert found.facts["views"][0]["covered_box"] is None
+    assert (found.facts["counts"]["triangles"], found.facts["views"][0]["coverage"]) == (0, 0.0)
+    json.dumps(found.facts, allow_nan=False)
+
+
+def test_refused_arguments():
+    for views, part in (((), "a sequence of names"), ("front", "a sequence of names"), (("side",), "one of front")):
+        with pytest.raises(InputError, match=part):
+            draw_sheet(box(), views)
+    with pytest.raises(InputError, match="views have at most 268435456 pixels"):
+        draw_sheet(box((16384, 16384)), ("front",))
+    with pytest.raises(InputError, match="a file name"):
+        sheet_paths("..")
+    with pytest.raises(InputError, match="other formats are not written"):
+        sheet_paths("sheet.jpg")
+    assert [path.name for path in sheet_paths("a/b.c.JSON")] == ["b.c.png", "b.c.json"]
+    assert [path.name for path in sheet_paths("a/b.c.PNG")] == ["b.c.png", "b.c.json"]
+
+
+# The command
+
+QUADS = ("render", "quads", "--resolution", "40,30", "--shader", "nolight", "--tonemap", "none")
+
+
+def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *QUADS, "--sheet", "--views", "front,iso", "-o", "s.png")
+    assert (code, without_compiling("\n".join(err))) == (0, [])
+    assert listing(tmp_path) == ["s.json", "s.png"]
+    facts = json.loads((tmp_path / "s.json").read_text())
+    assert [view["name"] for view in facts["views"]] == ["front", "iso"]
+    assert (facts["image"], facts["size"]) == ("s.png", list(png.read("s.png").shape[1::-1]))
+    assert out.splitlines()[-1] == "wrote   s.png, s.json"
+    code, out, _ = run(capsys, *QUADS, "none.npy", "--sheet", "--views", "front", "--json", "-o", "new/")
+    done, failed = json.loads(out)
+    assert (code, done["scene"], done["name"], len(done["views"])) == (2, "quads", "quads", 1)
+    assert "none.npy" in failed["error"]
+    assert listing(tmp_path / "new") == ["quads.json", "quads.png"]
+
+
+def test_views_and_crops_are_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    crops = ("--crop-zoom", "3,4,10,8", "--crop-zoom", "20,10,5,5,3")
+    code, out, _ = run(capsys, *QUADS, "--views", "front,front,top", *crops, "-o", "a.exr", "--json")
+    assert code == 0
+    kinds = ("_crop1.png", "_crop2.png", "_marked.png", ".exr", ".png")
+    assert listing(tmp_path) == sorted(f"a_{view}{kind}" for view in ("front", "top") for kind in kinds)
+    assert list(json.loads(out)["views"]) == ["front", "top"]
+    image = png.read("a_front.png")
+    first, second = Crop(3, 4, 10, 8), Crop(20, 10, 5, 5, 3)
+    assert (png.read("a_front_crop1.png") == magnified(image, first)).all()
+    assert (png.read("a_front_crop2.png") == magnified(image, second)).all()
+    assert (png.read("a_front_marked.png") == marked(image, [first, second])).all()
+    assert exr.read("a_front.exr")[0]["A"].sum() > exr.read("a_top.exr")[0]["A"].sum()
+
+
+def test_one_crop(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, *SMALL, "--crop-zoom", "0,0,32,24,2")
+    assert code == 0
+    assert listing(tmp_path) == ["out.exr", "out.png", "out_crop.png", "out_marked.png"]
+    assert "out_crop.png (" in out
+    assert png.read("out_crop.png").shape == (48, 64, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (("--views", "side"), ("--views", "front", "'side'")),
+        (("--views", ""), ("--views",)),
+        (("--views", "font"), ("did you mean 'front'",)),
+        (("--crop-zoom", "1,2,3"), ("--crop-zoom", "X,Y,W,H", "'1,2,3'")),
+        (("--crop-zoom", "1,2,0,3"), ("--crop-zoom", "'1,2,0,3'")),
+        (("--crop-zoom", "-1,2,3,3"), ("--crop-zoom", "'-1,2,3,3'")),
+        (("--crop-zoom", "1,2,40,3"), ("--crop-zoom", "within 40 x 30 pixels", "1,2,40,3")),
+        (("--crop-zoom", "1,2,4,3,65"), ("--crop-zoom", "from 1 to 64", "1,2,4,3,65")),
+        (("--sheet", "--crop-zoom", "1,2,4,3"), ("--crop-zoom", "--sheet")),
+        (("--sheet", "--check"), ("--check", "--sheet")),
+        (("--sheet", "--budget", "5ms"), ("--budget", "--sheet")),
+        (("--fixed-lights",), ("--fixed-lights", "--views or --sheet")),
+        (("--sheet", "-o", "-"), ("render: --output", "'-'")),
+        (("--sheet", "-o", "none/s"), ("none/s.png", "there is no folder")),
+        (("--views", "top", "-o", "none/s"), ("none/s_top.exr", "there is no folder")),
+        (("--crop-zoom", "1,2,4,3", "-o", "taken"), ("taken_crop.png", "it is a folder")),
+    ],
+)
+def test_refused_options(tmp_path, monkeypatch, capsys, options, parts):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken_crop.png").mkdir()
+    assert_refused(run(capsys, *QUADS, *options), *parts)
+    assert listing(tmp_path) == ["taken_crop.png"]
+
+
+def test_a_sheet_is_written_whole_or_not_at_all(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.json").write_text("earlier")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module.png, "encode", fail)
+    assert_refused(run(capsys, *QUADS, "--sheet", "--views", "front", "-o", "s"), "s.png", "No space left on device")
+    assert listing(tmp_path) == ["s.json"]
+    assert (tmp_path / "s.json").read_text() == "earlier"
