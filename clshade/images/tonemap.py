@@ -1,8 +1,9 @@
 """Tone mapping: linear HDR radiance to the 8-bit codes of a display image, exactly rounded and fast.
 
-Every operator acts on each channel independently and is nondecreasing, so the 8-bit code is a step function of the
+Most operators act on each channel independently and are nondecreasing, so the 8-bit code is a step function of the
 input, described by 255 thresholds. They are found once per (operator, exposure) by bisection over the bit patterns of
-floats with the float64 formula; each pixel then needs one table lookup and gets exactly the formula's code.
+floats with the float64 formula; each pixel then needs one table lookup and gets exactly the formula's code. Operators
+that mix channels (`joint_tonemaps`) are evaluated in float64; only what follows, channel by channel, is a table.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from numpy.typing import ArrayLike
 from ..base.arrays import Array, Bytes, Floats
 from ..base.validation import choice
 from ..errors import InputError
+from .joint_tonemaps import JOINT
 
-Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces"]
+Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"]
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
 
@@ -59,20 +61,27 @@ _CURVES: dict[str, Callable[[Array], Array]] = {
     "reinhard": _reinhard,
     "hable": _hable,
     "aces": _aces,
+    "neutral": lambda x: x,  # after the joint curve, as the next
+    "agx": lambda x: np.minimum(x, 1.0) ** 2.2,
 }
 
 
-def _encoded(values: Array, operator: str, exposure: float) -> Array:
-    """Evaluate the formula: 0 to 1 (float64) for non-negative float64 values, +infinity included."""
+def _exposed(values: Array, exposure: float) -> Floats:
+    """Return non-negative float64 values at an exposure, +infinity replaced by a value that is white in every operator."""
     with np.errstate(over="ignore", under="ignore"):
-        x = np.minimum(values * 2.0**exposure, _SATURATED)
-        y = np.clip(_CURVES[operator](x), 0.0, 1.0)
+        x: Floats = np.minimum(values * 2.0**exposure, _SATURATED)
+    return x
+
+
+def _encoded(x: Array, operator: str) -> Array:
+    """Evaluate what is left to do for each channel: 0 to 1."""
+    y = np.clip(_CURVES[operator](x), 0.0, 1.0)
     return y if operator == "none" else srgb_curve(y)
 
 
 def _codes(values: Array, operator: str, exposure: float) -> Array:
     """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
-    return np.floor(255.0 * _encoded(values, operator, exposure) + 0.5).astype(np.int64)
+    return np.floor(255.0 * _encoded(_exposed(values, exposure), operator) + 0.5).astype(np.int64)
 
 
 def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
@@ -137,6 +146,16 @@ def _map32(values: Array, codes: Array, table: Array) -> None:
         codes[start : start + n] = found[:n]  # keeps the low eight bits
 
 
+def _map_joint(rgb: Array, codes: Array, operator: str, stops: float) -> None:
+    forward, thresholds = JOINT[operator][0], _thresholds64(operator, 0.0)
+    for start in range(0, len(rgb), _BLOCK):
+        block = rgb[start : start + _BLOCK].astype(np.float64)
+        x = _exposed(np.where(block > 0.0, block, 0.0), stops)  # NaN is not above 0
+        found = np.searchsorted(thresholds, forward(x), side="right")
+        found[np.isnan(rgb[start : start + _BLOCK])] = 0
+        codes[start : start + _BLOCK] = found
+
+
 def _map64(values: Array, codes: Array, thresholds: Array) -> None:
     for start in range(0, len(values), _BLOCK):
         block = values[start : start + _BLOCK]
@@ -170,12 +189,17 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
                     0.10, 0.20, 0.02, 0.30. J. Hable, "Filmic Tonemapping Operators", filmicworlds.com, 2010.
         `aces`      y = x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14). K. Narkowicz, "ACES Filmic Tone Mapping Curve",
                     2016: a fit, without its optional factor 0.6.
+      or of the three channels together, whose highlights fade to white instead of changing their hue:
+        `neutral`   Khronos PBR Neutral, 2024: base colors under white light keep their values, up to 0.8.
+        `agx`       T. Sobotka's AgX, 2022, without a look: 10 stops below middle grey to 6.5 above; the curve's own
+                    formula, with the outset of B. Wrensch, "Minimal AgX Implementation", 2024, and exponent 2.2.
       y is then clamped to [0, 1] and, except for `none`, encoded by the exact sRGB curve (IEC 61966-2-1).
     exposure: stops, -300 to 300; +1 doubles the radiance. Applied before the operator.
 
     Returns uint8 (M, N, 3), floor(255 * encoded + 0.5): to the nearest code, halves up, never off by one against the
-    formula in float64 (for float64 values: unless within the formula's own rounding, 1e-13, of a step). NaN and
-    all negative values give 0, +infinity gives 255. Row order is kept.
+    formula in float64 (for float64 values and for `neutral` and `agx`: unless within the formula's own rounding, 1e-13,
+    of a step). NaN gives 0, +infinity 255. Negative values give 0; the operators of three channels together count
+    them, and NaN, as 0. Row order is kept.
     Raises InputError for another shape, type, operator or exposure.
     """
     rgb = np.asarray(rgb)
@@ -188,8 +212,11 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
 
 
 def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
-    """Return `tonemap` of floats of any shape; operator and exposure are checked already."""
+    """Return `tonemap` of floats, (..., 3) if the operator is of JOINT, else of any shape; arguments are checked already."""
     codes = np.empty(values.shape, np.uint8)
+    if operator in JOINT:
+        _map_joint(values.reshape(-1, 3), codes.reshape(-1, 3), operator, exposure)
+        return codes
     exact = values.dtype == np.float64 or abs(exposure) > _TABLE_EXPOSURE
     with np.errstate(invalid="ignore"):  # a signaling NaN
         flat = np.ascontiguousarray(values, dtype=np.float64 if exact else np.float32).reshape(-1)
@@ -203,20 +230,25 @@ def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
 def display_values(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
     """Return what `tonemap` rounds to 8 bits: float64 of the same shape, 0 to 1, for outputs of more bits.
 
-    NaN and negative values give 0. Raises InputError for an operator or exposure that `tonemap` refuses.
+    NaN gives 0, negative values count as 0. Raises InputError for an operator or exposure that `tonemap` refuses.
     """
     stops = checked(operator, exposure)
     values = np.asarray(rgb, np.float64)
-    found: Floats = _encoded(np.where(values > 0.0, values, 0.0), operator, stops)
-    return found
+    x = _exposed(np.where(values > 0.0, values, 0.0), stops)
+    found: Floats = _encoded(JOINT[operator][0](x) if operator in JOINT else x, operator)
+    return np.where(np.isnan(values), 0.0, found)
 
 
 def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
-    """Invert `tonemap`: codes uint8 of any shape to float64 of that shape.
+    """Invert `tonemap`: codes uint8 (..., 3) to float64 of that shape.
 
     The middle of the values that have the code; for 255 the least of them, as everything brighter has it too.
     """
-    edges = np.concatenate([[0.0], _thresholds64(operator, checked(operator, exposure)), [0.0]])
+    stops = checked(operator, exposure)
+    edges = np.concatenate([[0.0], _thresholds64(operator, 0.0 if operator in JOINT else stops), [0.0]])
     edges[-1] = edges[-2]
     values: Floats = ((edges[:-1] + edges[1:]) / 2.0)[codes]
+    if operator in JOINT:
+        with np.errstate(over="ignore"):
+            values = JOINT[operator][1](values) * 2.0**-stops
     return values

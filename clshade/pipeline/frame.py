@@ -201,7 +201,7 @@ class Frame:
 
         Parameters
         ----------
-        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes, else
             ``"srgb"``.
         exposure : float, default 0.0
@@ -294,7 +294,7 @@ class Frame:
             File name; an extension .exr or .png is dropped.
         files : sequence of {"exr", "png"}, default ("exr", "png")
             Files to write.
-        tonemap : {"none", "srgb", "reinhard", "hable", "aces"}, optional
+        tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
             scenes, else ``"srgb"``.
         exposure : float, default 0.0

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bytes
 from ..images import exr
+from ..images.joint_tonemaps import JOINT
 from ..images.tonemap import Operator, mapped
 from ..pipeline.frame import Frame
 
@@ -21,6 +22,8 @@ _ALIGNED = 8  # bytes: typed arrays of a browser begin at multiples of their ele
 
 def rgba8(frame: Frame, operator: Operator, exposure: float) -> Bytes:
     """Return the tone-mapped image, (M, N, 4) uint8 with alpha 255, as a canvas takes it; its colors are the PNG's."""
+    if operator in JOINT:
+        return np.dstack([mapped(frame.rgb, operator, exposure), np.full(frame.alpha.shape, 255, np.uint8)])
     codes = mapped(frame.rgba, operator, exposure)  # alpha too: that is faster than leaving it out
     codes[..., 3] = 255
     return codes

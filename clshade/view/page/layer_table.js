@@ -90,7 +90,7 @@ class LayerTable {
     const index = pixel.y * color.image.width + pixel.x;
     const linear = color.image.isEncoded(color);
     const values = [0, 1, 2].map((k) => (color.planes[k] ?? color.planes[0]).reader(linear)(index));
-    setValues(this.codes, { texts: values.map((value) => String(toneMappedCode(value, operator, exposure))), exact: "" });
+    setValues(this.codes, { texts: toneMappedCodes(values, operator, exposure).map(String), exact: "" });
   }
 
   /** Show a number's name beside the pointer. */

@@ -97,7 +97,7 @@ function pixelTexts(shown, reference, metric) {
 }
 
 function lightShader(shown, { exposure, operator, marking, inStops }, colormap) {
-  const codes = toneCodes(operator, exposure);
+  const toneMapped = toneMapper(operator, exposure);
   const gain = 2 ** exposure;
   const [first, last] = FALSE_COLOR_STOPS;
   return (r, g, b) => {
@@ -105,7 +105,7 @@ function lightShader(shown, { exposure, operator, marking, inStops }, colormap) 
     if (marking && sum - sum !== 0) return sum !== sum && [r, g, b].some(Number.isNaN) ? NAN_MARK : INFINITE_MARK;
     if (marking && (r < 0 || g < 0 || b < 0)) return NEGATIVE_MARK;
     if (shown.asLuminance || inStops) r = g = b = LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b;
-    if (!inStops) return [tableCode(r, codes), tableCode(g, codes), tableCode(b, codes)];
+    if (!inStops) return toneMapped(r, g, b);
     return r > 0 ? mapped(colormap, (Math.log2(r * gain) - first) / (last - first)) : [0, 0, 0];
   };
 }
