@@ -172,7 +172,7 @@ def test_what_is_said(found):
     made += [series(PLAIN, [10.0 ** (k - 4) for k in range(10)])]
     first, second = axes_tables.notes(made, axis)
     assert first.startswith("standard: error: power 0.50 (0.50 to 0.50); expected 0.5, that of directions")
-    assert "power 1.00 (1.00 to 1.00) up to 100, where images become useless" in second
+    assert "power 1.00 (1.00 to 1.00) up to 100; beyond it images are useless" in second
     assert math.isclose(axis.own(1e4), 1600 * 2.0**-53)
 
 

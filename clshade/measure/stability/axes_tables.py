@@ -56,7 +56,11 @@ def notes(series: Sequence[Series], axis: Axis) -> list[str]:
     for each in series:
         power, time_power, last = each.power(), each.time_power(), each.fit[-1].stiffness if each.fit else None
         useless = last is not None and last < axis.stiffness[-1]
-        where = f" up to {last:g}, where images become useless (errors above {USELESS:g})" if useless else ""
+        where = (
+            f" up to {last:g}; beyond it images are useless (errors above {USELESS:g}) or cannot be drawn"
+            if useless
+            else ""
+        )
         error = (
             "too few to fit" if power is None else f"power {power}{where}; {expected(power, axis.expected(each.way))}"
         )
