@@ -236,6 +236,7 @@ def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
 
 
 def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
+    monkeypatch.setattr(figure, "DPI", 60)
     several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
     written: list[str] = []
     original = labels.label_points
