@@ -249,7 +249,7 @@ def test_comparisons_change_one_setting(gathered):
         assert each.largest <= 1.0
         off = tonemapped_apart(each)
         assert each.rmse == pytest.approx(np.sqrt(np.square(off).mean()), abs=0.003)
-        for place in each.places:
+        for place in each.places:  # the RMSE of all channels, as of the whole, by which they are ordered
             said = float(place.said.partition("RMSE ")[2].partition(",")[0].replace(" × 10⁻", "e-").translate(DIGITS))
             assert said == pytest.approx(np.sqrt(np.square(place.part.of(off)).mean()), abs=0.004)
 

@@ -138,7 +138,7 @@ def _compared(
     with_it, without = (_drawn(scene, device, _changed(base, each.field, value)) for value in each.values)
     values = [np.clip(frame.rgb.astype(np.float64), 0.0, 1.0) for frame in (with_it, without)]
     off: Floats = values[0] - values[1]
-    difference = np.abs(off).max(axis=2)
+    difference, rms_of_channels = np.abs(off).max(axis=2), np.sqrt(np.square(off).mean(axis=2))
     images = tonemap(with_it.rgb, "none"), tonemap(without.rgb, "none")
     pair = Pair(scene, (with_it, without), triangles)
     return Comparison(
@@ -149,7 +149,7 @@ def _compared(
         rmse=rms(off),
         changed=int((images[0] != images[1]).any(axis=2).sum()),
         dark=scale_end(difference),
-        places=tuple(_place(pair, each, off, part) for part in worst_parts(difference, side, PLACES)),
+        places=tuple(_place(pair, each, off, part) for part in worst_parts(rms_of_channels, side, PLACES)),
         why=_WHY[each.field](pair) if len(triangles.depths) else UNSEEN,
     )
 

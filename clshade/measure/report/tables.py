@@ -54,7 +54,7 @@ def _variant(each: Measured, mark: str) -> text_tables.Row:
         digits(close.flip),
         digits(exact.error, 2),
         digits(exact.rms, 2),
-        f"{digits(exact.bounds, 2)} of {exact.allowed:g}",
+        f"{digits(exact.bounds, 2)} of {exact.allowed:.4g}",
         f"{exact.wrong} of {exact.pixels:,}",
         f"{each.build_ms:.0f}",
         f"{each.upload_ms:.0f}",
