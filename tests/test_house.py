@@ -368,3 +368,9 @@ def test_tests_mirror_the_rooms():
         assert not [name for name in names if name != "test_typing"], path
     helpers = {path.stem for path in (tests / "support").glob("*.py")}
     assert not helpers & {path.name for path in ROOT.iterdir()}
+
+
+def test_files_of_tests_have_names_of_their_own():
+    """pytest imports them by these names, and collects nothing if two are the same."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable
 from typing import TypeAlias
 from xml.etree.ElementTree import Element, tostring
@@ -37,6 +38,11 @@ def _append(parent: Element, content: Iterable[Content]) -> None:
             parent[-1].tail = (parent[-1].tail or "") + printable(each)
         else:
             parent.text = (parent.text or "") + printable(each)
+
+
+def data_uri(kind: str, data: bytes) -> str:
+    """Return a file as a URI that holds it. kind: its media type."""
+    return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def table(header: Iterable[Content], rows: Iterable[Iterable[Content]], **attributes: str) -> Element:

@@ -29,11 +29,11 @@ def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
     Texts that leave no room for others are cut in the middle.
     """
     columns = [list(column) for column in zip(header, *rows, strict=True)]
-    values = [_cut(column, WIDTH // 2 - len(_GAP)) for column in columns[left:]]
+    values = [[cut(text, WIDTH // 2 - len(_GAP)) for text in column] for column in columns[left:]]
     room = WIDTH - max((len(_GAP) + _widest(column) for column in values), default=0)
     names = columns[:left]
     if sum(map(_widest, names)) + len(_GAP) * (left - 1) > room:
-        names = [_cut(column, room // left - len(_GAP)) for column in names]
+        names = [[cut(text, room // left - len(_GAP)) for text in column] for column in names]
     names = [[text.ljust(_widest(column)) for text in column] for column in names]
     values = [[text.rjust(_widest(column)) for text in column] for column in values]
     lines: list[str] = []
@@ -49,10 +49,10 @@ def _widest(column: Sequence[str]) -> int:
     return max(map(len, column))
 
 
-def _cut(column: Sequence[str], most: int) -> list[str]:
-    """Return texts of at most `most` characters, with dots in the middle of longer ones."""
+def cut(text: str, most: int) -> str:
+    """Return a text of at most `most` characters, a longer one with dots in its middle."""
     end = (most - 3) // 2
-    return [text if len(text) <= most else f"{text[: most - 3 - end]}...{text[-end:]}" for text in column]
+    return text if len(text) <= most else f"{text[: most - 3 - end]}...{text[-end:]}"
 
 
 def wrapped(text: str, indent: int = 0) -> str:

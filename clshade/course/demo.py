@@ -16,6 +16,7 @@ import numpy as np
 from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
 from ..images import contact_sheet, lettering
+from ..images.metrics import scale_end
 from ..scene.builtin.scenes import builtin
 from ..scene.formats.load import load
 from ..scene.formats.texture import as_texture
@@ -120,7 +121,7 @@ def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
 def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
     """Return a panel of the difference of two figures in the channel that differs most."""
     apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
-    white = float(np.quantile(apart[apart > 0.0], 0.98)) if apart.any() else 1.0
+    white = scale_end(apart)
     level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
     text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
     text += f"\nmean {apart.mean():.2g}, largest {apart.max():.2g}"

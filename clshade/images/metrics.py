@@ -45,6 +45,12 @@ def rms(difference: Array) -> float:
     return math.sqrt(float(np.mean(np.square(difference, dtype=np.float64))))
 
 
+def scale_end(difference: Array) -> float:
+    """Return where a scale of colors for differences, 0 or more, ends: 98 % of those above 0 are within; 1 without any."""
+    some = difference[difference > 0.0]
+    return float(np.quantile(some, 0.98)) if some.size else 1.0
+
+
 def rmse(image: Array, reference: Array) -> float:
     return math.sqrt(float(np.mean(_squared(image, reference))))
 

@@ -10,9 +10,11 @@ import numpy as np
 from ..base import atomic_files
 from ..base.atomic_files import Path, shown
 from ..base.input_files import file_error, read_file, reason_of
+from ..base.markup import data_uri
 from ..errors import InputError
 
 _LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
+_PAGE_LEVEL = 6  # of pictures in a page, which may be enlarged pixels, zlib's own default
 _MAX_BYTES = 1 << 31  # size of the largest file that is read
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
@@ -30,11 +32,18 @@ def write(path: Path, rgb8: np.ndarray) -> None:
         encode(file, rgb8)
 
 
-def encode(file: BinaryIO, rgb8: np.ndarray) -> None:
-    """Encode an image as PNG into an open file, see `write`."""
+def encode(file: BinaryIO, rgb8: np.ndarray, level: int = _LEVEL) -> None:
+    """Encode an image as PNG into an open file, see `write`. level: of zlib."""
     from PIL import Image
 
-    Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=_LEVEL)
+    Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=level)
+
+
+def as_uri(rgb8: np.ndarray) -> str:
+    """Return an image as a URI that holds its PNG, for a page."""
+    file = io.BytesIO()
+    encode(file, rgb8, _PAGE_LEVEL)
+    return data_uri("image/png", file.getvalue())
 
 
 def resolution(path: Path) -> tuple[int, int] | None:

@@ -19,6 +19,7 @@ from clshade.measure.course_report import comparisons, content, page, pictures
 from clshade.measure.course_report.pictures import Part
 from clshade.measure.course_report.triangles import affine_shift, half_angle, measured
 from clshade.measure.course_report.wording import coefficient, figures, listed, percent, rounded, vector
+from clshade.measure.report.decomposition import Part as Cause
 from clshade.pipeline.opencl.device import shared_device
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
@@ -176,7 +177,7 @@ def test_images_of_little(opened, monkeypatch, seen):
     assert {f"f{number}" for number in range(1, 25)} <= {node.attributes.get("id") for node in found.all()}
     if seen == "nothing":
         assert all(not each.places and each.rmse == 0.0 for each in gathered.comparisons)
-        assert "No triangle is visible." in found.text
+        assert found.text.count("No triangle is visible.") == len(gathered.comparisons) == 5
 
 
 def test_other_scenes_are_refused():
@@ -188,6 +189,21 @@ def test_other_scenes_are_refused():
             content.check(scene)
 
 
+def test_the_summary_names_causes_that_add_to_the_error(gathered):
+    """Not one that makes up for others, nor one that is next to nothing."""
+    whole = gathered.decompositions[18]
+
+    def said(*shares):
+        parts = [Cause(f"cause {k}", 0.1, share, share) for k, share in enumerate(shares)]
+        return page._summary(replace(gathered, decompositions={18: replace(whole, parts=tuple(parts))}))
+
+    assert said(1.2, -0.2).endswith("The largest share of its mean square is that of cause 0 (120 %).")
+    assert said(0.004, 0.996).endswith("that of cause 1 (100 %).")
+    assert said(0.3, 0.2, 0.5).endswith(
+        "The largest shares of its mean square are those of cause 2 (50 %) and cause 0 (30 %)."
+    )
+
+
 # Comparisons
 
 
@@ -197,7 +213,8 @@ def test_a_triangle_that_painters_order_shows_wrongly(opened, monkeypatch):
     short = [[1.6, -0.4, 0.0], [1.6, 0.4, 0.0], [2.4, 0.0, 0.0]]
     corners, texture = np.arange(6).reshape(2, 3), Texture(np.eye(3)[None, :2], lookup="course")
     material = replace(small().meshes[0].material, texture=texture)
-    mesh = Mesh(np.array(long + short), corners, uvs=np.repeat([[0.0, 0.0], [1.0, 0.0]], 3, axis=0), material=material)
+    uvs, normals = np.repeat([[0.0, 0.0], [1.0, 0.0]], 3, axis=0), np.tile([0.0, 0.0, 1.0], (6, 1))
+    mesh = Mesh(np.array(long + short), corners, normals=normals, uvs=uvs, material=material)
     camera = Camera((0.0, 0.0, 12.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (0.8, 0.8), (96, 96))
     scene = replace(small(), meshes=(mesh,), camera=camera)
     wrong, right = (
@@ -214,6 +231,14 @@ def test_a_triangle_that_painters_order_shows_wrongly(opened, monkeypatch):
     assert sum(place.part.of(found.difference > 0.0).sum() for place in found.places) == apart
 
 
+DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+
+
+def tonemapped_apart(each):
+    """Return what two images are apart, to within 8 bits."""
+    return each.images[0] / 255.0 - each.images[1] / 255.0
+
+
 def test_comparisons_change_one_setting(gathered):
     for each in gathered.comparisons:
         for value, image in zip(each.approximation.values, each.images, strict=True):
@@ -222,6 +247,11 @@ def test_comparisons_change_one_setting(gathered):
             assert np.array_equal(image, tonemap(frame.rgb, "none"))
         assert each.changed == (each.images[0] != each.images[1]).any(axis=2).sum()
         assert each.largest <= 1.0
+        off = tonemapped_apart(each)
+        assert each.rmse == pytest.approx(np.sqrt(np.square(off).mean()), abs=0.003)
+        for place in each.places:  # the RMSE of all channels, as of the whole, by which they are ordered
+            said = float(place.said.partition("RMSE ")[2].partition(",")[0].replace(" × 10⁻", "e-").translate(DIGITS))
+            assert said == pytest.approx(np.sqrt(np.square(place.part.of(off)).mean()), abs=0.004)
 
 
 def test_what_is_measured_of_triangles(opened):
@@ -310,7 +340,14 @@ def test_large_pictures_are_reduced():
 
 def test_numbers_as_people_write_them():
     assert [rounded(value) for value in (0.0238, 1.234e-5, 0.5)] == ["0.0238", "1.23 × 10⁻⁵", "0.5"]
-    assert percent(0.4123) == "41 %"
+    assert [rounded(value, 2) for value in (123.4, -987.0, 2.5e7)] == ["120", "-990", "2.5 × 10⁷"]
+    assert [percent(value) for value in (0.4123, 1.0, 12.34, 0.0712, -0.25)] == [
+        "41 %",
+        "100 %",
+        "1234 %",
+        "7.1 %",
+        "-25 %",
+    ]
     assert vector(np.array([-7.0, 0.5, 0.0])) == "(−7, 0.5, 0)"
     assert (coefficient(np.full(3, 0.2)), coefficient(np.array([0.1, 0.2, 0.3]))) == ("0.2", "(0.1, 0.2, 0.3)")
     assert [listed("abc"[:count]) for count in range(4)] == ["", "a", "a and b", "a, b and c"]

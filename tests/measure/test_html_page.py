@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 import base64
-import io
-import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from PIL import Image
+from pages import parsed, picture
 from studies import small_study
 
 from clshade.images import figures
 from clshade.measure.report import figure, html_page, tables
 
-HOSTILE = '<script>alert("x")</script>&$1$'
-
-
-class Page(HTMLParser):
-    """The tags of a page, the open ones at its end, and its text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.text = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_data(self, data):
-        self.text += data
+HOSTILE = '<script>alert("x")</script>&$1$\x1b[31m\u202e'
 
 
 @pytest.fixture(scope="module")
@@ -41,37 +22,45 @@ def page(device, tmp_path_factory):
     found = replace(found, scene=replace(found.scene, name=HOSTILE))
     path = tmp_path_factory.mktemp("page") / "report.html"
     html_page.write(found, found.measured[0], figures.blank(1.0, 1.0), path)
-    return found, path.read_text()
+    return found, parsed(path.read_bytes())
 
 
 def test_it_loads_nothing(page):
-    _, text = page
-    parsed = Page(text)
-    for tag, attributes in parsed.tags:
-        assert tag not in ("script", "link", "iframe", "object", "embed")
-        for name in ("src", "href", "xlink:href"):
-            assert (attributes.get(name) or "#").startswith(("#", "data:image/png;base64,"))
-        assert not any(name.startswith("on") for name in attributes)
-    assert "url(http" not in text
-    assert "default-src 'none'" in text
+    _, tree = page
+    for node in tree.all():
+        assert node.tag not in ("script", "link", "iframe", "object", "embed")
+        for name in ("src", "href"):
+            assert node.attributes.get(name, "#").startswith(
+                ("#", "data:image/png;base64,", "data:image/svg+xml;base64,")
+            )
+        assert not any(name.startswith("on") for name in node.attributes)
+    (style,) = tree.all("style")
+    assert "url(" not in style.text
+    policies = [node.attributes.get("content", "") for node in tree.all("meta")]
+    assert any("default-src 'none'" in policy for policy in policies)
 
 
 def test_names_are_escaped(page):
-    _, text = page
-    assert HOSTILE in Page(text).text
-    assert "<script" not in text
+    _, tree = page
+    for text in (tree.all("title")[0].text, tree.all("h1")[0].text, tree.all("dd")[0].text):
+        assert "<script>alert(" in text
+        assert not {"\x1b", "\u202e"} & set(text)
 
 
 def test_tables_and_pictures(page):
-    found, text = page
-    parsed = Page(text)
+    found, tree = page
+    texts = {node.text for node in tree.all()}
     for section in tables.sections(found):
         for part in (section.title, *section.header, *section.notes, *(cell for row in section.rows for cell in row)):
-            assert part in parsed.text
-    data = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
-    shown = [np.asarray(Image.open(io.BytesIO(base64.b64decode(each)))) for each in data]
-    assert len(shown) == 1 + len(found.pictures)
-    for each, expected in zip(shown, figure.colored(found).values(), strict=True):
-        assert np.array_equal(each, expected)
-    assert sum(tag == "details" for tag, _ in parsed.tags) == len(shown)
-    assert tables.used_line(found.measured[0], found.scene) in parsed.text
+            assert part in texts
+    for table, section in zip(tree.all("table"), tables.sections(found), strict=True):
+        rows = [[cell.text for cell in row.inside] for row in table.all("tr")]
+        assert rows == [[*section.header], *(list(row) for row in section.rows)]
+    drawn, *shown = tree.all("img")
+    for image, (name, expected) in zip(shown, figure.colored(found).items(), strict=True):
+        assert np.array_equal(picture(image), expected)
+        assert image.attributes["alt"] == name
+    assert len(tree.all("details")) == len(shown)
+    vectors = base64.b64decode(drawn.attributes["src"].partition(",")[2])
+    assert vectors == figures.as_vectors(figures.blank(1.0, 1.0), "svg")
+    assert tables.used_line(found.measured[0], found.scene) in texts

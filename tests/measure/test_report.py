@@ -16,7 +16,7 @@ from command_line import assert_refused, run
 from studies import SMALL, small_study, sphere
 
 from clshade.base import text_tables
-from clshade.errors import InputError
+from clshade.errors import InputError, OutputError
 from clshade.images import figures, metrics, png
 from clshade.measure import timing
 from clshade.measure.report import figure, labels, report, study, tables, variants
@@ -236,6 +236,7 @@ def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
 
 
 def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
+    monkeypatch.setattr(figure, "DPI", 60)
     several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
     written: list[str] = []
     original = labels.label_points
@@ -257,6 +258,16 @@ def test_the_figure_of_one_way(found, recwarn):
     for low, high in (drawn.axes[0].get_xlim(), drawn.axes[0].get_ylim()):
         assert low < 0.8 * high
     assert not [each.message for each in recwarn]
+
+
+def test_the_figure_of_ways_with_the_same_error(found):
+    """To the last bit but one, as of a scene without lights; the reference's own error is in sight, too."""
+    error = 40.0 * found.reference.error
+    study = made_up(found, [(1.0, error), (2.0, np.nextafter(error, 1.0))])
+    axes = figures.blank(1.0, 1.0).add_subplot()
+    figure._errors_against_time(axes, study)
+    low, high = axes.get_ylim()
+    assert 0.0 < low < found.reference.error < error < 0.9 * high
 
 
 # The command
@@ -328,6 +339,15 @@ def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
         report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())
     assert (tmp_path / "report.png").exists()
     assert json.loads((tmp_path / "report.json").read_text())["use"] is None
+
+
+@pytest.mark.parametrize("name", ["report.json", "report.svg", "report.html"])
+def test_files_that_cannot_be_written_are_found_before_measuring(device, tmp_path, monkeypatch, name):
+    monkeypatch.setattr(report, "study", lambda *arguments: pytest.fail("something was measured"))
+    (tmp_path / name).mkdir()
+    with pytest.raises(OutputError, match=name):
+        report.run(sphere(), device.index, out=tmp_path, formats=("svg",), html=True, stream=io.StringIO())
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.usefixtures("no_figure")

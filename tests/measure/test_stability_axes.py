@@ -13,6 +13,7 @@ import pytest
 from command_line import assert_refused, run
 
 from clshade import oracle
+from clshade.errors import OutputError
 from clshade.images import figures
 from clshade.measure.stability import axes, axes_figure, axes_stability, axes_tables
 from clshade.measure.stability.axes import AXES, PLAIN, Point, Series
@@ -166,13 +167,22 @@ def test_files(found, tmp_path, monkeypatch, device):
     assert (tmp_path / "new" / "axes.md").read_text().count("\n| 1 |") == 3
 
 
+def test_a_file_that_cannot_be_written_is_found_before_measuring(device, tmp_path, monkeypatch):
+    monkeypatch.setattr(axes_stability, "measure", lambda axis, device: pytest.fail("something was measured"))
+    (tmp_path / "axes.pdf").mkdir()
+    with pytest.raises(OutputError, match=r"axes\.pdf"):
+        axes_stability.run(device.index, out=tmp_path, formats=("pdf",), stream=io.StringIO())
+
+
 def test_what_is_said(found):
     axis = BY_NAME["exponent"]
     made = [series("standard", [10.0 ** (k / 2 - 7) for k in range(10)])]
     made += [series(PLAIN, [10.0 ** (k - 4) for k in range(10)])]
     first, second = axes_tables.notes(made, axis)
     assert first.startswith("standard: error: power 0.50 (0.50 to 0.50); expected 0.5, that of directions")
-    assert "power 1.00 (1.00 to 1.00) up to 100, where images become useless" in second
+    assert "power 1.00 (1.00 to 1.00) up to 100; beyond it images are useless" in second
+    (close,) = axes_tables.notes([series("float64", [1e-17 * 10.0 ** (k / 2) for k in range(10)])], axis)
+    assert "power 0.50 (0.50 to 0.50); all within the oracle's own error" in close
     assert math.isclose(axis.own(1e4), 1600 * 2.0**-53)
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.arrays import Bools, Bytes, Floats
-from ...images.metrics import rms
+from ...images.metrics import rms, scale_end
 from ...images.tonemap import tonemap
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
@@ -22,7 +22,7 @@ from .wording import percent, rounded
 PLACES = 3  # details shown of each comparison
 ACROSS = 9  # details side by side along the object
 SIDES = (12, 64)  # pixels of a detail's side, least and most
-DARK = 0.98  # quantile of the differences above 0 that is drawn darkest
+UNSEEN = "No triangle is visible."
 
 
 class Approximation(NamedTuple):
@@ -137,8 +137,8 @@ def _compared(
 ) -> Comparison:
     with_it, without = (_drawn(scene, device, _changed(base, each.field, value)) for value in each.values)
     values = [np.clip(frame.rgb.astype(np.float64), 0.0, 1.0) for frame in (with_it, without)]
-    off = values[0] - values[1]
-    difference = np.abs(off).max(axis=2)
+    off: Floats = values[0] - values[1]
+    difference, rms_of_channels = np.abs(off).max(axis=2), np.sqrt(np.square(off).mean(axis=2))
     images = tonemap(with_it.rgb, "none"), tonemap(without.rgb, "none")
     pair = Pair(scene, (with_it, without), triangles)
     return Comparison(
@@ -148,18 +148,19 @@ def _compared(
         difference=difference,
         rmse=rms(off),
         changed=int((images[0] != images[1]).any(axis=2).sum()),
-        dark=float(np.quantile(difference[difference > 0.0], DARK)) if difference.any() else 1.0,
-        places=tuple(_place(pair, each, difference, part) for part in worst_parts(difference, side, PLACES)),
-        why=_WHY[each.field](pair),
+        dark=scale_end(difference),
+        places=tuple(_place(pair, each, off, part) for part in worst_parts(rms_of_channels, side, PLACES)),
+        why=_WHY[each.field](pair) if len(triangles.depths) else UNSEEN,
     )
 
 
-def _place(pair: Pair, each: Approximation, difference: Floats, part: Part) -> Place:
-    inside = part.of(difference)
+def _place(pair: Pair, each: Approximation, off: Floats, part: Part) -> Place:
+    """off: what the image with the approximation is off by, (M, N, 3)."""
+    inside = np.abs(part.of(off)).max(axis=2)
     row, column = np.unravel_index(int(inside.argmax()), inside.shape)
     said = (
         f"Columns {part.left} to {part.left + part.width - 1}, rows {part.top} to {part.top + part.height - 1}: RMSE "
-        f"{rounded(rms(inside), 2)}, largest difference {rounded(inside.max(), 2)}."
+        f"{rounded(rms(part.of(off)), 2)}, largest difference {rounded(inside.max(), 2)}."
     )
     if each.field == "visibility":
         said += _swapped(pair, part.top + int(row), part.left + int(column))
@@ -218,10 +219,9 @@ def _affine(pair: Pair) -> str:
 
 def _shading(pair: Pair) -> str:
     turns = pair.triangles.turns
-    if not len(turns):
-        return "No triangle is visible."
     material = pair.scene.meshes[0].material
-    said = f"Within a visible triangle the normal turns by up to {turns.max():.3g}° (median {np.median(turns):.2g}°)"
+    said = f"Within a visible triangle the normal turns by up to {rounded(turns.max())}° "
+    said += f"(median {rounded(np.median(turns), 2)}°)"
     if not np.any(material.ks) or material.n <= 0.0 or not pair.scene.lights:
         return f"{said}."
     return (
@@ -233,21 +233,17 @@ def _shading(pair: Pair) -> str:
 
 def _texture(pair: Pair) -> str:
     texels = pair.triangles.texels
-    if not len(texels):
-        return "No triangle is visible."
     return (
-        f"The median visible triangle spans {np.median(texels):.2g} texels, the largest {texels.max():,.0f}; at most twelve "
-        "of them are read, four about each corner."
+        f"The median visible triangle spans {rounded(np.median(texels), 2)} texels, the largest {rounded(texels.max())}; "
+        "four are read about each of its corners."
     )
 
 
 def _centroid(pair: Pair) -> str:
     turns = pair.triangles.light_turns
-    if not len(turns):
-        return "No triangle is visible."
     return (
-        f"From the center of a visible triangle to its corners these directions turn by up to {turns.max():.2g}° "
-        f"(median {np.median(turns):.2g}°)."
+        f"From the center of a visible triangle to its corners these directions turn by up to {rounded(turns.max())}° "
+        f"(median {rounded(np.median(turns), 2)}°)."
     )
 
 

@@ -134,10 +134,10 @@ def gather(scene: Scene, device: Device) -> Content:
 def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
     """Draw each figure and time further calls; keep the picture, which is smaller than the image."""
     for each in tqdm(drawable, unit="figure", desc="figures", leave=False, disable=console.quiet() or None):
-        for figure in figures.draw_all(scene, [replace(each)]):
-            pixels, first = reduced(figure.picture), figure.milliseconds
-            again = spread([figures.milliseconds(scene, figure) for _ in range(ROUNDS)])
-            yield Drawn(each, pixels, first, again)
+        (figure,) = figures.draw_all(scene, [replace(each)])
+        pixels, first = reduced(figure.picture), figure.milliseconds
+        again = spread([figures.milliseconds(scene, figure) for _ in range(ROUNDS)])
+        yield Drawn(each, pixels, first, again)
 
 
 def _decompose(

@@ -19,6 +19,7 @@ from .plates import captioned, comparison, shown_part
 from .tables import causes, facts, lights, notes, times, versions
 from .wording import listed, percent, rounded
 
+NEGLIGIBLE = 0.01  # shares of the error that a summary leaves out
 COURSE = 19  # figures of the course; comparisons go on from there
 PLATES = ((1, 9, "Gouraud shading"), (9, 17, "Phong shading"), (17, 20, "Texture map"))
 
@@ -67,18 +68,19 @@ def _about(scene: Scene) -> str:
 
 
 def _summary(content: Content) -> str:
-    """Return two sentences: how long the figures took, and how far off the last one is."""
+    """Return how long the figures took, how far off the last one is, and mainly why."""
     number = max(n for n in content.decompositions if n != 17)
     found = content.decompositions[number]
-    largest = sorted((part for part in found.parts if part.share), key=lambda part: -(part.share or 0.0))[:2]
     seconds = sum(each.first for each in content.figures) / 1e3
-    said = f"{len(content.figures)} figures, drawn in {seconds:.2g} s."
+    said = f"{len(content.figures)} figures, drawn in {rounded(seconds, 2)} s."
     if not found.total:
         return f"{said} Figure {number} has no error."
-    named = listed([f"{part.cause} ({percent(part.share or 0.0)})" for part in largest])
+    shares = sorted(((part.share or 0.0, part.cause) for part in found.parts), reverse=True)[:2]
+    named = [f"{cause} ({percent(share)})" for share, cause in shares if share > NEGLIGIBLE]
+    verb = "shares of its mean square are those" if len(named) > 1 else "share of its mean square is that"
     return (
         f"{said} Figure {number} is off by an RMSE of {rounded(found.total, 2)} (display white is 1) from the same scene "
-        f"drawn without approximations; most of that comes from {named}."
+        f"drawn without approximations. The largest {verb} of {listed(named)}."
     )
 
 

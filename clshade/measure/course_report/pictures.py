@@ -1,9 +1,7 @@
-"""Pictures for a page: PNGs as data URIs, differences in colors, the part of the images that holds the object."""
+"""Pictures for a page: differences in colors, the part of the images that holds the object."""
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import NamedTuple
 
 import numpy as np
@@ -30,15 +28,6 @@ class Part(NamedTuple):
     def of(self, image: Array) -> Array:
         """Return this part of an image (M, N, ...)."""
         return image[self.top : self.top + self.height, self.left : self.left + self.width]
-
-
-def data_uri(picture: Bytes) -> str:
-    """Return a picture, (h, w, 3) uint8, as the URI of a PNG."""
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(picture)).save(file, "PNG", compress_level=6)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
 def reduced_size(resolution: tuple[int, int]) -> tuple[int, int]:

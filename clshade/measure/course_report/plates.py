@@ -8,11 +8,12 @@ from xml.etree.ElementTree import Element
 from ...base.arrays import Bytes
 from ...base.markup import Content as Markup
 from ...base.markup import element
+from ...images import png
 from ...scene.model import Scene
 from . import pictures
 from .comparisons import Comparison, Place
 from .content import Drawn
-from .pictures import Part, data_uri
+from .pictures import Part
 from .wording import rounded, sentence, vector
 
 
@@ -39,7 +40,7 @@ def captioned(scene: Scene, drawn: Drawn) -> Element:
 
 def view(pixels: Bytes, about: str, overlay: Markup = None) -> Element:
     """Return a picture of which the object's part is shown."""
-    image = element("img", src=data_uri(pixels), alt=about)
+    image = element("img", src=png.as_uri(pixels), alt=about)
     return element("div", element("div", image, overlay, class_="sheet"), class_="view")
 
 
@@ -67,7 +68,7 @@ def comparison(number: int, found: Comparison, resolution: tuple[int, int], part
     scale = element(
         "div",
         "0",
-        element("img", src=data_uri(pictures.scale()), alt=""),
+        element("img", src=png.as_uri(pictures.scale()), alt=""),
         f"{rounded(found.dark, 2)} or more",
         class_="scale",
     )
@@ -109,7 +110,7 @@ def _detail(number: int, place: Place, images: Sequence[Bytes], labels: Sequence
     return element(
         "div",
         [
-            element("img", src=data_uri(pictures.enlarged(place.part.of(image))), alt=f"{label}, place {number}")
+            element("img", src=png.as_uri(pictures.enlarged(place.part.of(image))), alt=f"{label}, place {number}")
             for image, label in zip(images, labels, strict=True)
         ],
         element("div", element("b", f"{number}"), f" {place.said}", class_="place"),

@@ -39,7 +39,8 @@ def facts(scene: Scene) -> Element:
             "Scene": shown(scene.name) if scene.name else "unnamed",
             "Mesh": f"{len(mesh.verts):,} vertices, {scene.face_count:,} triangles; {' and '.join(colors) or 'white'}",
             "Camera": f"at {vector(camera.eye)}, looking at {vector(camera.lookat)}, up {vector(camera.up)}",
-            "Image": f"{columns} × {rows} pixels; plane {width:.4g} × {height:.4g} at focal length {camera.focal:.4g}",
+            "Image": f"{columns} × {rows} pixels; plane {rounded(width, 4)} × {rounded(height, 4)} at focal "
+            f"length {rounded(camera.focal, 4)}",
             "Material": f"ka {coefficient(material.ka)}, kd {coefficient(material.kd)}, ks {coefficient(material.ks)}, "
             f"exponent n = {material.n:g}",
             "Ambient light": vector(scene.ambient),
@@ -96,8 +97,7 @@ def notes(content: Content) -> list[str]:
     """Return what the decompositions say beside their parts: each sentence once, with the figures that it is about."""
     said: dict[str, list[int]] = {}
     for figure, each in content.decompositions.items():
-        total, *others = each.lines()
-        for line in (total.partition("; ")[2], *others):  # the table has the totals
+        for line in (each.relation(), *each.remarks()):
             said.setdefault(line, []).append(figure)
     lines = []
     for line, numbers in said.items():

@@ -14,21 +14,22 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def rounded(value: float, count: int = 3) -> str:
     """Return so many significant digits, with a power of ten where the number is long."""
-    mantissa, _, exponent = digits(value, count).partition("e")
+    mantissa, _, exponent = f"{float(digits(value, count)):g}".partition("e")
     return f"{mantissa} × 10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else mantissa
 
 
 def percent(share: float) -> str:
-    return f"{rounded(100.0 * share, 2)} %"
+    """Return a share in percent, with two significant digits or more."""
+    return f"{100.0 * share:.0f} %" if abs(share) >= 0.1 else f"{rounded(100.0 * share, 2)} %"
 
 
 def vector(values: Array) -> str:
-    return "(" + ", ".join(f"{x:.3g}" for x in values).replace("-", "−") + ")"
+    return "(" + ", ".join(rounded(x) for x in values).replace("-", "−") + ")"
 
 
 def coefficient(values: Array) -> str:
     """Return one number for three equal ones."""
-    return f"{values[0]:.3g}" if np.ptp(values) == 0.0 else vector(values)
+    return rounded(values[0]) if np.ptp(values) == 0.0 else vector(values)
 
 
 def sentence(text: str) -> str:

@@ -33,17 +33,18 @@ def _records(study: Study) -> Iterator[Record]:
         shares = {"share": part.share, "png_share": part.png_share}
         yield {"study": "cause", "name": part.cause, "rmse": part.rmse, **shares}
     for kept in study.kept:
-        yield {"study": "format", **vars(kept), **_times(kept.write_ms)}
+        yield {"study": "format", **vars(kept), **time_fields(kept.write_ms)}
     yield from _tessellation(study)
     for family in study.families:
         name, expected = {"study": "family", "name": family.name}, {"expected": family.law.exponent}
-        yield {**name, "of": f"error by {family.what}", **_power(family.by_size()), **expected}
-        yield {**name, "of": "error by the time of a frame", **_power(family.by_time())}
+        yield {**name, "of": f"error by {family.what}", **power_fields(family.by_size()), **expected}
+        yield {**name, "of": "error by the time of a frame", **power_fields(family.by_time())}
     for growth in study.growths:
         yield from _sizes(growth)
 
 
-def _times(ms: Spread) -> Record:
+def time_fields(ms: Spread) -> Record:
+    """Return the columns of a median and of what holds half of the times."""
     return {"ms": ms.median, "ms_low": ms.low, "ms_high": ms.high}
 
 
@@ -51,7 +52,8 @@ def _interval(low: float, high: float) -> Record:
     return {"ms_95_low": low, "ms_95_high": high}
 
 
-def _power(found: Power | None) -> Record:
+def power_fields(found: Power | None) -> Record:
+    """Return the columns of a fitted power, none if there is none."""
     return {} if found is None else {"power": found.exponent, "power_low": found.low, "power_high": found.high}
 
 
@@ -62,7 +64,7 @@ def _variants(study: Study) -> Iterator[Record]:
             "study": "variant",
             "name": each.name,
             "settings": each.variant.changed(),
-            **_times(each.frame_ms),
+            **time_fields(each.frame_ms),
             **_interval(*each.interval),
             **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
             **{"sampling": each.sampling, "model": each.model},
@@ -75,7 +77,7 @@ def _tessellation(study: Study) -> Iterator[Record]:
     found = study.tessellation
     for shader, errors in found.errors.items():
         for count, error, ms in zip(found.triangles, errors, found.ms[shader], strict=True):
-            yield {"study": "tessellation", "name": shader, "triangles": count, "rmse": error, **_times(ms)}
+            yield {"study": "tessellation", "name": shader, "triangles": count, "rmse": error, **time_fields(ms)}
 
 
 def _sizes(growth: Growth) -> Iterator[Record]:
@@ -83,7 +85,7 @@ def _sizes(growth: Growth) -> Iterator[Record]:
     for point in growth.points:
         columns, rows = point.resolution
         error = {"rmse": point.error.rmse, "rmse_low": point.error.low, "rmse_high": point.error.high}
-        times = {**_times(point.ms), **_interval(*median_interval(point.times))}
+        times = {**time_fields(point.ms), **_interval(*median_interval(point.times))}
         yield {"study": "size", **name, **times, **error, "columns": columns, "rows": rows}
-    yield {"study": "size power", **name, "of": "time by the number of pixels", **_power(growth.time_power())}
-    yield {"study": "size power", **name, "of": "error by the number of pixels", **_power(growth.error_power())}
+    yield {"study": "size power", **name, "of": "time by the number of pixels", **power_fields(growth.time_power())}
+    yield {"study": "size power", **name, "of": "error by the number of pixels", **power_fields(growth.error_power())}

@@ -57,17 +57,25 @@ class Decomposition:
 
     def lines(self) -> list[str]:
         """Return what the parts do not say, as sentences."""
+        totals = f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}"
+        return [f"{totals}; {self.relation()}", *self.remarks()]
+
+    def relation(self) -> str:
+        """Return how the total compares with that of independent causes."""
         ratio = self.total / self.together if self.together > 0.0 else 1.0
         how = "as much as if they were independent"
         if ratio > 1.0 + SIMILAR:
             how = f"{ratio:.2f} times what independent ones would be: some add to each other"
         elif ratio < 1.0 - SIMILAR:
             how = f"{ratio:.2f} times what independent ones would be: some make up for others"
+        return f"all causes but the PNG together are {how}"
+
+    def remarks(self) -> list[str]:
+        """Return which causes are too small to be known, and which are not measured."""
         unresolved = [
             part.cause for part in self.parts if part.cause == SAMPLING and 0.0 < part.rmse <= 2.0 * self.known
         ]
         return [
-            f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}; all causes but the PNG together are {how}",
             *(f"{cause}: about as small as the reference's own error, {self.known:.2g}" for cause in unresolved),
             *(f"{cause}: not known: {why}" for cause, why in self.unknown.items()),
         ]

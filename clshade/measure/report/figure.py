@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base import text_tables
 from ...base.arrays import Array, Floats
 from ...images import figures
 from ...images.tonemap import tonemap
@@ -35,10 +36,12 @@ CAUSE_COLORS = (
 FAMILY_COLORS = {SAMPLES: "#8172b3", SHADED: "#2e8b57", GOURAUD: "#c07a00", FILTER: "#c44e52"}
 DOMINATED = "#777777"
 COLORS = "magma"
+LEAST_ERROR = 1e-12  # drawn; smaller ones are drawn there
+TITLE = 120  # characters of a line
 LEAST, MOST = 1e-3, 1.0  # differences drawn black and in the brightest color
 MARGIN = 1.12  # times the size of what differs
 LABELED = 0.2  # shares above this have room for a number
-POWERS = (-2.1, 2.1)  # the range of powers shown
+POWERS = (-2.1, 2.1)  # the range of powers shown, at least
 
 
 def draw(study: Study) -> Figure:
@@ -60,7 +63,8 @@ def draw(study: Study) -> Figure:
             panel(axes, study)
         row = rows[2].subgridspec(1, PICTURES)
         _pictures(figure, [figure.add_subplot(row[k]) for k in range(PICTURES)], study)
-        title = f"Error against run time: {study.title}\n{study.device}\n{study.machine}"
+        lines = (f"Error against run time: {study.title}", study.device, study.machine)
+        title = "\n".join(text_tables.cut(line, TITLE) for line in lines)
         figure.suptitle(title.replace("$", r"\$"), fontsize=8.5)
         figure.canvas.draw()
         figure.set_layout_engine("none")
@@ -126,7 +130,7 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
 
 def _drawn(study: Study) -> list[float]:
     """Return the errors to draw: on the logarithmic axis, 0 is drawn at the error of the reference."""
-    return [max(each.error, study.reference.error, 1e-12) for each in study.measured]
+    return [max(each.error, study.reference.error, LEAST_ERROR) for each in study.measured]
 
 
 def _steps(study: Study) -> list[tuple[float, float]]:
@@ -167,7 +171,8 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
 
     errors = dict(zip(study.measured, _drawn(study), strict=True))
     best = study.front
-    _limit(axes, study.measured, [*errors.values(), max(study.reference.error, 1e-12)])
+    known = max(study.reference.error, LEAST_ERROR)
+    _limit(axes, study.measured, [*errors.values()], known)
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         power = family.by_time()
@@ -177,7 +182,7 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
         low, median, high = each.frame_ms
         color = figures.OURS if each in best else DOMINATED
         axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=color, lw=0.8)
-    axes.axhline(study.reference.error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
+    axes.axhline(known, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
     axes.set(
         xlabel="time of a frame, ms (bars: the middle half of the frames)",
         ylabel="RMSE against the reference (lower is more accurate)",
@@ -190,13 +195,16 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=2, frameon=False, borderaxespad=0.2)
 
 
-def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float]) -> None:
-    """Make axes, without anything yet, logarithmic, and wide enough if the values are all about the same."""
+def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], *others: float) -> None:
+    """Make axes, without anything yet, logarithmic, and wide enough if the values are all about the same.
+
+    others: further errors to show.
+    """
     axes.set(xscale="log", yscale="log")
     times = [ms for each in ways for ms in each.quartiles]
-    for values, set_limits in ((times, axes.set_xlim), (errors, axes.set_ylim)):
+    for values, more, set_limits in ((times, (), axes.set_xlim), (errors, others, axes.set_ylim)):
         if max(values) < 1.1 * min(values):
-            set_limits(min(values) / 2.0, max(values) * 2.0)
+            set_limits(min(*values, *more) / 2.0, max(*values, *more) * 2.0)
 
 
 # The causes of the error
@@ -289,6 +297,7 @@ def _powers(axes: Axes, study: Study) -> None:
         axes.plot([low, high], [place, place], color=figures.OURS, lw=1.5)
         axes.plot(exponent, place, "o", color=figures.OURS, ms=4)
         axes.plot([each.law.exponent] * 2, [place - 0.32, place + 0.32], color="k", lw=1.5)
-    axes.set(xlim=POWERS, ylim=(len(found) - 0.4, -0.6), xlabel="power of the size that varies, 95 %")
+    shown = [*POWERS, *(each.by_size().exponent for each in found)]
+    axes.set(xlim=(min(shown), max(shown)), ylim=(len(found) - 0.4, -0.6), xlabel="power of the size that varies, 95 %")
     axes.set_yticks(range(len(found)), [each.name.replace(", ", ",\n") for each in found])
     axes.grid(True, axis="x")

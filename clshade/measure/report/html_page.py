@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import io
-from collections.abc import Iterator
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element
 
 from ...base import atomic_files
-from ...base.text_tables import Row
+from ...base.arrays import Bytes
+from ...base.markup import Content, data_uri, element, page, table
 from ...images import figures, png
 from . import figure, tables
 from .measure import Measured
@@ -28,61 +26,48 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem } dt
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .85rem }
 th, td { padding: .15rem .6rem; text-align: right; white-space: nowrap; border-bottom: 1px solid #ddd }
-th:first-child, td:first-child { text-align: left } tbody tr:hover { background: #eef3fa }
+th:first-child { text-align: left } tbody th { font-weight: normal } tbody tr:hover { background: #eef3fa }
 ul { color: #444; font-size: .9rem } .use { background: #eef3fa; padding: .5rem .8rem }
-.figure svg { width: 100%; height: auto }
+.figure { width: 100%; height: auto }
 .pictures { display: flex; flex-wrap: wrap; gap: .6rem }
 details { width: 18rem } details[open] { width: 100% }
 summary { list-style: none; cursor: zoom-in } details[open] summary { cursor: zoom-out }
 summary::-webkit-details-marker { display: none }
 details img { width: 100%; display: block; image-rendering: pixelated } details span { font-size: .9rem }
 """
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+ABOUT = "Error against time, causes of the error, precision, tessellation, fitted powers and error images"
+SCALE = (
+    f"Click to enlarge. Differences are drawn on a logarithmic scale: black is {figure.LEAST:g} or less, the brightest "
+    f"color {figure.MOST:g} or more, where display white is 1."
+)
 
 
 def write(study: Study, used: Measured | None, drawn: Figure, path: Path) -> None:
     """Write the page. used: the variant chosen for the budget or tolerance. drawn: the figure. Raises OutputError."""
-    atomic_files.write_bytes(path, "\n".join(_page(study, used, drawn)).encode("utf-8", "replace"))
+    title = f"Error against run time: {study.title}"
+    body = element(
+        "body",
+        element("h1", title),
+        element("dl", [(element("dt", name), element("dd", value)) for name, value in tables.facts(study).items()]),
+        element("p", tables.used_line(used, study.scene), class_="use") if used is not None else None,
+        element("img", class_="figure", src=data_uri("image/svg+xml", figures.as_vectors(drawn, "svg")), alt=ABOUT),
+        element("h2", "Images"),
+        element("p", SCALE),
+        element("div", [_picture(*each) for each in figure.colored(study).items()], class_="pictures"),
+        [_section(each) for each in tables.sections(study)],
+    )
+    atomic_files.write_bytes(path, page(title, STYLE, body))
 
 
-def _page(study: Study, used: Measured | None, drawn: Figure) -> Iterator[str]:
-    title = escape(f"Error against run time: {study.title}")
-    yield "<!DOCTYPE html>"
-    yield f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-    yield f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-    yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    yield f"<style>{STYLE}</style></head><body><h1>{title}</h1>"
-    facts = (f"<dt>{escape(line[:11].strip())}</dt><dd>{escape(line[11:])}</dd>" for line in tables.facts(study))
-    yield f"<dl>{''.join(facts)}</dl>"
-    if used is not None:
-        yield f'<p class="use">{escape(tables.used_line(used, study.scene))}</p>'
-    vectors = figures.as_vectors(drawn, "svg").decode()
-    yield f'<div class="figure">{vectors[vectors.index("<svg") :]}</div>'
-    yield "<h2>Images</h2><p>Click to enlarge. Differences are drawn on a logarithmic scale: black is "
-    yield f"{figure.LEAST:g} or less, the brightest color {figure.MOST:g} or more, where display white is 1.</p>"
-    yield '<div class="pictures">'
-    for name, picture in figure.colored(study).items():
-        file = io.BytesIO()
-        png.encode(file, picture)
-        data = base64.b64encode(file.getvalue()).decode()
-        yield f'<details><summary><img alt="" src="data:image/png;base64,{data}"><span>{escape(name)}</span></summary>'
-        yield "</details>"
-    yield "</div>"
-    for section in tables.sections(study):
-        yield from _section(section)
-    yield "</body></html>\n"
+def _picture(name: str, picture: Bytes) -> Element:
+    image = element("img", src=png.as_uri(picture), alt=name)
+    return element("details", element("summary", image, element("span", name)))
 
 
-def _section(section: tables.Section) -> Iterator[str]:
-    yield f"<h2>{escape(section.title)}</h2>"
-    if section.about:
-        yield f"<p>{escape(section.about)}.</p>"
-    yield f'<div class="wide"><table><thead>{_row(section.header, "th")}</thead><tbody>'
-    yield from (_row(row, "td") for row in section.rows)
-    yield "</tbody></table></div>"
-    if section.notes:
-        yield f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in section.notes)}</ul>"
-
-
-def _row(cells: Row, tag: str) -> str:
-    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+def _section(section: tables.Section) -> Content:
+    return (
+        element("h2", section.title),
+        element("p", f"{section.about}.") if section.about else None,
+        element("div", table(section.header, section.rows), class_="wide"),
+        element("ul", [element("li", note) for note in section.notes]) if section.notes else None,
+    )

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
-from ...base import console, text_tables
+from ...base import atomic_files, console, text_tables
 from ...base.atomic_files import shown
 from ...errors import InputError
 from ...images import figures
@@ -64,6 +64,10 @@ def run(
         option = "--html" if Path(out).suffix.lower() == ".html" else f"--format {Path(out).suffix[1:].lower()}"
         raise InputError(f"report: --out: expected a folder, found {shown(out)} ({option} writes that into it)")
     folder = text_tables.create_folder(out)
+    pictures = [folder / f"report.{kind}" for kind in formats]
+    page = [folder / "report.html"] if html else []
+    for path in (*(folder / name for name in tables.FILES), *pictures, *page):
+        atomic_files.check(path)  # before minutes of measuring
     found = study(scene, opened, variants, frames)
     if growing:
         ways = variants if names or families else [each for each in variants if each.name in WAYS]
@@ -75,14 +79,12 @@ def run(
         unkept = error
     print("\n".join(tables.lines(found)), file=stream)
     written = tables.write(found, choice.used if choice else None, folder)
-    pictures = [folder / f"report.{kind}" for kind in formats]
     drawn = figure.draw(found)
     for path in pictures:
         figures.save(drawn, path, colors=256)
-    written += pictures
-    if html:
-        written.append(folder / "report.html")
-        html_page.write(found, choice.used if choice else None, drawn, written[-1])
+    for path in page:
+        html_page.write(found, choice.used if choice else None, drawn, path)
+    written += [*pictures, *page]
     print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
     if unkept is not None:
         raise unkept

@@ -54,7 +54,7 @@ def _variant(each: Measured, mark: str) -> text_tables.Row:
         digits(close.flip),
         digits(exact.error, 2),
         digits(exact.rms, 2),
-        f"{digits(exact.bounds, 2)} of {exact.allowed:g}",
+        f"{digits(exact.bounds, 2)} of {exact.allowed:.4g}",
         f"{exact.wrong} of {exact.pixels:,}",
         f"{each.build_ms:.0f}",
         f"{each.upload_ms:.0f}",
@@ -137,14 +137,14 @@ def _variants(study: Study) -> list[text_tables.Row]:
     return [_variant(each, " *=" if each in tied else " *" if each in best else "") for each in study.measured]
 
 
-def facts(study: Study) -> list[str]:
-    """Return what was measured, on what, against what: a word, and from the 12th character on its value."""
-    return [
-        f"scene      {study.title}",
-        f"device     {study.device}",
-        f"machine    {study.machine}",
-        f"reference  {study.reference.about()}",
-    ]
+def facts(study: Study) -> dict[str, str]:
+    """Return what was measured, on what, against what."""
+    return {
+        "scene": study.title,
+        "device": study.device,
+        "machine": study.machine,
+        "reference": study.reference.about(),
+    }
 
 
 NOTES = (
@@ -196,7 +196,7 @@ def sections(study: Study) -> list[Section]:
 
 def lines(study: Study) -> list[str]:
     """Return the tables as lines for the terminal."""
-    found = [text_tables.wrapped(fact, 11) for fact in facts(study)]
+    found = [text_tables.wrapped(f"{name:<9}  {value}", 11) for name, value in facts(study).items()]
     for each in sections(study):
         found += ["", *([text_tables.wrapped(each.about, 2)] if each.about else [])]
         found += text_tables.as_lines(each.header, each.rows)
@@ -205,7 +205,7 @@ def lines(study: Study) -> list[str]:
 
 
 def markdown(study: Study, used: str) -> str:
-    found = ["# Error against run time", "", *(f"- {line[:9].strip()}: {line[11:]}" for line in facts(study))]
+    found = ["# Error against run time", "", *(f"- {name}: {value}" for name, value in facts(study).items())]
     found += [f"- {used}"] if used else []
     for each in sections(study):
         found += ["", f"## {each.title}", "", *([f"{each.about}.", ""] if each.about else [])]
@@ -214,16 +214,19 @@ def markdown(study: Study, used: str) -> str:
     return "\n".join([*found, ""])
 
 
+FILES = ("report.csv", "report.json", "report.md")
+
+
 def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
-    """Write report.csv, .json and .md. used: the variant chosen for the budget or tolerance."""
-    texts = {
-        "report.csv": text_tables.as_csv(csv_table.HEADER, csv_table.rows(study)),
-        "report.json": json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
-        "report.md": markdown(study, used_line(used, study.scene) if used else ""),
-    }
-    for name, text in texts.items():
+    """Write FILES. used: the variant chosen for the budget or tolerance."""
+    texts = (
+        text_tables.as_csv(csv_table.HEADER, csv_table.rows(study)),
+        json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
+        markdown(study, used_line(used, study.scene) if used else ""),
+    )
+    for name, text in zip(FILES, texts, strict=True):
         atomic_files.write_bytes(folder / name, text.encode())
-    return [folder / name for name in texts]
+    return [folder / name for name in FILES]
 
 
 def used_line(used: Measured, scene: Scene) -> str:

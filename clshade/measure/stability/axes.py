@@ -153,6 +153,9 @@ def decades(last: int) -> tuple[float, ...]:
 
 
 HALF_ULP = 2.0**-53
+ASPECT = Law(
+    1.0, "the condition number of interpolating in float32", below="the rounding of other terms is larger at first"
+)
 AXES = (
     Axis(
         "exponent",
@@ -182,16 +185,8 @@ AXES = (
         "aspect: longest edge / smallest height",
         decades(6),
         needle,
-        Law(
-            1.0,
-            "the condition number of interpolating in float32",
-            below="the rounding of other terms is larger at first",
-        ),
-        Law(
-            1.0,
-            "the condition number of interpolating in float32",
-            below="the rounding of other terms is larger at first",
-        ),
+        ASPECT,
+        ASPECT,
         lambda aspect: 16.0 * aspect * HALF_ULP,
         "16 * aspect * 2^-53",
     ),

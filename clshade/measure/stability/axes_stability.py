@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
-from ...base import text_tables
+from ...base import atomic_files, text_tables
 from ...base.atomic_files import shown
 from ...images import figures
 from ...pipeline.opencl.device import open_device
@@ -29,6 +29,9 @@ def run(
     stream = stream or sys.stdout
     opened = open_device(device)
     folder = text_tables.create_folder(out)
+    pictures = [folder / f"axes.{kind}" for kind in formats]
+    for path in (*(folder / name for name in axes_tables.FILES), *pictures):
+        atomic_files.check(path)  # before minutes of measuring
     about = (opened.title, axes_tables.ABOUT, axes_tables.TIMES)
     print("\n".join(text_tables.wrapped(text, 2) for text in about), file=stream, flush=True)
     found = {}
@@ -37,7 +40,7 @@ def run(
         print("\n".join(axes_tables.lines(found[axis], axis)), file=stream, flush=True)
     written = axes_tables.write(found, opened.title, folder)
     drawn = axes_figure.draw(found, opened.title)
-    for kind in formats:
-        written.append(folder / f"axes.{kind}")
-        figures.save(drawn, written[-1])
+    for path in pictures:
+        figures.save(drawn, path)
+    written += pictures
     print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)

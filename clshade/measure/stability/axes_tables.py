@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
-from ..report.power_law import Power, expected
+from ..report.csv_table import power_fields, time_fields
+from ..report.power_law import expected
 from .axes import PLAIN, SIDE, USELESS, Axis, Series, stats
 
 Found = dict[Axis, list[Series]]
@@ -56,10 +57,17 @@ def notes(series: Sequence[Series], axis: Axis) -> list[str]:
     for each in series:
         power, time_power, last = each.power(), each.time_power(), each.fit[-1].stiffness if each.fit else None
         useless = last is not None and last < axis.stiffness[-1]
-        where = f" up to {last:g}, where images become useless (errors above {USELESS:g})" if useless else ""
-        error = (
-            "too few to fit" if power is None else f"power {power}{where}; {expected(power, axis.expected(each.way))}"
+        where = (
+            f" up to {last:g}; beyond it images are useless (errors above {USELESS:g}) or cannot be drawn"
+            if useless
+            else ""
         )
+        if power is None:
+            error = "too few to fit"
+        elif all((point.rms or 0.0) <= axis.own(point.stiffness) for point in each.fit):
+            error = f"power {power}; all within the oracle's own error: the two agree, and no more is known"
+        else:
+            error = f"power {power}{where}; {expected(power, axis.expected(each.way))}"
         time = "" if time_power is None else f"; time: power {time_power}"
         said.append(f"{each.way}: error: {error}{time}")
     return said
@@ -88,31 +96,22 @@ def csv_rows(found: Found) -> list[text_tables.Row]:
         for each in series:
             name = {"axis": axis.name, "way": each.way}
             for point in each.points:
-                times = (
-                    {}
-                    if point.ms is None
-                    else {"ms": point.ms.median, "ms_low": point.ms.low, "ms_high": point.ms.high}
-                )
+                times = {"ms": None} if point.ms is None else time_fields(point.ms)
                 own = {"oracle": axis.own(point.stiffness)}
-                rows.append({**name, **point._asdict(), "ms": None, **times, **own})
+                rows.append({**name, **point._asdict(), **times, **own})
             law = {"expected": axis.expected(each.way).exponent}
-            rows += [{**name, "of": "error", **_power(each.power()), **law}]
-            rows += [{**name, "of": "time", **_power(each.time_power())}]
+            rows += [{**name, "of": "error", **power_fields(each.power()), **law}]
+            rows += [{**name, "of": "time", **power_fields(each.time_power())}]
     return [tuple("" if row.get(key) is None else str(row[key]) for key in CSV) for row in rows]
 
 
-def _power(found: Power | None) -> dict[str, object]:
-    return {} if found is None else {"power": found.exponent, "power_low": found.low, "power_high": found.high}
+FILES = ("axes.csv", "axes.json", "axes.md")
 
 
 def write(found: Found, device: str, folder: Path) -> list[Path]:
-    """Write axes.csv, .json and .md. Raises OutputError."""
+    """Write FILES. Raises OutputError."""
     figures = {"device": device, "axes": [stats(axis, series) for axis, series in found.items()]}
-    texts = {
-        "axes.csv": text_tables.as_csv(CSV, csv_rows(found)),
-        "axes.json": json.dumps(figures, indent=2) + "\n",
-        "axes.md": markdown(found, device),
-    }
-    for name, text in texts.items():
+    texts = (text_tables.as_csv(CSV, csv_rows(found)), json.dumps(figures, indent=2) + "\n", markdown(found, device))
+    for name, text in zip(FILES, texts, strict=True):
         atomic_files.write_bytes(folder / name, text.encode())
-    return [folder / name for name in texts]
+    return [folder / name for name in FILES]
