@@ -46,7 +46,7 @@ function drawHistogram(canvas, full, white) {
   context.textBaseline = "bottom";
   context.fillRect(0, base, canvas.width, ratio);
   if (inStops) drawStops(context, canvas, first, bins, base, white, ratio);
-  else drawEnds(context, canvas, formatted(full.low, 4), formatted(full.high, 4));
+  else if (full.low <= full.high) drawEnds(context, canvas, formatted(full.low, 4), formatted(full.high, 4));
   return [first, last];
 }
 
