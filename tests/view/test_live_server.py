@@ -253,11 +253,12 @@ def test_nonsense_is_answered_with_an_error_and_harms_nobody():
 
 def test_a_client_that_reads_nothing_holds_up_nobody(monkeypatch):
     async def check() -> None:
-        async with serving() as server, client(server):
+        async with serving() as server, client(server) as one:
             await _until(lambda: len(server.clients) == 1)
             (deaf,) = server.clients
+            one.ws._response.connection.transport.pause_reading()
             async with client(server) as other:
-                long = {"type": "error", "text": "x" * (32 << 20)}  # bytes: more than the buffers on the way hold
+                long = {"type": "error", "text": "x" * (64 << 20)}  # bytes: more than the buffers on the way hold
                 told = asyncio.create_task(server.tell_all(long))
                 assert (await other.next("error"))[0] == long
                 assert not told.done()

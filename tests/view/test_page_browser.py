@@ -323,21 +323,31 @@ def test_buttons_keep_the_space_bar(shown):
     shown.focus("#picture")
 
 
+# Emulated screens send no event: the test does.
+SCREENS = """
+  window.queries = [];
+  window.matchMedia = (text) => queries[queries.push(Object.assign(new EventTarget(), { text })) - 1];"""
+
+
 @pytest.mark.long
 def test_another_screen(browser, written):
-    """Where a CSS pixel has another number of pixels, the canvas and the probe follow."""
-    shown = opened(browser, written)
+    """Where a CSS pixel has another number of pixels, the canvas follows; until then the probe goes by the old one."""
+    shown = opened(browser, written, script=SCREENS)
     screen = shown.context.new_cdp_session(shown)
+    metrics = {"width": 640, "height": 400, "mobile": False}
     for ratio in (2, 1.5, 1):
-        screen.send(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": 640, "height": 400, "deviceScaleFactor": ratio, "mobile": False},
-        )
-        width = shown.evaluate("viewer.canvas.clientWidth")
-        until(shown, f"viewer.canvas.width === Math.round({width * ratio})")
-        x, y = shown.evaluate("[viewer.view.x, viewer.view.y].map((at) => at / viewer.ratio)")
-        shown.mouse.move(x + 1, y + 1)
-        assert until(shown, "viewer.hovered && [viewer.hovered.x, viewer.hovered.y]") == [0, 0]
+        screen.send("Emulation.setDeviceMetricsOverride", {**metrics, "deviceScaleFactor": ratio})
+        until(shown, f"window.devicePixelRatio === {ratio}")
+        for _ in range(2):
+            x, y = shown.evaluate(
+                "[viewer.view.x, viewer.view.y].map((at) => at * viewer.canvas.clientWidth / viewer.canvas.width)"
+            )
+            shown.mouse.move(x - 9, y - 9)
+            shown.mouse.move(x + 1, y + 1)
+            assert until(shown, "viewer.hovered && [viewer.hovered.x, viewer.hovered.y]") == [0, 0]
+            shown.evaluate("queries.at(-1).dispatchEvent(new Event('change'))")
+        assert shown.evaluate("viewer.canvas.width === Math.round(viewer.canvas.clientWidth * devicePixelRatio)")
+        assert shown.evaluate("queries.at(-1).text") == f"(resolution: {ratio}dppx)"
     assert shown.faults == []
     shown.close()
 

@@ -208,6 +208,7 @@ class Viewer extends Viewport {
 
   resized() {
     const box = this.canvas.parentElement.getBoundingClientRect();
+    this.ratio = window.devicePixelRatio;
     const [width, height] = [box.width, box.height].map((side) => Math.max(1, Math.round(side * this.ratio)));
     for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
     if (this.fitted) this.fit();

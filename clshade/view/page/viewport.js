@@ -20,10 +20,7 @@ class Viewport extends EventTarget {
     this.canvas = canvas;
     this.view = { x: 0, y: 0, zoom: 1 };
     this.fitted = true;
-  }
-
-  get ratio() {
-    return window.devicePixelRatio || 1;
+    this.ratio = window.devicePixelRatio; // pixels of the canvas per CSS pixel, as it was sized last
   }
 
   /** Return a mouse event's place in pixels of the canvas. */
