@@ -160,10 +160,10 @@ class LiveServer:
         for client in self.clients:
             client.session.reloaded()
             client.changed.set()
-        await asyncio.gather(*(client.describe() for client in self.clients))
+        await asyncio.gather(*(client.describe() for client in self.clients), return_exceptions=True)
 
     async def tell_all(self, message: dict[str, Any]) -> None:
-        await asyncio.gather(*(client.tell(message) for client in self.clients))
+        await asyncio.gather(*(client.tell(message) for client in self.clients), return_exceptions=True)
 
 
 class _Client:
@@ -184,11 +184,16 @@ class _Client:
 
     async def _sent(self, sending: Awaitable[None]) -> None:
         """Send, or cut the client off if it does not take the message: it must hold up nobody else."""
+        # Not `wait_for`: aiohttp lets all who send to a client wait for one future, and each who is cancelled cancels it.
+        cutting = asyncio.get_running_loop().call_later(SEND_SECONDS, self._cut_off)
         try:
-            await asyncio.wait_for(sending, SEND_SECONDS)
-        except asyncio.TimeoutError:
-            if isinstance(self._transport, asyncio.WriteTransport):
-                self._transport.abort()
+            await sending
+        finally:
+            cutting.cancel()
+
+    def _cut_off(self) -> None:
+        if isinstance(self._transport, asyncio.WriteTransport):
+            self._transport.abort()
 
     async def run(self) -> None:
         """Handle input and send pictures until the connection ends."""
