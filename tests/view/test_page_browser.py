@@ -310,6 +310,13 @@ def test_channels_are_grouped_as_by_the_library(shown, names):
 
 
 @pytest.mark.long
+def test_the_histogram_of_no_light_is_about_1(shown):
+    full = "{ histograms: [new Uint32Array(BIN_COUNT)], inStops: true }"
+    bins = shown.evaluate(f"drawHistogram(document.querySelector('#histogram canvas'), {full}, 0)")
+    assert bins == [(32 - 8) * 8, (32 + 4) * 8 - 1]
+
+
+@pytest.mark.long
 def test_buttons_keep_the_space_bar(shown):
     """Of what has the focus: it opens the header, and presses a button."""
     shown.focus("#info summary")
