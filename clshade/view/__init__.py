@@ -8,7 +8,12 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-_HOMES = {"Film": "film", "draw_film": "film", "Sheet": "sheet", "draw_sheet": "sheet"}  # name -> module
+_HOMES = {
+    "Film": "clshade.view.film",
+    "draw_film": "clshade.view.film",
+    "Sheet": "clshade.view.sheet",
+    "draw_sheet": "clshade.view.sheet",
+}
 
 __all__ = ["Film", "Sheet", "draw_film", "draw_sheet"]
 
@@ -24,7 +29,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     import importlib
 
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:
