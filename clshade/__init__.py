@@ -33,6 +33,7 @@ _HOMES = {
     "errors": "clshade.errors",
     "exr": "clshade.exr",
     "farm": "clshade.farm",
+    "view": "clshade.view",
 }
 
 __all__ = [*_HOMES, "__version__"]
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from . import errors as errors
     from . import exr as exr
     from . import farm as farm
+    from . import view as view
     from .measure.check.check import check as check
     from .pipeline.frame import Frame as Frame
     from .pipeline.renderer import Renderer as Renderer

@@ -24,7 +24,7 @@ def test_every_public_name_can_be_had():
 
 
 HEAVY = ("numpy", "pyopencl", "OpenEXR", "matplotlib", "PIL", "trimesh", "scipy", "dask", "distributed")
-MODULES = ("course", "errors", "exr", "farm")
+MODULES = ("course", "errors", "exr", "farm", "view")
 DOCUMENTED = {
     "course": (
         *("arguments", "bilerp", "calculate_normals", "gouraud_shading", "light", "release", "render_object"),
@@ -33,6 +33,7 @@ DOCUMENTED = {
     "errors": ("ClshadeError", "DeviceError", "InputError", "OutputError", "WorkerError"),
     "exr": ("read", "write", "encode", "flatten"),
     "farm": ("draw_frames", "orbit", "parse_frames", "read_cameras", "Run"),
+    "view": ("Film", "Sheet", "draw_film", "draw_sheet"),
 }
 
 

@@ -169,7 +169,7 @@ def checked(operator: str, exposure: float) -> float:
     choice("tonemap", "operator", operator, OPERATORS)
     try:
         stops = float(exposure)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         stops = math.nan
     if not abs(stops) <= MAX_EXPOSURE:
         raise InputError(f"tonemap: exposure: expected stops from -300 to 300, found {exposure!r}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
@@ -17,7 +18,7 @@ REPEATED = ("scalars", "edges")  # fields of Settings that no client changes: th
 def render_command(source: Source, scene: Scene, view: View, tonemap: Operator | None, exposure: float) -> list[str]:
     """Return the arguments, from `clshade render` on, without an output."""
     preset = source.settings.get("preset") or scene.preset
-    arguments = ["clshade", "render", source.name, *source.options]
+    arguments = ["clshade", "render", as_argument(source.name), *source.options]
     for option, value in (
         ("position", view.camera.eye),
         ("focal-point", view.camera.lookat),
@@ -36,6 +37,11 @@ def render_command(source: Source, scene: Scene, view: View, tonemap: Operator |
     if exposure:
         arguments.append(f"--exposure={exposure!r}")
     return arguments
+
+
+def as_argument(path: str) -> str:
+    """Return a path that no program takes for an option."""
+    return os.path.join(os.curdir, path) if path.startswith("-") else path
 
 
 def _setting(name: str, value: Any) -> list[str]:

@@ -8,6 +8,7 @@ import json
 import secrets
 import signal
 import socket
+import traceback
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -28,6 +29,7 @@ AHEAD = 2  # pictures on their way to a client: one is drawn while the one befor
 WATCH_SECONDS = 0.5
 MAX_MESSAGE = 1 << 16  # bytes, from a client
 CLOSE_SECONDS = 0.2  # for clients to say goodbye
+SEND_SECONDS = 30.0  # for a client to take a message; one that reads nothing is cut off
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -121,15 +123,16 @@ class LiveServer:
         if "Origin" not in request.headers:  # browsers always send it
             return web.Response(status=403, text="403: a WebSocket needs an Origin\n")
         # Compression would take longer than the loopback interface.
-        client = _Client(self, web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0))
-        await client.socket.prepare(request)
+        ws = web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0)
+        await ws.prepare(request)
+        client = _Client(self, ws, request.transport)
         self.clients.add(client)
         try:
             await client.run()
         finally:
             self.clients.discard(client)
             await self.in_drawing(client.session.close)
-        return client.socket
+        return ws
 
     async def in_drawing(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function in the thread that draws."""
@@ -150,36 +153,51 @@ class LiveServer:
         """Read the scene again, for all clients."""
         try:
             await self.in_drawing(self.scene.load)
-        except (ClshadeError, MemoryError) as error:
+        except Exception as error:
             await self.tell_all({"type": "error", "text": _line(error)})
             return
         self.is_outdated = False
         for client in self.clients:
             client.session.reloaded()
             client.changed.set()
-            await client.tell({"type": "scene", **client.session.description()})
+        await asyncio.gather(*(client.describe() for client in self.clients), return_exceptions=True)
 
     async def tell_all(self, message: dict[str, Any]) -> None:
-        for client in list(self.clients):
-            await client.tell(message)
+        await asyncio.gather(*(client.tell(message) for client in self.clients), return_exceptions=True)
 
 
 class _Client:
     """A connected page: its session, and the pictures on their way to it."""
 
-    def __init__(self, server: LiveServer, ws: web.WebSocketResponse) -> None:
-        self.server, self.socket = server, ws
+    def __init__(self, server: LiveServer, ws: web.WebSocketResponse, transport: asyncio.BaseTransport | None) -> None:
+        self.server, self.socket, self._transport = server, ws, transport
         self.session = Session(server.scene)
         self.changed = asyncio.Event()  # something may be due
         self._on_the_way = 0
 
     async def tell(self, message: dict[str, Any]) -> None:
         with contextlib.suppress(ConnectionError, RuntimeError):  # it is closing
-            await self.socket.send_str(json.dumps(message))
+            await self._sent(self.socket.send_str(json.dumps(message)))
+
+    async def describe(self) -> None:
+        await self.tell({"type": "scene", **self.session.description()})
+
+    async def _sent(self, sending: Awaitable[None]) -> None:
+        """Send, or cut the client off if it does not take the message: it must hold up nobody else."""
+        # Not `wait_for`: aiohttp lets all who send to a client wait for one future, and each who is cancelled cancels it.
+        cutting = asyncio.get_running_loop().call_later(SEND_SECONDS, self._cut_off)
+        try:
+            await sending
+        finally:
+            cutting.cancel()
+
+    def _cut_off(self) -> None:
+        if isinstance(self._transport, asyncio.WriteTransport):
+            self._transport.abort()
 
     async def run(self) -> None:
         """Handle input and send pictures until the connection ends."""
-        await self.tell({"type": "scene", **self.session.description()})
+        await self.describe()
         if self.server.is_outdated:
             await self.tell({"type": "changed", "changed": True})
         tasks = [asyncio.create_task(each) for each in (self._receive(), self._send_pictures())]
@@ -215,7 +233,7 @@ class _Client:
                 await self.server.reload()
             else:
                 self.session.handle(message)
-        except (ClshadeError, ValueError, RecursionError, MemoryError) as error:
+        except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
         self.changed.set()
 
@@ -230,7 +248,7 @@ class _Client:
             drawing = await self._drawn(due)
             if drawing is not None:
                 self._on_the_way += 1
-                await self.socket.send_bytes(drawing.message)
+                await self._sent(self.socket.send_bytes(drawing.message))
 
     async def _drawn(self, task: Task) -> Drawing | None:
         """Draw a picture; if that fails, tell the client and go on."""
@@ -239,7 +257,7 @@ class _Client:
         drawing: Drawing | None = None
         try:
             drawing = await self.server.in_drawing(self.session.draw, task)
-        except (ClshadeError, MemoryError) as error:
+        except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
         self.session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
         if drawing is not None:
@@ -247,9 +265,15 @@ class _Client:
         return drawing
 
 
-def _line(error: BaseException) -> str:
-    name = "out of memory: " if isinstance(error, MemoryError) else ""
-    return name + " ".join(str(error).split())
+def _line(error: Exception) -> str:
+    """Return a line on an error for clients. An unforeseen one is printed, too: the view goes on."""
+    text = " ".join(str(error).split())
+    if isinstance(error, (ClshadeError, ValueError, RecursionError)):
+        return text
+    if isinstance(error, MemoryError):
+        return f"out of memory: {text}"
+    traceback.print_exception(error)
+    return f"internal error: {type(error).__name__}: {text}"
 
 
 @contextlib.contextmanager

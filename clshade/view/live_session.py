@@ -17,7 +17,7 @@ from ..pipeline.frame_files import output_paths
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
 from . import orbit_controls
-from .live_command import REPEATED, render_command
+from .live_command import REPEATED, as_argument, render_command
 from .live_message import enlarged, packed, pixel, planes, rgba8
 from .live_scene import LiveScene, View, in_motion
 from .refinement import Refinement, Step
@@ -115,7 +115,9 @@ class Session:
         if "tonemap" in fields or "exposure" in fields:
             operator = fields.pop("tonemap", display.tonemap)
             exposure = fields.pop("exposure", display.exposure)
-            display = replace(display, tonemap=operator, exposure=checked_exposure(operator or "srgb", exposure))
+            display = replace(
+                display, tonemap=operator, exposure=checked_exposure("srgb" if operator is None else operator, exposure)
+            )
         if "as_floats" in fields:
             display = replace(display, as_floats=fields.pop("as_floats") is True)
         if "lights" in fields:
@@ -231,7 +233,7 @@ class Session:
         """Return the command line of `render` that draws this view."""
         source = self._scene.source
         arguments = render_command(source, self._scene.scene, self.view, self.display.tonemap, self.display.exposure)
-        return shlex.join([*arguments, *([] if output is None else ["-o", output])])
+        return shlex.join([*arguments, *([] if output is None else ["-o", as_argument(output)])])
 
     def close(self) -> None:
         """Release frames and renderers; in the thread that draws."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Iterable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,15 +20,16 @@ class LiveStats:
     def __init__(self) -> None:
         self._times: dict[tuple[int, int], deque[dict[str, float]]] = defaultdict(lambda: deque(maxlen=KEPT))
         self._intervals: deque[float] = deque(maxlen=KEPT)
-        self._latest: dict[int, float] = {}  # session -> when its latest picture was drawn, if it was in motion
+        # session -> when its latest picture was drawn, if it was in motion
+        self._latest: WeakKeyDictionary[object, float] = WeakKeyDictionary()
 
     def add(self, session: object, drawing: Drawing, now: float) -> None:
         """Note a picture that was drawn at the time `now`, s. Pictures follow at the pace at which a client shows them."""
         step = drawing.task.step
         self._times[step.samples, step.scale].append(drawing.times_ms)
-        before = self._latest.pop(id(session), None)
+        before = self._latest.pop(session, None)
         if drawing.task.is_first:
-            self._latest[id(session)] = now
+            self._latest[session] = now
             if before is not None:
                 self._intervals.append(now - before)
 

@@ -20,6 +20,7 @@ from ..images.statistics import image_statistics
 from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
+from ..scene.settings import FrameOptions
 from ..scene.surface_facts import surface_facts
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from ..pipeline.opencl.device import Device
     from ..scene.camera import Camera
     from ..scene.model import Scene
-    from ..scene.settings import FrameOptions
 
 DEFAULT_VIEWS = ("front", "right", "top", "iso")
 MOST_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
@@ -43,15 +43,36 @@ _GAP, _PAD = 16, 8  # pixels
 
 @dataclass(frozen=True)
 class Sheet:
-    """A drawn sheet. picture: (height, width, 3) uint8. facts: for JSON, see clshade/view/README.md."""
+    """A drawn sheet.
+
+    Attributes
+    ----------
+    picture : (M, N, 3) uint8 array
+        The views with their titles.
+    facts : dict
+        What the JSON file holds, see clshade/view/README.md.
+    """
 
     picture: Bytes
     facts: dict[str, Any]
 
     def save(self, path: str | Path) -> tuple[Path, Path]:
-        """Write the picture and the facts to path.png and path.json, both or neither, and return their paths.
+        """Write the picture and the facts to path.png and path.json, both or neither.
 
-        An extension .png or .json is dropped. Raises OutputError.
+        Parameters
+        ----------
+        path : str or path-like
+            An extension .png or .json is dropped.
+
+        Returns
+        -------
+        tuple of Path
+            Of the picture and of the facts.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written.
         """
         picture, facts = sheet_paths(path)
         text = json.dumps({**self.facts, "image": picture.name}, indent=2)

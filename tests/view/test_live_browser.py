@@ -7,7 +7,7 @@ import contextlib
 import shlex
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +76,18 @@ def shown(browser: Any, *arguments: object, hash_: str = "") -> Iterator[Any]:
             page.close()
 
 
+def within(condition: Callable[[], bool]) -> None:
+    """Wait until a condition of the server is true."""
+    ends = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+
+
 def at_rest(page: Any) -> int:
     """Wait until the final picture of the server's latest view is shown; return its version."""
+    # Input is sent in an animation frame; what the server has answered to came after it.
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     page.wait_for_timeout(100)  # input on its way
     ends = time.monotonic() + 60.0
     while time.monotonic() < ends:
@@ -144,9 +154,14 @@ def test_mouse_keys_and_values(browser, tmp_path, monkeypatch, capsys):
 
 
 def test_controls(browser):
-    with shown(browser, *SMALL) as page:
+    with shown(browser, *SMALL, "--tonemap", "aces", "--exposure", "1") as page:
         at_rest(page)
         before = channel(page, "R")
+        tonemap = page.evaluate("viewer.settings.operator")
+        page.evaluate("viewer.set({ operator: 'hable', exposure: 2 })")
+        page.keyboard.press("r")  # back to the scene's own
+        assert page.evaluate("[viewer.settings.operator, viewer.settings.exposure]") == [tonemap, 1.0]
+        page.evaluate("viewer.set({ exposure: 0 })")
         page.click("#live .toggles button:text-is('Z')")
         at_rest(page)
         depth = clshade.render(clshade.builtin("quads"), resolution=(160, 120), samples=4, layers="Z")["Z"]
@@ -175,8 +190,18 @@ def test_controls(browser):
         page.keyboard.press("Enter")
         (client,) = page.server.clients
         until(page, "JSON.parse(live.display).exposure === 1.5")
-        page.wait_for_timeout(300)
-        assert client.session.display.exposure == 1.5
+        within(lambda: client.session.display.exposure == 1.5)
+        # A message that cannot be shown is acknowledged: else there would be no further pictures.
+        sent = page.evaluate("""() => {
+          const [sent, { connection }] = [[], live];
+          connection.waiting.push(new ArrayBuffer(8));
+          const send = connection.send;
+          connection.send = (message) => sent.push(message.type);
+          try { connection.show(); } catch { sent.push("failed"); }
+          connection.send = send;
+          return sent;
+        }""")
+        assert sent == ["shown", "failed"]
 
 
 def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):

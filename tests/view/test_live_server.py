@@ -26,6 +26,7 @@ from scene_files import write
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
 
 from clshade.cli.commands import live_view  # noqa: E402
+from clshade.view import live_server  # noqa: E402
 from clshade.view.live_page import live_page  # noqa: E402
 from clshade.view.live_scene import LiveScene  # noqa: E402
 from clshade.view.live_server import HOST, LiveServer, listen  # noqa: E402
@@ -248,6 +249,52 @@ def test_nonsense_is_answered_with_an_error_and_harms_nobody():
             await other.next("image")
 
     in_loop(check)()
+
+
+def test_a_client_that_reads_nothing_holds_up_nobody(monkeypatch):
+    async def check() -> None:
+        async with serving() as server, client(server) as one:
+            await _until(lambda: len(server.clients) == 1)
+            (deaf,) = server.clients
+            one.ws._response.connection.transport.pause_reading()
+            async with client(server) as other:
+                long = {"type": "error", "text": "x" * (24 << 20)}  # bytes: more than the buffers on the way hold
+                told = asyncio.create_task(server.tell_all(long))
+                assert (await other.next("error"))[0] == long
+                assert not told.done()
+                monkeypatch.setattr(live_server, "SEND_SECONDS", 0.05)
+                await deaf.tell(long)
+                await _until(lambda: deaf not in server.clients)  # cut off
+                await asyncio.wait_for(told, SECONDS)
+                await other.send(type="orbit", right=1.0)
+                await other.next("image")
+                one.ws._response.connection.transport.abort()
+
+    in_loop(check)()
+
+
+def test_an_unforeseen_error_is_said_and_ends_nothing(monkeypatch, capsys):
+    async def check() -> None:
+        async with serving(*SMALL, "--samples", "1") as server, client(server) as one:
+            await one.next("image")
+
+            def fail(*_: object) -> None:
+                raise ZeroDivisionError("of a device")
+
+            with monkeypatch.context() as patch:
+                patch.setattr(server.scene, "render", fail)
+                for message in ({"type": "orbit", "right": 5.0}, {"type": "probe", "column": 1, "row": 1}):
+                    await one.send(**message)
+                    assert (await one.next("error"))[0]["text"] == "internal error: ZeroDivisionError: of a device"
+            with monkeypatch.context() as patch:
+                patch.setattr(server.scene, "load", fail)
+                await one.send(type="reload")
+                assert "of a device" in (await one.next("error"))[0]["text"]
+            await one.send(type="orbit", right=5.0)
+            await one.next("image")
+
+    in_loop(check)()
+    assert "ZeroDivisionError: of a device" in capsys.readouterr().err
 
 
 def test_a_file_that_changes_is_announced_and_read_again_on_request(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import shlex
 from dataclasses import replace
@@ -20,6 +21,7 @@ from clshade.errors import InputError
 from clshade.pipeline.frame import same_bits
 from clshade.view.live_scene import LiveScene
 from clshade.view.live_session import Session, Task
+from clshade.view.live_stats import LiveStats
 
 pytestmark = needs_device
 
@@ -136,7 +138,10 @@ def test_the_elevation_stays_short_of_the_poles():
         {"type": "set", "samples": 65},
         {"type": "set", "samples": [1]},
         {"type": "set", "exposure": math.nan},
+        {"type": "set", "exposure": 10**400},
         {"type": "set", "tonemap": "x"},
+        {"type": "set", "tonemap": ""},
+        {"type": "set", "tonemap": []},
         {"type": "set", "lights": [1.0]},
         {"type": "set", "lights": [-1.0, 1.0, 1.0]},
         {"type": "set", "lights": 1},
@@ -192,6 +197,20 @@ OPTIONS = [
 ]
 
 
+def test_names_that_look_like_options(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "-a.obj", TRIANGLE + "f 1 2 3\n")
+    session, _ = session_of("--resolution", "8,6", "--samples", "1", "--", "-a.obj")
+    found = session.snapshot()
+    assert found["files"] == ["-a-1.exr", "-a-1.png"]
+    pictures = [Path(name) for name in found["files"]]
+    written = pictures[1].read_bytes()
+    for picture in pictures:
+        picture.unlink()
+    assert main(shlex.split(found["command"])[1:]) == 0, capsys.readouterr()
+    assert pictures[1].read_bytes() == written
+
+
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
 def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, options):
     monkeypatch.chdir(tmp_path)
@@ -243,6 +262,17 @@ def test_two_sessions_share_a_scene_and_keep_their_own_cameras():
     assert scene.open_renderers == 1
     first.close()
     assert scene.open_renderers == 0
+
+
+def test_statistics_keep_no_session():
+    session, _ = session_of(*SMALL)
+    stats = LiveStats()
+    stats.add(session, next_drawing(session), 0.0)
+    assert len(stats._latest) == 1
+    session.close()
+    del session
+    gc.collect()
+    assert not stats._latest
 
 
 def test_renderers_stay_few():

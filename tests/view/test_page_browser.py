@@ -130,6 +130,7 @@ def test_special_values_are_marked(shown):
     assert "1 negative" in counts
 
 
+@pytest.mark.long
 def test_false_color_is_in_stops(shown):
     from matplotlib import colormaps
 
@@ -143,6 +144,7 @@ def test_false_color_is_in_stops(shown):
     assert (off > 0).mean() < 0.02
 
 
+@pytest.mark.long
 def test_the_histogram_counts_every_pixel(shown):
     found = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
     finite = ramp()[..., 0].astype(float)
@@ -168,6 +170,7 @@ def test_the_probe_shows_the_values_of_the_file(shown, files):
     assert until(shown, f"document.querySelector('#layers .place').textContent === '{x}, {y}'")
 
 
+@pytest.mark.long
 def test_layers_are_chosen_and_drawn_by_their_kind(shown):
     expected = thumbnails(exr.flatten(channels_of_a()))
     for name in ("Z", "N", "object_id", "uv", "P"):
@@ -216,6 +219,7 @@ def test_the_keyboard(shown):
     assert after("Escape", "document.getElementById('help').open") is False
 
 
+@pytest.mark.long
 def test_comparison(shown):
     """The reference is smaller: beyond it nothing is drawn, of the wipe's right side and of the difference."""
     shown.evaluate("viewer.set({ marking: false })")
@@ -238,12 +242,14 @@ def test_comparison(shown):
     shown.keyboard.up("Shift")
 
 
+@pytest.mark.long
 def test_a_png_is_shown_as_it_is(shown):
     shown.evaluate("viewer.select('c')")
     until(shown, "viewer.drawn.image.name === 'c'")
     assert (pixels(shown) == np.resize(np.arange(256), (ROWS, COLUMNS, 3))).all()
 
 
+@pytest.mark.long
 def test_dragging_zooming_and_taking_over(shown):
     start = shown.evaluate("viewer.view")
     shown.mouse.move(200, 200)
@@ -267,6 +273,7 @@ def test_dragging_zooming_and_taking_over(shown):
     shown.evaluate("viewer.onpointer = null")
 
 
+@pytest.mark.long
 def test_an_image_is_replaced_in_place(shown):
     """What a live view does: zoom, exposure and layer stay."""
     state = "JSON.stringify([viewer.view, viewer.settings, viewer.layerName, viewer.selected])"
@@ -280,9 +287,6 @@ def test_an_image_is_replaced_in_place(shown):
     assert shown.evaluate("viewer.image.layers.map((layer) => layer.name)") == ["Z", "id", "R"]
     shown.reload()
     shown.wait_for_selector("html[data-ready]", state="attached")
-
-
-# What takes longer
 
 
 NAMES = [
@@ -303,6 +307,79 @@ def test_channels_are_grouped_as_by_the_library(shown, names):
     assert shown.evaluate(call, names) == expected
     color = color_group(planes)
     assert shown.evaluate("(names) => colorLayer(groupChannels(names))?.name ?? null", names) == (color and color[0])
+
+
+@pytest.mark.long
+def test_the_histogram_of_no_light_is_about_1(shown):
+    full = "{ histograms: [new Uint32Array(BIN_COUNT)], inStops: true }"
+    bins = shown.evaluate(f"drawHistogram(document.querySelector('#histogram canvas'), {full}, 0)")
+    assert bins == [(32 - 8) * 8, (32 + 4) * 8 - 1]
+
+
+@pytest.mark.long
+def test_buttons_keep_the_space_bar(shown):
+    """Of what has the focus: it opens the header, and presses a button."""
+    shown.focus("#info summary")
+    shown.keyboard.press("Space")
+    assert shown.evaluate("[document.getElementById('info').open, viewer.mode]") == [True, "single"]
+    shown.keyboard.press("Space")
+    assert shown.evaluate("document.getElementById('info').open") is False
+    shown.focus("#layers tr[data-layer=Z] button")
+    shown.keyboard.press("Space")
+    assert shown.evaluate("[viewer.layerName, viewer.mode]") == ["Z", "single"]
+    shown.focus("#picture")
+
+
+# Emulated screens send no event: the test does.
+SCREENS = """
+  window.queries = [];
+  window.matchMedia = (text) => queries[queries.push(Object.assign(new EventTarget(), { text })) - 1];"""
+
+
+@pytest.mark.long
+def test_another_screen(browser, written):
+    """Where a CSS pixel has another number of pixels, the canvas follows; until then the probe goes by the old one."""
+    shown = opened(browser, written, script=SCREENS)
+    screen = shown.context.new_cdp_session(shown)
+    metrics = {"width": 640, "height": 400, "mobile": False}
+    for ratio in (2, 1.5, 1):
+        screen.send("Emulation.setDeviceMetricsOverride", {**metrics, "deviceScaleFactor": ratio})
+        until(shown, f"window.devicePixelRatio === {ratio}")
+        for _ in range(2):
+            x, y = shown.evaluate(
+                "[viewer.view.x, viewer.view.y].map((at) => at * viewer.canvas.clientWidth / viewer.canvas.width)"
+            )
+            shown.mouse.move(x - 9, y - 9)
+            shown.mouse.move(x + 1, y + 1)
+            assert until(shown, "viewer.hovered && [viewer.hovered.x, viewer.hovered.y]") == [0, 0]
+            shown.evaluate("queries.at(-1).dispatchEvent(new Event('change'))")
+        assert shown.evaluate("viewer.canvas.width === Math.round(viewer.canvas.clientWidth * devicePixelRatio)")
+        assert shown.evaluate("queries.at(-1).text") == f"(resolution: {ratio}dppx)"
+    assert shown.faults == []
+    shown.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [5, 6, 7, 8])
+def test_any_number_of_tone_maps_fits(browser, written, count):
+    shown = opened(browser, written, 1280, 800)
+    shown.evaluate(f"""() => {{
+      const choices = Array.from({{ length: {count} }}, (_, k) => ({{ value: k, label: k % 2 ? "Reinhard" : "Neutral" }}));
+      new Choice(viewer.canvas.ownerDocument.getElementById("adjust"), () => {{}}).update(choices, 0);
+    }}""")
+    outer, *boxes = shown.evaluate("""() => {
+      const choice = document.querySelector("#adjust > .choice:last-child");
+      return [choice, ...choice.children].map((each) => {
+        const { left, right, top } = each.getBoundingClientRect();
+        return [left, right, top, each.scrollWidth - each.clientWidth];
+      });
+    }""")
+    assert all(outer[0] - 1 <= left and right <= outer[1] + 1 and cut <= 0 for left, right, _, cut in boxes)
+    rows = {top for _, _, top, _ in boxes}
+    assert len(rows) == (1 if count < 6 else 2)
+    for row in rows:
+        assert max(right for _, right, top, _ in boxes if top == row) == pytest.approx(outer[1], abs=1)
+    shown.close()
 
 
 @pytest.mark.long

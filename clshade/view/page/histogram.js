@@ -46,13 +46,15 @@ function drawHistogram(canvas, full, white) {
   context.textBaseline = "bottom";
   context.fillRect(0, base, canvas.width, ratio);
   if (inStops) drawStops(context, canvas, first, bins, base, white, ratio);
-  else drawEnds(context, canvas, formatted(full.low, 4), formatted(full.high, 4));
+  else if (full.low <= full.high) drawEnds(context, canvas, formatted(full.low, 4), formatted(full.high, 4));
   return [first, last];
 }
 
-/** Return the first and last bins that matter, at whole stops, at least four stops wide. */
+/** Return the first and last bins that matter, at whole stops, at least four stops wide; of no light, those of the false
+ * color. */
 function filledBins(histograms) {
   const total = histograms.reduce((sum, counts) => sum + counts.reduce((a, b) => a + b, 0), 0);
+  if (!total) return FALSE_COLOR_STOPS.map((stop, k) => (stop - LOWEST_STOP) * BINS_PER_STOP - k);
   const enough = total * 2e-5;
   const matters = (bin) => histograms.reduce((sum, counts) => sum + counts[bin], 0) > enough;
   let first = 0;

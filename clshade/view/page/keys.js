@@ -64,7 +64,7 @@ function attachKeys(viewer) {
     viewer.setComponent(cycle(choices, viewer.component, 1));
   };
   const info = document.getElementById("info");
-  const pan = 64 * viewer.ratio;
+  const pan = (x, y) => viewer.pan(64 * x * viewer.ratio, 64 * y * viewer.ratio);
   const single = {
     e: (event) => viewer.set({ exposure: viewer.settings.exposure + (event.shiftKey ? -0.5 : 0.5) }),
     x: nextComponent,
@@ -76,10 +76,10 @@ function attachKeys(viewer) {
     r: () => viewer.reset(),
     f: () => viewer.fit(),
     b: () => viewer.setBorder(true),
-    h: () => viewer.pan(pan, 0),
-    l: () => viewer.pan(-pan, 0),
-    j: () => viewer.pan(0, -pan),
-    k: () => viewer.pan(0, pan),
+    h: () => pan(1, 0),
+    l: () => pan(-1, 0),
+    j: () => pan(0, -1),
+    k: () => pan(0, 1),
     i: () => { info.open = !info.open; if (info.open) info.scrollIntoView(); },
     0: () => viewer.toggleActualSize(),
     "+": () => viewer.zoomBy(2 ** 0.5),
@@ -96,7 +96,7 @@ function attachKeys(viewer) {
     if (key === "Control") viewer.hold("A");
     const typing = event.target instanceof HTMLInputElement && event.target.type === "number";
     const sliding = event.target instanceof HTMLInputElement && event.target.type === "range" && key.startsWith("Arrow");
-    const pressing = key === " " && (event.target instanceof HTMLButtonElement || event.target instanceof HTMLInputElement);
+    const pressing = key === " " && event.target.matches?.("button, input, summary");
     if (event.altKey || typing || sliding || pressing || document.getElementById("help").open) return;
     const commanded = event.ctrlKey || event.metaKey;
     const digit = /^Digit([1-9])$/.exec(event.code);

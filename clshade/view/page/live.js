@@ -66,7 +66,8 @@ class Live {
     if (!this.viewer.images.size) {
       const black = () => new Float32Array(width * height);
       this.viewer.setImage(scene.name, { width, height, channels: { R: black(), G: black(), B: black() }, info: {} });
-      this.viewer.set({ exposure: scene.exposure, operator: scene.tonemap });
+      Object.assign(this.viewer.initial, { exposure: scene.exposure, operator: scene.tonemap });
+      this.viewer.reset();
     }
     this.panel.describe(scene);
     this.tellDisplay();
@@ -125,7 +126,7 @@ class Live {
     if (key === this.probedKey) return;
     this.probedKey = key;
     if (key) this.send({ type: "probe", column: pinned.x, row: pinned.y });
-    if (!key || !this.header.last) this.others.replaceChildren();
+    else this.others.replaceChildren();
   }
 
   /** Show the values of the layers that the viewer's image lacks. */

@@ -30,9 +30,12 @@ class Connection extends EventTarget {
   show() {
     this.frame = null;
     const pictures = this.waiting.splice(0);
-    const { header, arrays } = unpackPicture(pictures.at(-1));
-    this.onpicture(header, arrays);
-    pictures.forEach(() => this.send({ type: "shown" }));
+    try {
+      const { header, arrays } = unpackPicture(pictures.at(-1));
+      this.onpicture(header, arrays);
+    } finally { // the view would stop for ever
+      pictures.forEach(() => this.send({ type: "shown" }));
+    }
   }
 }
 

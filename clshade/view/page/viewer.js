@@ -39,6 +39,7 @@ class Viewer extends Viewport {
     this.border = false;
     this.statisticsTime = 0; // when they were computed last
     new ResizeObserver(() => this.resized()).observe(canvas.parentElement);
+    onRatioChange(() => this.resized());
     attachNavigation(this);
   }
 
@@ -64,18 +65,6 @@ class Viewer extends Viewport {
     this.changed();
     if (this.probed) this.dispatchEvent(new Event("hover"));
     return image;
-  }
-
-  removeImage(name) {
-    const image = this.images.get(name);
-    if (!image) return;
-    for (const channel of image.channels.values()) this.display.dropChannel(channel);
-    this.images.delete(name);
-    const others = [...this.images.keys()];
-    if (this.selected === name) this.selected = others[0] ?? null;
-    if (this.reference === name) this.reference = others.find((each) => each !== this.selected) ?? null;
-    if (!this.reference) this.mode = "single";
-    this.changed();
   }
 
   get image() {
@@ -219,6 +208,7 @@ class Viewer extends Viewport {
 
   resized() {
     const box = this.canvas.parentElement.getBoundingClientRect();
+    this.ratio = window.devicePixelRatio;
     const [width, height] = [box.width, box.height].map((side) => Math.max(1, Math.round(side * this.ratio)));
     for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
     if (this.fitted) this.fit();

@@ -3,6 +3,15 @@
 
 const MOST_ZOOM = 256; // CSS pixels per pixel of the image
 
+/** Call a function whenever a CSS pixel gets another number of pixels, as when the window moves to another screen. */
+function onRatioChange(changed) {
+  const query = matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
+  query.addEventListener("change", () => {
+    onRatioChange(changed);
+    changed();
+  }, { once: true });
+}
+
 /** The part of the viewer that knows the place of the image. view: {x, y} of its top left corner, and zoom, in pixels of
  * the canvas. */
 class Viewport extends EventTarget {
@@ -11,10 +20,7 @@ class Viewport extends EventTarget {
     this.canvas = canvas;
     this.view = { x: 0, y: 0, zoom: 1 };
     this.fitted = true;
-  }
-
-  get ratio() {
-    return window.devicePixelRatio || 1;
+    this.ratio = window.devicePixelRatio; // pixels of the canvas per CSS pixel, as it was sized last
   }
 
   /** Return a mouse event's place in pixels of the canvas. */
