@@ -38,7 +38,7 @@ INLINE double vertex_w(global const Vertex *v, global const View *view)
     return ORTHOGRAPHIC ? -depth : 1.0 / depth;
 }
 
-// Face `index`, or a clipped piece. Returns 0 for faces that are drawn as pieces, or not at all.
+// Face `index`, or a clipped piece, without w. Returns 0 for faces that are drawn as pieces, or not at all.
 INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
 {
     if (index < face_count) {
@@ -49,7 +49,6 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
                 return 0;
             t->x[k] = v->x;
             t->y[k] = v->y;
-            t->w[k] = vertex_w(v, view);
         }
     } else {
         global const Piece *piece = pieces + (index - face_count);
@@ -57,7 +56,6 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
         for (int k = 0; k < 3; ++k) {
             t->x[k] = piece->x[k];
             t->y[k] = piece->y[k];
-            t->w[k] = (double)piece->w[k] + (double)piece->w_low[k];
         }
     }
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
@@ -68,6 +66,17 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
     int front_only = CULL;
 #endif
     return area != 0 && !(front_only && area < 0);
+}
+
+INLINE void put_w(HidingTriangle *t, int index, HIDING_PARAMETERS)
+{
+    for (int k = 0; k < 3; ++k)
+        if (index < face_count) {
+            t->w[k] = vertex_w(vertices + faces[3 * index + k], view);
+        } else {
+            global const Piece *piece = pieces + (index - face_count);
+            t->w[k] = (double)piece->w[k] + (double)piece->w_low[k];
+        }
 }
 
 // Change of the triangle's edge function k with x and y.
@@ -116,6 +125,7 @@ kernel void list_hiders(HIDING_PARAMETERS,
     hider.high[0] = max(max(t.x[0], t.x[1]), t.x[2]) + 1;
     hider.high[1] = max(max(t.y[0], t.y[1]), t.y[2]) + 1;
 #if DEPTH_TEST
+    put_w(&t, index, HIDING_ARGUMENTS);
     hider.nearest = fmax(fmax(t.w[0], t.w[1]), t.w[2]);
 #else
     hider.nearest = -(double)ranks[t.face];
@@ -296,7 +306,7 @@ INLINE void cut_way(Way *way, double first, double last)
 INLINE Way covered_way(const HidingTriangle *t, const LinePoint *end, double slacks)
 {
     Way way = {0.0, 1.0};
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3 && way.from <= way.to; ++k) {
         EdgeAt first = edge_at_point(t, k, end[0]), last = edge_at_point(t, k, end[1]);
         cut_way(&way, first.value + slacks * first.slack, last.value + slacks * last.slack);
     }
@@ -314,7 +324,8 @@ typedef struct {
     LinePoint end[2];
     HidingTriangle hider[MOST_HIDERS];
     Way hidden[MOST_HIDERS];  // where each certainly hides the part
-    int count;  // of hiders; beyond MOST_HIDERS they are looked up again
+    double known;  // up to here the part is hidden
+    int count;     // of hiders; beyond MOST_HIDERS they are looked up again
 } Part;
 
 // Cuts the part from t[0] to t[1] to where position + t * change lies from `low` to `high`.
@@ -352,20 +363,20 @@ INLINE int has_face(const Line *l, global const int *edge_faces, int face)
     return own;
 }
 
-// Whether the parts that triangles hide make up the whole.
-INLINE int is_all_hidden(const Part *part)
+// Adds what one more triangle hides. Returns whether all of the part is hidden.
+INLINE int is_all_hidden(Part *part, Way hidden)
 {
-    double known = 0.0;
     int count = min(part->count, MOST_HIDERS);
-    for (int again = 1; again && known < 1.0;) {
+    for (int again = hidden.from <= part->known && hidden.to > part->known; again && part->known < 1.0;) {
         again = 0;
+        part->known = fmax(part->known, hidden.to);
         for (int i = 0; i < count; ++i)
-            if (part->hidden[i].from <= known && part->hidden[i].to > known) {
-                known = part->hidden[i].to;
+            if (part->hidden[i].from <= part->known && part->hidden[i].to > part->known) {
+                part->known = part->hidden[i].to;
                 again = 1;
             }
     }
-    return known >= 1.0;
+    return part->known >= 1.0;
 }
 
 // Finds the triangles that may hide a part, of those in the list from `hiders` to `end`. Returns whether they hide all of it.
@@ -376,14 +387,18 @@ INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, 
     int left = (int)floor(fmin(part->end[0].x, part->end[1].x)), right = (int)floor(fmax(part->end[0].x, part->end[1].x));
     int bottom = (int)floor(fmin(part->end[0].y, part->end[1].y)), top = (int)floor(fmax(part->end[0].y, part->end[1].y));
     part->count = 0;
+    part->known = 0.0;
     for (global const Hider *h = hiders; h < end; ++h) {
         if (h->nearest <= least || right < h->low[0] || left > h->high[0] || top < h->low[1] || bottom > h->high[1])
             continue;
         HidingTriangle t;
         hiding_triangle(&t, h->index, HIDING_ARGUMENTS);
-        Way seen = covered_way(&t, part->end, 2.0);
-        if (seen.from > seen.to || has_face(l, edge_faces, t.face))
+        if (has_face(l, edge_faces, t.face))
             continue;
+        Way seen = covered_way(&t, part->end, 2.0);
+        if (seen.from > seen.to)
+            continue;
+        put_w(&t, h->index, HIDING_ARGUMENTS);
         // Less than COVER_SLACK, more than rounding: adjacent triangles overlap, and point by point all of it is hidden too.
         Way hidden = covered_way(&t, part->end, 0.5);
         cut_way(&hidden, lead_at(&t, part->end[0]), lead_at(&t, part->end[1]));
@@ -395,8 +410,10 @@ INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, 
             part->hidden[part->count] = hidden;
         }
         ++part->count;
+        if (is_all_hidden(part, hidden))
+            return 1;
     }
-    return is_all_hidden(part);
+    return 0;
 }
 
 INLINE int is_hidden(const Part *part, const Line *l, LinePoint q, global const int *edge_faces, global const Hider *hiders,
@@ -411,6 +428,7 @@ INLINE int is_hidden(const Part *part, const Line *l, LinePoint q, global const 
             if (!is_nearer(h, q))
                 continue;
             hiding_triangle(&t, h->index, HIDING_ARGUMENTS);
+            put_w(&t, h->index, HIDING_ARGUMENTS);
             if (hides(&t, q) && !has_face(l, edge_faces, t.face))
                 return 1;
         }

@@ -9,7 +9,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from . import clip
 from .camera_space import CameraSpace
-from .struct_layout import GUARD_PIXELS, LINE_INSET, MOST_DEPTH, SUBPIXEL_BITS, Structs
+from .struct_layout import GUARD_PIXELS, LINE_INSET, MOST_DEPTH, SNAP_LIMIT, SUBPIXEL_BITS, Structs
 
 _LEAST_CELL, _LARGEST_CELL = 10, 12  # bits of 1/256 px: 4 to 16 px
 _MOST_CELLS = 1 << 20
@@ -71,22 +71,41 @@ def _clipped(points: Floats, space: CameraSpace) -> tuple[Floats, Integers]:
     return points[~gone], index[~gone]
 
 
-def segments(ends: Array, space: CameraSpace, width: int, structs: Structs) -> tuple[Array, Integers]:
+def _scaled_w(z: Floats, space: CameraSpace) -> Floats:
+    """Return 1/depth, scaled, of depths z, as `project` has it."""
+    depth = np.minimum(z * space.scale, MOST_DEPTH)
+    return -depth if space.camera.orthographic else 1.0 / depth
+
+
+def segments(
+    ends: Integers, positions: Array, vertices: Array, space: CameraSpace, width: int, structs: Structs
+) -> tuple[Array, Integers]:
     """Return a table (L,) of `structs.Line`, without what concerns faces, of the edges that may reach the image, and their
     indices (L,).
 
-    ends: (E, 2, 3) world positions. width: of the lines, 1/256 px.
+    ends: (E, 2) indices of positions (V, 3), world space, and of vertices (V,), what `project` makes of them. width: of
+    the lines, 1/256 px.
     """
-    points, index = _clipped(space.points(ends), space)
-    xy = clip.snap(clip.image_positions(points, space.camera))
+    before = vertices["depth"] >= space.near
+    at = np.stack([vertices["x"], vertices["y"]], axis=-1)
+    whole = (before & (np.abs(at) < SNAP_LIMIT).all(axis=1))[ends].all(axis=1)
+    z = np.where(before, vertices["depth"], space.near)  # only those before the near plane are read
+    index = np.flatnonzero(whole)
+    xy, w = at[ends[index]], _scaled_w(z, space)[ends[index]]
+    rest = np.flatnonzero(before[ends].any(axis=1) & ~whole)
+    if len(rest):
+        points, left = _clipped(space.points(positions[ends[rest]]), space)
+        index = np.concatenate([index, rest[left]])
+        xy = np.concatenate([xy, clip.snap(clip.image_positions(points, space.camera))])
+        w = np.concatenate([w, _scaled_w(points[..., 2], space)])
     size = np.array(space.camera.resolution) << SUBPIXEL_BITS
     reach = (width + 1) // 2
-    seen = ((xy.max(axis=1) >= -reach) & (xy.min(axis=1) <= size + reach)).all(axis=1)
-    points, index, xy = points[seen], index[seen], xy[seen]
+    low, high = np.minimum(xy[:, 0], xy[:, 1]), np.maximum(xy[:, 0], xy[:, 1])
+    seen = ((high >= -reach) & (low <= size + reach)).all(axis=1)
+    if not seen.all():
+        index, xy, w = index[seen], xy[seen], w[seen]
     lines = np.zeros(len(index), structs.Line)
-    lines["x"], lines["y"] = xy[..., 0], xy[..., 1]
-    z = np.minimum(points[..., 2] * space.scale, MOST_DEPTH)
-    lines["w"] = -z if space.camera.orthographic else 1.0 / z
+    lines["x"], lines["y"], lines["w"] = xy[..., 0], xy[..., 1], w
     with np.errstate(divide="ignore"):
         dx, dy = (xy[:, 1] - xy[:, 0]).astype(np.float64).T
         lines["inset"] = np.minimum(LINE_INSET / np.sqrt(dx * dx + dy * dy), 0.5)
@@ -94,11 +113,11 @@ def segments(ends: Array, space: CameraSpace, width: int, structs: Structs) -> t
 
 
 def line_grid(lines: Array, space: CameraSpace, width: int, structs: Structs) -> Array:
-    """Return the one row of `structs.LineGrid`: cells about twice as long as the lines (L,), over the image and as far
+    """Return the one row of `structs.LineGrid`: cells about as long as the lines (L,), over the image and as far
     around it as a line reaches. The cells change only how long the search for what hides a line takes."""
     reach, size = (width + 1) // 2, np.array(space.camera.resolution, np.int64) << SUBPIXEL_BITS
     dx, dy = (lines[name][:, 1].astype(np.float64) - lines[name][:, 0] for name in ("x", "y"))
-    length = 1.0 * float(np.sqrt(dx * dx + dy * dy).mean()) if len(lines) else 0.0
+    length = float(np.sqrt(dx * dx + dy * dy).mean()) if len(lines) else 0.0
     bits = min(max(math.ceil(math.log2(max(length, 1.0))), _LEAST_CELL), _LARGEST_CELL)
     while (size >> bits).prod() > _MOST_CELLS:
         bits += 1

@@ -31,7 +31,6 @@ class Lines:
         self._edges = mesh_edges(positions, faces)
         self._normals = face_normals(positions, faces)
         self._always = always_drawn(self._edges, asked, self._normals)
-        self._ends = positions[self._edges.ends].astype(np.float64)
         device = stages.device
         self._edge_faces = Buffer(device, self._edges.faces.astype(np.int32))
         self._listed = Buffer.empty(device, 0, np.uint32)
@@ -54,13 +53,14 @@ class Lines:
         """
         stages, device = self._stages, self._stages.device
         chosen = self._chosen(space)
-        lines, index = segments(self._ends[chosen], space, self._asked.steps, stages.structs)
+        ends, projected = self._edges.ends[chosen], vertices.projected.to_host()
+        lines, index = segments(ends, self._positions, projected, space, self._asked.steps, stages.structs)
         index = chosen[index]
         lines["first_face"], lines["faces"] = self._edges.starts[index], self._edges.counts[index]
         lines["marked"] = self._edges.counts[index] > 2
         ranks = None
         if painter:
-            rank = _painter_ranks(vertices.projected.to_host()["depth"][self._faces])
+            rank = _painter_ranks(projected["depth"][self._faces])
             ranks = Buffer(device, rank)
             lines["w"] = -self._first_ranks(rank)[index, None]
         hiding = hiding._replace(ranks=ranks)

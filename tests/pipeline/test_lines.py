@@ -142,7 +142,7 @@ def test_culled_faces_neither_hide_nor_have_lines(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["box_room", "quads", "icosphere", "teapot", "torus_knot"])
+@pytest.mark.parametrize("name", ["box_room", "quads", "icosphere", "teapot"])
 @pytest.mark.parametrize("options", [{}, {"samples": 4, "visibility": "painter"}, {"precision": "float64"}])
 def test_built_in_scenes(device, name, options):
     frame = render(clshade.builtin(name), device=device, resolution=(50, 37), edges="all", **options)

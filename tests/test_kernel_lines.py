@@ -1,0 +1,280 @@
+"""lines.cl: lists of lines and triangles per cell, and the samples at which lines show, of planted lines and triangles."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from kernel_stages import image_of, mask, samples_at, vertices_at
+
+from clshade.pipeline import struct_layout
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.launches import Hiding, Stages
+from clshade.pipeline.programs import build
+
+STRUCTS = struct_layout.SINGLE
+COLUMNS, ROWS = 40, 30
+CENTER = np.array([[128, 128]])
+FAR, NEAR = 8.0, 2.0  # depths of lines, and of triangles that hide them
+
+
+@pytest.fixture(autouse=True)
+def _device_with_float64(device):
+    needs_float64(device)
+
+
+@cache
+def stages_of(device, depth_test: int) -> Stages:
+    program = build(device, mask(SORTED=0, SAMPLES=1, DEPTH_TEST=depth_test), ("lines.cl",), lanes=1)
+    return Stages(device, program)
+
+
+class Drawing:
+    """Lines and the triangles that may hide them, in an image of COLUMNS x ROWS pixels.
+
+    lines: rows of structs.Line. triangles: snapped corners (F, 3, 2), up to 1/256 px. z: depths (F, 3). edge_faces: what
+    `first_face` counts. bits: of the cells' size. ranks: (F,), for painter's order.
+    """
+
+    def __init__(
+        self, device, lines, triangles=(), z=(), *, width=384, edge_faces=(), places=CENTER, bits=10, ranks=None
+    ) -> None:
+        self.device, self.lines = device, lines
+        self.stages = stages_of(device, int(ranks is None))
+        xy = np.asarray(triangles, np.int64).reshape(-1, 3, 2)
+        depths = np.asarray(z, np.float64).reshape(-1)
+        view = np.zeros(1, STRUCTS.View)
+        view["scale"] = 1.0
+        self.kept = vertices_at(device, xy.reshape(-1, 2), depths)
+        faces = np.arange(3 * len(xy), dtype=np.int32).reshape(-1, 3)
+        rank = None if ranks is None else Buffer(device, np.asarray(ranks, np.int32))
+        pieces = Buffer.empty(device, 0, STRUCTS.Piece)
+        face_buffer = Buffer(device, faces)
+        self.hiding = Hiding(
+            face_buffer, self.kept.projected, pieces, None, None, rank, Buffer(device, view), len(faces)
+        )
+        reach, size = (width + 1) // 2, np.array([COLUMNS, ROWS]) << 8
+        self.margin = -(-reach // (1 << bits))
+        grid = np.zeros(1, STRUCTS.LineGrid)
+        grid["cell_bits"], grid["margin"], grid["width"] = bits, self.margin, width
+        self.across, self.up = (-(-size // (1 << bits)) + 2 * self.margin).tolist()
+        grid["across"], grid["up"] = self.across, self.up
+        self.grid, self.bits, self.cells = Buffer(device, grid), bits, self.across * self.up
+        self.image = image_of(device, (COLUMNS, ROWS), **samples_at(places))
+        self.edge_faces = Buffer(device, np.asarray(edge_faces, np.int32))
+        self.table = Buffer(device, lines)
+
+    def lists(self) -> tuple[list[Buffer], list[Buffer]]:
+        """Return where each cell's list of lines, and of triangles, begins, and the lists, which must be full."""
+        starts, lists = [], []
+        for stage, inputs, dtype in (
+            (self.stages.list_lines, (self.table, self.grid), np.uint32),
+            (self.stages.list_hiders, (self.hiding, self.grid), STRUCTS.Hider),
+        ):
+            count = (len(self.lines),) if dtype is np.uint32 else ()
+            cursors = Buffer(self.device, np.zeros(self.cells, np.uint32))
+            stage(*inputs, cursors, None, *count)
+            begin = np.concatenate([[0], np.cumsum(cursors.to_host())]).astype(np.uint32)
+            with cursors.writing() as rows:
+                rows[:] = begin[:-1]
+            entries = Buffer.empty(self.device, int(begin[-1]), dtype)
+            stage(*inputs, cursors, entries, *count)
+            assert np.array_equal(cursors.to_host(), begin[1:])
+            entries.to_host()
+            starts.append(Buffer(self.device, begin))
+            lists.append(entries)
+        return starts, lists
+
+    def listed(self, which: int) -> list[set[int]]:
+        """Return the lines (0), or triangles (1), of each cell."""
+        starts, lists = self.lists()
+        entries = lists[which].array if which == 0 else lists[which].array["index"]
+        begin = starts[which].array
+        return [set(entries[a:b].tolist()) for a, b in pairwise(begin)]
+
+    def cell(self, x: int, y: int) -> int:
+        return ((y >> self.bits) + self.margin) * self.across + (x >> self.bits) + self.margin
+
+    def shown(self, items: int | None = None) -> np.ndarray:
+        """Return the samples that show lines, (ROWS, COLUMNS, 2) uint64, row 0 at the BOTTOM. items: of a work-group."""
+        starts, lists = self.lists()
+        shown = Buffer(self.device, np.zeros((ROWS, COLUMNS, 2), np.uint64))
+        arguments = (self.table, self.edge_faces, starts[0], lists[0], starts[1], lists[1])
+        if items is None:
+            self.stages.line_samples(self.hiding, self.image, self.grid, arguments, shown, self.cells)
+        else:
+            size = (self.cells * items,)
+            self.stages._launch("line_samples", size, (items,), *self.hiding, self.image, self.grid, *arguments, shown)
+        return shown.to_host()[::-1].copy()
+
+
+def lines_at(ends, z=FAR, faces=(0, 0), marked=0) -> np.ndarray:
+    """Return rows of structs.Line. ends: (L, 2, 2), 1/256 px. z: depth. faces: the first of its faces, and how many."""
+    ends = np.asarray(ends, np.int64).reshape(-1, 2, 2)
+    rows = np.zeros(len(ends), STRUCTS.Line)
+    rows["x"], rows["y"] = ends[..., 0], ends[..., 1]
+    rows["w"], rows["marked"] = 1.0 / z, marked
+    rows["first_face"], rows["faces"] = faces
+    length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    with np.errstate(divide="ignore"):
+        rows["inset"] = np.minimum(struct_layout.LINE_INSET / length, 0.5)
+    return rows
+
+
+def random_ends(count: int) -> np.ndarray:
+    """Return lines of all lengths, some of them points, some beyond the image."""
+    rng = np.random.default_rng(5)
+    start = rng.integers((-600, -600), (COLUMNS * 256 + 600, ROWS * 256 + 600), (count, 2))
+    move = np.rint(rng.normal(size=(count, 2)) * 256 * np.exp2(rng.uniform(-4, 4, (count, 1)))).astype(np.int64)
+    move[::7] = 0
+    return np.stack([start, np.clip(start + move, -600, (COLUMNS * 256 + 600, ROWS * 256 + 600))], axis=1)
+
+
+def covered(ends, width: int, place=CENTER[0]) -> np.ndarray:
+    """Return (ROWS, COLUMNS): which samples are within half the width of a line, in exact integers."""
+    x, y = (np.arange(n).astype(object) * 256 + int(at) for n, at in zip((COLUMNS, ROWS), place, strict=True))
+    (ax, ay), (bx, by) = (list(map(int, end)) for end in ends)
+    dx, dy, px, py = bx - ax, by - ay, x[None, :] - ax, y[:, None] - ay
+    along, length2 = px * dx + py * dy, dx * dx + dy * dy
+    near = np.minimum(px * px + py * py, (px - dx) ** 2 + (py - dy) ** 2) * 4 <= width * width
+    between = (along > 0) & (along < length2) & (4 * (px * dy - py * dx) ** 2 <= width * width * length2)
+    return (near | between).astype(bool)
+
+
+@pytest.mark.parametrize("width", [1, 384, 2000])
+def test_samples_within_half_the_width(device, width):
+    ends = random_ends(24)
+    found = Drawing(device, lines_at(ends), width=width).shown()
+    expected = np.any([covered(each, width) for each in ends], axis=0)
+    assert np.array_equal(found[..., 0] == 1, expected)
+    assert not found[..., 1].any()
+    assert width == 1 or expected.any()
+
+
+def test_a_bit_for_each_sample_and_marked_lines_apart(device):
+    """Bits beyond 32, and both kinds of lines, at 60 samples."""
+    places = np.random.default_rng(2).integers(0, 256, (60, 2))
+    places[[3, 59]] = (10, 250), (250, 10)
+    first, second = random_ends(8), random_ends(20)[8:]
+    lines = np.concatenate([lines_at(first), lines_at(second, marked=1)])
+    found = Drawing(device, lines, places=places).shown()
+    for s in (3, 31, 32, 59):
+        for kind, ends in enumerate((first, second)):
+            expected = np.any([covered(each, 384, places[s]) for each in ends], axis=0)
+            assert np.array_equal(found[..., kind] >> np.uint64(s) & np.uint64(1) == 1, expected)
+
+
+def triangles_around() -> np.ndarray:
+    """Return triangles of all sizes and both windings, some without area, partly beyond the image."""
+    rng = np.random.default_rng(7)
+    middle = rng.uniform(0, 1, (60, 1, 2)) * (COLUMNS, ROWS)
+    xy = np.rint(256 * (middle + np.exp2(rng.uniform(-2, 5, (60, 1, 1))) * rng.normal(size=(60, 3, 2))))
+    xy[::9, 2] = xy[::9, 1]
+    return xy.astype(np.int64)
+
+
+def test_lists_hold_what_lies_in_a_cell(device):
+    """Any point of a line, and of a triangle with area, lies in a cell that lists it; few others list it."""
+    ends, xy = random_ends(40), triangles_around()
+    drawing = Drawing(device, lines_at(ends), xy, np.full((60, 3), NEAR))
+    lines, triangles = drawing.listed(0), drawing.listed(1)
+    share = np.linspace(0.0, 1.0, 41)
+    for k, (a, b) in enumerate(ends):
+        points = np.floor(a + share[:, None] * (b - a)).astype(int)
+        cells = {drawing.cell(x, y) for x, y in points if -512 <= x < COLUMNS * 256 and -512 <= y < ROWS * 256}
+        assert all(k in lines[cell] for cell in cells)
+        assert sum(k in each for each in lines) <= 3 * len(cells) + 9
+    weights = np.random.default_rng(1).dirichlet((1, 1, 1), 200)
+    for k, corners in enumerate(xy):
+        u, v = corners[1] - corners[0], corners[2] - corners[0]
+        if u[0] * v[1] == u[1] * v[0]:
+            assert not any(k in each for each in triangles)
+            continue
+        points = np.floor(weights @ corners).astype(int)
+        assert all(
+            k in triangles[drawing.cell(x, y)] for x, y in points if 0 <= x < COLUMNS * 256 and 0 <= y < ROWS * 256
+        )
+    assert max(map(len, triangles)) < 60
+
+
+ACROSS = np.array([[[512, 15 * 256], [38 * 256, 15 * 256]]])  # a line through the image's middle
+WALL = np.array([[[10 * 256, -9000], [10 * 256, 60000], [60000, 15 * 256]]])  # covers it from x = 10 on
+
+
+def columns_of(shown: np.ndarray) -> np.ndarray:
+    return np.flatnonzero((shown[..., 0] > 0).any(axis=0))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_nearer_triangle_hides_where_it_covers(device, turned):
+    wall = WALL[:, ::-1] if turned else WALL
+    before = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), NEAR))
+    assert columns_of(before.shown()).tolist() == list(range(1, 10))
+    behind = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), 2.0 * FAR))
+    assert columns_of(behind.shown()).tolist() == list(range(1, 39))
+    same = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), FAR))
+    assert np.array_equal(same.shown(), behind.shown())
+
+
+def test_a_triangle_that_leans_through_the_line_hides_where_it_is_nearer(device):
+    """Its 1/depth is linear in the image: 1/4 at x = 0, 0 at x = 40; the line's 1/8 at x = 20."""
+    corners = np.array([[[0, 0], [39 * 256, 0], [0, 30 * 256]], [[39 * 256, 0], [39 * 256, 30 * 256], [0, 30 * 256]]])
+    w = (1.0 - corners[..., 0] / (40 * 256)) / 4.0
+    found = columns_of(Drawing(device, lines_at(ACROSS), corners, 1.0 / w).shown())
+    assert found.max() == 38
+    assert found.min() in (19, 20)
+
+
+def test_faces_of_the_edge_do_not_hide_it(device):
+    """The edge's own face is listed with others, as the second of two."""
+    wall = np.repeat(WALL, 3, axis=0)
+    near = np.array([[FAR], [NEAR], [2.0 * FAR]]) * np.ones((3, 3))
+    own = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[7, 0, 1])
+    assert columns_of(own.shown()).tolist() == list(range(1, 39))
+    other = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[1, 0, 2])
+    assert columns_of(other.shown()).tolist() == list(range(1, 10))
+
+
+def test_in_painters_order_the_rank_decides(device):
+    """Lines hold minus the first rank of their faces; depths do not matter."""
+    for rank, expected in ((3, range(1, 10)), (5, range(1, 39)), (6, range(1, 39))):
+        lines = lines_at(ACROSS)
+        lines["w"] = -5.0
+        found = Drawing(device, lines, WALL, np.full((1, 3), 2.0 * FAR), ranks=[rank]).shown()
+        assert columns_of(found).tolist() == list(expected)
+
+
+def slivers(count: int) -> np.ndarray:
+    """Return triangles that together cover the image from x = 10 to 30, each less than a pixel wide."""
+    x = np.rint(np.linspace(10 * 256, 30 * 256, count + 1)).astype(np.int64)
+    a, b = x[:-1], x[1:]
+    low, high = np.full(count, -256), np.full(count, 31 * 256)
+    first = np.stack([np.stack([a, low], 1), np.stack([b, low], 1), np.stack([a, high], 1)], axis=1)
+    second = np.stack([np.stack([b, low], 1), np.stack([b, high], 1), np.stack([a, high], 1)], axis=1)
+    return np.concatenate([first, second])
+
+
+@pytest.mark.parametrize("count", [12, 400])
+def test_many_triangles_hide_together(device, count):
+    """400 pairs: more in a cell than are kept, between whose sides nothing shows through."""
+    xy = slivers(count)
+    found = Drawing(device, lines_at(ACROSS), xy, np.full((len(xy), 3), NEAR), bits=12).shown()
+    columns = columns_of(found)
+    assert not ((columns >= 10) & (columns < 30)).any()
+    assert {9, 30} <= set(columns.tolist())
+
+
+@pytest.mark.parametrize("items", [1, 8])
+def test_cells_and_work_groups_do_not_change_a_bit(device, items):
+    xy = np.concatenate([triangles_around(), slivers(90)])
+    z = np.random.default_rng(4).uniform(NEAR, 2.0 * FAR, (len(xy), 3))
+    lines = lines_at(random_ends(60))
+    places = np.array([[64, 64], [192, 192]])
+    found = [Drawing(device, lines, xy, z, places=places, bits=bits).shown(items) for bits in (8, 10, 12)]
+    expected = Drawing(device, lines, xy, z, places=places).shown()
+    assert all(np.array_equal(each, expected) for each in found)
+    bare = Drawing(device, lines, places=places).shown()
+    assert 0 < np.count_nonzero(expected) < np.count_nonzero(bare)
