@@ -247,6 +247,8 @@ def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -
     stops = checked(operator, exposure)
     edges = np.concatenate([[0.0], _thresholds64(operator, 0.0 if operator in JOINT else stops), [0.0]])
     edges[-1] = edges[-2]
+    if operator in JOINT:  # its inverse rounds
+        edges[-2:] *= 1.0 + 1e-9
     values: Floats = ((edges[:-1] + edges[1:]) / 2.0)[codes]
     if operator in JOINT:
         with np.errstate(over="ignore"):

@@ -136,7 +136,7 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()
     monkeypatch.setattr(dispatch, "VISIBLE", 0.5)
-    monkeypatch.setattr(dispatch, "output_paths", lambda path: [tmp_path / "on-a-disk-of-its-own"])
+    monkeypatch.setattr(Task, "paths", [tmp_path / "on-a-disk-of-its-own"])
     with pytest.raises(WorkerError, match=rf"workers that write to this machine's {tmp_path}, found frame 1 written"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()

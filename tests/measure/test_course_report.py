@@ -74,6 +74,21 @@ def test_the_figures_are_those_of_the_courses_functions(found):
     assert np.array_equal(picture(image), tonemap(drawn[::-1].astype(np.float32), "none"))
 
 
+def test_the_mesh_is_drawn_as_lines_on_white(found, gathered):
+    """Magnified by a whole number, as part of the page; the lines are where the object is, or a pixel beside it."""
+    (image,) = (each for each in found.all("img") if each.attributes["alt"] == "Edges of the mesh")
+    lines, part = picture(image), gathered.part
+    times = lines.shape[1] // part.width
+    assert lines.shape == (times * part.height, times * part.width, 3)
+    assert 8 <= times <= pictures.MOST // max(part.width, part.height)
+    assert (lines[0, 0] == 255).all()
+    drawn = (lines < 128).any(axis=2)
+    assert 0.01 < drawn.mean() < 0.5
+    frame = render(small(), preset="course", samples=16)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(part.of(frame.alpha), 1), (3, 3)).max(axis=(2, 3)) > 0.0
+    assert not (drawn & ~np.kron(near, np.ones((times, times), bool))).any()
+
+
 def test_the_page_refers_to_nothing_outside_itself(found):
     for node in found.all():
         assert node.tag not in ("script", "link", "iframe", "object", "base", "form")

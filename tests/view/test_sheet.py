@@ -80,7 +80,7 @@ def test_the_panels_are_the_rendered_images(sheet):
         frame = clshade.render(Scene(scene.meshes, camera, background=0.0), shader="nolight", layers="id")
         assert (sheet.picture[y : y + rows, x : x + columns] == frame.to_png8("none")).all()
         assert view["visible_faces"] == len(np.unique(frame["id"])) - 1
-        assert view["coverage"] == frame.alpha.mean()
+        assert view["coverage"] == frame.alpha.mean(dtype=np.float64)
 
 
 def test_facts(sheet):
@@ -99,7 +99,7 @@ def test_facts(sheet):
     assert facts["size"] == [sheet.picture.shape[1], sheet.picture.shape[0]]
     again = clshade.Camera(**{**found["iso"]["camera"]})
     assert (
-        clshade.render(Scene(box().meshes, again), shader="nolight", layers="id").alpha.mean()
+        clshade.render(Scene(box().meshes, again), shader="nolight", layers="id").alpha.mean(dtype=np.float64)
         == found["iso"]["coverage"]
     )
 

@@ -21,7 +21,7 @@ from ...errors import InputError
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.formats.course_npy import only_mesh
-from ...scene.model import Scene, Settings
+from ...scene.model import Edges, Scene, Settings
 from ..report.decomposition import Decomposition, decompose
 from ..report.model_errors import ModelErrors
 from ..report.reference_image import Reference, reference
@@ -29,8 +29,10 @@ from ..report.study import machine
 from ..report.variants import base_settings
 from ..timing import Spread, spread
 from .comparisons import Comparison, compare, detail_side
-from .pictures import Part, part_with, reduced, reduced_size
+from .pictures import MOST, Part, part_with, reduced, reduced_size
 
+LARGEST = 4096  # pixels a side of the image that a wireframe is cut from
+LINE_WIDTH = 1.0  # pixels of a wireframe
 ROUNDS = 5  # further calls of each figure, timed
 DECOMPOSED = (8, 16, 17, 18)  # figures with all lights and terms
 
@@ -51,7 +53,8 @@ class Content:
 
     part: of the figures, in pixels, the part that holds the object. measured: the scene as errors are measured, with at most
     MOST pixels a side; its part is measured_part. decompositions: by the number of the figure whose image it is about.
-    references: of the scene without a texture, and with it if there is one.
+    references: of the scene without a texture, and with it if there is one. wireframe: the edges of the mesh within `part`,
+    (h, w, 3) uint8; None on a device without float64.
     """
 
     scene: Scene
@@ -65,6 +68,7 @@ class Content:
     decompositions: dict[int, Decomposition]
     references: tuple[Reference, ...]
     comparisons: tuple[Comparison, ...]
+    wireframe: Bytes | None
 
     @property
     def mapped(self) -> bool:
@@ -128,7 +132,25 @@ def gather(scene: Scene, device: Device) -> Content:
         decompositions=decompositions,
         references=tuple(references),
         comparisons=tuple(comparisons),
+        wireframe=_wireframe(scene, device, part_with(covered)) if device.has_fp64 else None,
     )
+
+
+def _wireframe(scene: Scene, device: Device, part: Part) -> Bytes:
+    """Return all edges that are not hidden within a part of the image, magnified to about MOST pixels, (h, w, 3) uint8."""
+    longest = max(scene.camera.resolution)
+    times = max(1, min(MOST // max(part.width, part.height), LARGEST // longest))
+    columns, rows = scene.camera.resolution
+    frame = render(
+        with_texture(scene, None),
+        preset="standard",
+        shader="nolight",
+        resolution=(columns * times, rows * times),
+        samples=16,
+        edges=Edges(width=LINE_WIDTH, only=True),
+        device=device,
+    )
+    return Part(*(times * each for each in part)).of(frame.to_png8("srgb"))
 
 
 def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:

@@ -15,7 +15,7 @@ from ...course.figures import Missing
 from ...scene.model import Scene
 from . import wording
 from .content import Content
-from .plates import captioned, comparison, shown_part
+from .plates import captioned, comparison, shown_part, wireframe
 from .tables import causes, facts, lights, notes, times, versions
 from .wording import listed, percent, rounded
 
@@ -115,7 +115,8 @@ def _section(number: int, section: Section) -> Element:
 
 def _scene(content: Content) -> list[Markup]:
     said = [element("p", f"{each}.") for each in _remarks(content.scene, content.missing)]
-    return [facts(content.scene), lights(content.scene), said]
+    found: list[Markup] = [facts(content.scene), lights(content.scene), said]
+    return found if content.wireframe is None else [*found, wireframe(content.scene, content.wireframe)]
 
 
 def _remarks(scene: Scene, missing: Sequence[Missing]) -> list[str]:

@@ -44,6 +44,16 @@ def view(pixels: Bytes, about: str, overlay: Markup = None) -> Element:
     return element("div", element("div", image, overlay, class_="sheet"), class_="view")
 
 
+def wireframe(scene: Scene, pixels: Bytes) -> Element:
+    """Return the picture of the mesh's edges."""
+    caption = element(
+        "figcaption",
+        element("b", "The mesh."),
+        f" The edges of its {scene.face_count:,} triangles, without those that other triangles hide.",
+    )
+    return element("figure", element("img", src=png.as_uri(pixels), alt="Edges of the mesh"), caption, class_="mesh")
+
+
 def comparison(number: int, found: Comparison, resolution: tuple[int, int], part: Part) -> Element:
     """Return a comparison with a heading of its own. resolution: of its images, of which a part is shown."""
     each = found.approximation

@@ -31,6 +31,8 @@ def draw(found: Found, device: str) -> Figure:
 
 
 def _errors(axes: Axes, axis: Axis, series: list[Series]) -> None:
+    from matplotlib.ticker import NullLocator
+
     for each in series:
         shown = [(point.stiffness, min(max(point.rms, LEAST), MOST)) for point in each.points if point.rms is not None]
         power = each.power()
@@ -41,13 +43,13 @@ def _errors(axes: Axes, axis: Axis, series: list[Series]) -> None:
     axes.axhspan(USELESS, 10.0 * MOST, color=figures.MUTED, alpha=0.15, lw=0)
     axes.text(axis.stiffness[0], 1.3 * USELESS, "shows nothing right", fontsize=7.5, color=figures.MUTED)
     axes.set(xscale="log", yscale="log", ylim=(LEAST, 10.0 * MOST), title=axis.title)
-    axes.xaxis.minorticks_off()
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(True, alpha=0.25)
     axes.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.08), frameon=False)
 
 
 def _times(axes: Axes, axis: Axis, series: list[Series]) -> None:
-    from matplotlib.ticker import LogLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     for each in series:
         timed = [(point.stiffness, *point.ms) for point in each.points if point.ms]
@@ -58,5 +60,5 @@ def _times(axes: Axes, axis: Axis, series: list[Series]) -> None:
     axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     for place in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         place("{x:g}")
-    axes.xaxis.minorticks_off()
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(True, which="both", alpha=0.2)
