@@ -118,7 +118,7 @@ kernel void list_hiders(HIDING_PARAMETERS,
     HidingTriangle t;
     if (index >= count || !hiding_triangle(&t, index, HIDING_ARGUMENTS))
         return;
-    Hider hider;
+    Hider hider = {0};  // padding too: it is copied
     hider.index = index;
     hider.low[0] = min(min(t.x[0], t.x[1]), t.x[2]) - 1;
     hider.low[1] = min(min(t.y[0], t.y[1]), t.y[2]) - 1;
@@ -440,21 +440,23 @@ INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell,
                           global const LineGrid *grid, global const int *edge_faces, global const Hider *hiders,
                           global const Hider *end, global uint *shown, HIDING_PARAMETERS)
 {
-    global uint *own = shown + 4 * ((long)(image->rows - 1 - pixel.y) * image->columns + pixel.x) + 2 * l->marked;
-    uint found[2] = {0, 0};
-    for (int s = 0; s < SAMPLE_COUNT(image); ++s) {
-        int2 p = sample_at(image, s, pixel.x, pixel.y);
-        if ((own[s / 32] >> s % 32 & 1) || !covers(l, p, grid->width))
-            continue;
-        LinePoint q = nearest_point(l, p);
-        if (cell_of(q, grid) != cell)
-            continue;
-        if (part->count == 0 || !is_hidden(part, l, q, edge_faces, hiders, end, HIDING_ARGUMENTS))
-            found[s / 32] |= 1u << s % 32;
+    global volatile uint *own =
+        shown + 4 * ((long)(image->rows - 1 - pixel.y) * image->columns + pixel.x) + 2 * l->marked;
+    for (int from = 0; from < SAMPLE_COUNT(image); from += 32) {
+        uint known = own[from / 32];  // bits are only ever set: one that is set meanwhile is found twice
+        uint found = 0;
+        for (int s = from; s < min(SAMPLE_COUNT(image), from + 32); ++s) {
+            int2 p = sample_at(image, s, pixel.x, pixel.y);
+            if ((known >> s % 32 & 1) || !covers(l, p, grid->width))
+                continue;
+            LinePoint q = nearest_point(l, p);
+            if (cell_of(q, grid) == cell &&
+                (part->count == 0 || !is_hidden(part, l, q, edge_faces, hiders, end, HIDING_ARGUMENTS)))
+                found |= 1u << s % 32;
+        }
+        if (found)
+            atomic_or(own + from / 32, found);
     }
-    for (int i = 0; i < 2; ++i)
-        if (found[i])
-            atomic_or(own + i, found[i]);
 }
 
 // A work-group does a cell: those samples whose nearest points of lines lie in it. Its work-items share the lines.

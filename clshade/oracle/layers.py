@@ -166,6 +166,7 @@ def _batch(
     condition = weight_condition(view, piece, reach, scene.camera.orthographic)
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
     in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
+    scalars = _within_range(corners.scalars[face], settings.precision)
     return OracleLayers(
         N=unit(normal),
         P=eye + blend(in_space, relative),
@@ -174,13 +175,21 @@ def _batch(
         object_id=mesh + 1,
         material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
-        scalar=4.0 * interpolated(weights, 0.25 * corners.scalars[face][..., None])[:, 0],  # no difference overflows
+        scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows
         normal_length=np.where(any_normal, length(normal), 1.0),
         normal_error=corners.normal_error[face],
         reach=reach,
         most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
-        most_scalar=np.abs(corners.scalars[face]).max(axis=1),
+        most_scalar=np.abs(scalars).max(axis=1),
         budget=unlit.budget,
         jump=unlit.jump,
         weight_condition=condition,
     )
+
+
+def _within_range(scalars: Floats, precision: str) -> Floats:
+    """Return scalars of at most twice the largest number of the layer's type: they saturate at a face's corners."""
+    if precision == "float64":
+        return scalars
+    most = np.ldexp(1.0, np.finfo(np.float32).maxexp + 1)
+    return np.clip(scalars, -most, most)

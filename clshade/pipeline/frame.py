@@ -133,7 +133,7 @@ class Frame:
                 mesh.
             ``"scalar"``
                 The scalar that ``settings.scalars`` names, before its color map; NaN where there is
-                none.
+                none. A corner's scalar that the layer's type cannot hold saturates.
 
         Returns
         -------

@@ -64,6 +64,11 @@ def test_depths_closer_than_float32_tells(opened):
     assert listed(fuzz.scene_failures(opened, [1977])) == ""
 
 
+def test_corners_saturate_where_float32_cannot_hold_a_scalar(opened):
+    """Found by the fuzzer: the oracle interpolated between 1e-77 and 1e239, the layer between what float32 can hold."""
+    assert listed(fuzz.scene_failures(opened, [391])) == ""
+
+
 def test_a_number_is_a_scene():
     """The same number and seed give the same scene, others another; kinds repeat after KINDS blocks."""
     one, again, other = scene_of(123), scene_of(123), scene_of(123, seed=1)
