@@ -443,7 +443,7 @@ INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell,
     global volatile uint *own =
         shown + 4 * ((long)(image->rows - 1 - pixel.y) * image->columns + pixel.x) + 2 * l->marked;
     for (int from = 0; from < SAMPLE_COUNT(image); from += 32) {
-        uint known = own[from / 32];  // bits are only ever set: one that is set meanwhile is found twice
+        uint known = own[from / 32];  // others may set bits meanwhile: what they find is then found again
         uint found = 0;
         for (int s = from; s < min(SAMPLE_COUNT(image), from + 32); ++s) {
             int2 p = sample_at(image, s, pixel.x, pixel.y);

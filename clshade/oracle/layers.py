@@ -188,7 +188,7 @@ def _batch(
 
 
 def _within_range(scalars: Floats, precision: str) -> Floats:
-    """Return scalars of at most twice the largest number of the layer's type: they saturate at a face's corners."""
+    """Return scalars at corners as the layer interpolates them: at most twice the largest number of its type."""
     if precision == "float64":
         return scalars
     most = np.ldexp(1.0, np.finfo(np.float32).maxexp + 1)

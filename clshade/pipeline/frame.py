@@ -133,7 +133,8 @@ class Frame:
                 mesh.
             ``"scalar"``
                 The scalar that ``settings.scalars`` names, before its color map; NaN where there is
-                none. A corner's scalar that the layer's type cannot hold saturates.
+                none. Beyond the largest number of its type it saturates, and a corner's scalar at
+                twice that number.
 
         Returns
         -------

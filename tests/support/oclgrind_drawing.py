@@ -41,8 +41,8 @@ def told(text: str) -> str:
 _UNCHOSEN = (
     ("    Surface s;\n", "    Surface s = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f};\n"),
 )
-# A word that others set bits of meanwhile, by atomic operations, is read by an ordinary load. Whichever value it gives is
-# good enough: it only saves work.
+# OpenCL 1.2 has no atomic load, so a word in which other work-items set bits is read by an ordinary one, which Oclgrind
+# reports as a data race. An older value gives the same image: the kernel finds again what it does not know.
 _LOADED = (("uint known = own[from / 32];", "uint known = atomic_or(own + from / 32, 0u);"),)
 _ALL = _UNCHOSEN + _LOADED
 # If a buffer reuses the memory of an earlier, smaller one, Oclgrind takes its end for uninitialized though a kernel
