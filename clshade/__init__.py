@@ -15,14 +15,20 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Camera": "clshade.scene.camera",
-    "PointLight": "clshade.scene.model",
+    "PointLight": "clshade.scene.lights",
+    "DirectionalLight": "clshade.scene.lights",
+    "SpotLight": "clshade.scene.lights",
     "Material": "clshade.scene.model",
+    "MetallicRoughness": "clshade.scene.model",
     "Texture": "clshade.scene.model",
     "Mesh": "clshade.scene.model",
     "Scalars": "clshade.scene.model",
     "Scene": "clshade.scene.model",
     "Settings": "clshade.scene.model",
     "Edges": "clshade.scene.edges",
+    "Environment": "clshade.scene.environment",
+    "load_environment": "clshade.scene.formats.environment",
+    "studio": "clshade.scene.builtin.studio",
     "load": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
@@ -51,12 +57,18 @@ if TYPE_CHECKING:
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
+    from .scene.builtin.studio import studio as studio
     from .scene.camera import Camera as Camera
     from .scene.edges import Edges as Edges
+    from .scene.environment import Environment as Environment
+    from .scene.formats.environment import load_environment as load_environment
     from .scene.formats.load import load as load
+    from .scene.lights import DirectionalLight as DirectionalLight
+    from .scene.lights import PointLight as PointLight
+    from .scene.lights import SpotLight as SpotLight
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh
-    from .scene.model import PointLight as PointLight
+    from .scene.model import MetallicRoughness as MetallicRoughness
     from .scene.model import Scalars as Scalars
     from .scene.model import Scene as Scene
     from .scene.model import Settings as Settings

@@ -1,7 +1,7 @@
 // Gouraud shading: the corners are lit and their light is interpolated; without LIT (nolight) the colors themselves.
 #include "tile.clh"
 
-#if !PHONG
+#if !AT_PIXELS
 #if LIT
 // The light at the three corners of each visible triangle, without the `plain` ambient term. A work-item does LANES of
 // them.

@@ -11,9 +11,15 @@
 #error "a layer, or whether placements mirror, is not defined"
 #endif
 
-// The layers at the pixels of a block, where there is no triangle NAN_POSITION for the scalar and 0 for the rest. The normal is not yet of unit length.
+// The layers at the pixels of a block, where there is no triangle NAN_POSITION for the scalar and 0 for the rest. The normal
+// is not yet of unit length.
 typedef struct {
     reals3 normal, point;
+#if LAYER_N && HAS_TANGENTS
+    reals3 tangent;
+    reals across, factor;
+    Texels turned;
+#endif
     colors3 albedo;
     Texels texels;
     reals u, v;
@@ -41,6 +47,14 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
     put_vector(&shown->normal, mine,
                mix_vectors(m, side * in->normals[normal_index(in, face, 0)], side * in->normals[normal_index(in, face, 1)],
                            side * in->normals[normal_index(in, face, 2)]));
+#if HAS_TANGENTS
+    global const int *tangent = in->tangent_faces + 3 * face;
+    real4 t0 = in->tangents[tangent[0]], t1 = in->tangents[tangent[1]], t2 = in->tangents[tangent[2]];
+    put_vector(&shown->tangent, mine, mix_vectors(m, side * t0, side * t1, side * t2));
+    shown->across = where(mine, side * bitangent_side((reals)(t0.w), (reals)(t1.w), (reals)(t2.w)), shown->across);
+    shown->factor = where(mine, (reals)(material_of(in, face)->map_factors[MAP_NORMAL]), shown->factor);
+    put_texels(&shown->turned, mine, in, t, at, MAP_NORMAL);
+#endif
 #endif
 #if LAYER_P
     global const int *v = in->faces + 3 * face;
@@ -62,10 +76,10 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
     colors3 white = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
     put_color(&shown->albedo, mine, white);
 #endif
-    put_texels(&shown->texels, mine, in, t, at);
+    put_texels(&shown->texels, mine, in, t, at, MAP_COLOR);
 #endif
 #if LAYER_UV
-    Mapped uv = uv_at(in, t, at);
+    Mapped uv = uv_at(in, t, at, 0);
     shown->u = where(mine, uv.u.high + uv.u.low, shown->u);
     shown->v = where(mine, uv.v.high + uv.v.low, shown->v);
 #endif
@@ -92,6 +106,11 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
     shown.albedo.r = shown.albedo.g = shown.albedo.b = (reals)(0.0f);
     shown.scalar = (reals)((real)NAN_POSITION);
     shown.texels = no_texels();
+#if LAYER_N && HAS_TANGENTS
+    shown.tangent = shown.normal;
+    shown.across = shown.factor = (reals)(0.0f);
+    shown.turned = no_texels();
+#endif
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = next_owner(owner, todo, &mine);
         show_owner(&shown, mine, in, in->triangles + index, at, mirrored, scalars);
@@ -136,7 +155,15 @@ typedef struct {
 void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
 {
 #if LAYER_N
-    write_vector(to->normals, normalize_or_zero(shown->normal), in->image, column, row);
+    reals3 normal = shown->normal;
+#if HAS_TANGENTS
+    if (any_lane(shown->turned.textured)) {
+        colors3 texel = texel_colors(&shown->turned, in);
+        reals across = shown->turned.textured ? shown->across : (reals)(0.0f);
+        normal = turned_normal(normal, shown->tangent, across, texel, shown->factor);
+    }
+#endif
+    write_vector(to->normals, normalize_or_zero(normal), in->image, column, row);
 #endif
 #if LAYER_P
     write_vector(to->points, shown->point, in->image, column, row);

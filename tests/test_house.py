@@ -20,7 +20,8 @@ CHAIN = {
     "base": "",
     "images": "base",
     "scene": "base images",
-    "oracle": "base.arrays base.validation scene.model scene.camera scene.geometry scene.scalar_colors",
+    "oracle": "base.arrays base.validation scene.camera scene.environment scene.geometry scene.image_light scene.model"
+    " scene.scalar_colors",
     "pipeline": "base images scene",
     "course": "base images scene pipeline",
     "farm": "base images scene pipeline",
@@ -329,7 +330,8 @@ def test_every_command_is_a_module_of_its_own():
     shared = {
         f"cli.commands.{name}"
         for name in (
-            *("arguments", "parser", "farm_options", "live_view", "scene_options", "scene_outputs", "view_options"),
+            *("arguments", "parser", "farm_options", "live_view", "saving_options", "scene_options"),
+            *("scene_outputs", "view_options"),
         )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared

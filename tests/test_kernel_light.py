@@ -11,6 +11,7 @@ from kernel_stages import OTHER_LANES, bits, float32, four, light_rows, mask, ma
 
 from clshade.measure.check import oracle_bounds
 from clshade.oracle import OracleFrame, shade
+from clshade.oracle.lights import POINT, Shape
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
@@ -19,20 +20,22 @@ HALF_ULP = 2.0**-24
 EYE = np.zeros(3)  # points and lights are relative to it
 
 
-def reflect(device, points, normals, lights, *, colors=None, lanes=None, material=None, **features) -> np.ndarray:
+def reflect(
+    device, points, normals, lights, *, colors=None, lanes=None, material=None, shape=None, **features
+) -> np.ndarray:
     """Return the light (K, 3) at points with normals (K, 3) and colors (K, 3), by default white; kd = ks = n = 1 by
     default.
 
-    lights: (positions (L, 3), intensities (L, 3)).
+    lights: (positions (L, 3), intensities (L, 3)). shape: further members of all their struct_layout.SINGLE.Light rows.
     """
-    chosen = {"LIT": 1, "DIFFUSE": 1, "SPECULAR": 1, "POWER": 1, **features}
+    chosen = {"LIT": 1, "DIFFUSE": 1, "SPECULAR": 1, "POWER": 1, "LIGHT_SHAPES": int(shape is not None), **features}
+    rows = light_rows(*map(np.atleast_2d, lights))
+    for name, value in (shape or {}).items():
+        rows[name] = value
     stages = Stages(device, build(device, mask(**chosen), ("light.cl",), lanes=lanes))
     colors = np.ones_like(points) if colors is None else colors
     inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
-    inputs += [
-        Buffer(device, material_rows(**(material or {}))),
-        Buffer(device, light_rows(*map(np.atleast_2d, lights))),
-    ]
+    inputs += [Buffer(device, material_rows(**(material or {}))), Buffer(device, rows)]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
     stages.light(*inputs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
     return found.to_host()[:, :3]
@@ -143,6 +146,8 @@ def test_light_at_random_points(device, n):
         conditions=shade.conditions(p, *around, EYE, l_pos)[None],
         jump=(np.abs(c * ks) * shade.jumps(p, m, *around, np.float64(n), EYE, l_pos, l_int))[None],
         exponent=np.full((1, count), n),
+        alpha_error=np.zeros((1, count)),
+        unsure=np.zeros((1, count), bool),
     )
     steep = np.zeros((1, count), bool)
     if 0.0 < n < 1.0:
@@ -198,6 +203,76 @@ def test_overflow_saturates_and_meets_no_zero(device):
     no_kd = reflect(device, point, normal, two, material={"kd": 0.0, "ks": 0.0})
     assert no_kd[0].tolist() == [0, 0, 0]
     assert one(device, intensity=(1e-30, 1e-38, 0), material={"n": 1e4}) == pytest.approx([2e-30, 2e-38, 0], rel=1e-6)
+
+
+# Lights that are no plain points
+
+AXIS = (0.6, 0.0, -0.8)
+ATTENUATED = {"attenuated": 1}
+CONE = {"cone": 1, "axis": AXIS, "cone_cosine": 0.5, "cone_scale": 4.0}
+SHAPES = [
+    ({}, POINT),
+    ({"directional": 1.0}, Shape(parallel=True)),
+    (ATTENUATED, Shape(attenuates=True)),
+    ({**ATTENUATED, "inverse_range": 0.25}, Shape(attenuates=True, range=4.0)),
+    (CONE, Shape(axis=float32(AXIS).astype(float), inner=0.75, outer=0.5)),
+    ({**CONE, **ATTENUATED}, Shape(False, float32(AXIS).astype(float), 0.75, 0.5, True)),
+]
+
+
+@pytest.mark.parametrize(("fields", "shape"), SHAPES, ids=[" ".join(fields) or "plain" for fields, _ in SHAPES])
+def test_shapes_at_random_points(device, fields, shape):
+    """Within the bound of what arrives, which counts distance and cone (clshade/measure/README.md)."""
+    rng = np.random.default_rng(3)
+    count = 3000
+    points = float32(rng.uniform(-2, 2, (count, 3)))
+    normals = float32(unit(rng.normal(size=(count, 3))))
+    light, intensity = float32([-0.9, 0.1, 1.0]), float32([2.0, 1.0, 0.5])
+    if shape.parallel:
+        light = float32(unit(light))
+    found = reflect(device, points, normals, (light, intensity), material={"n": 20.0}, shape=fields)
+    p, m = points.astype(np.float64), normals.astype(np.float64)
+    given = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
+    extent, one, n, white = np.abs(p).max(axis=1), np.ones(count), np.float64(20.0), np.ones(3)
+    most = shade.most_arriving(p, extent, EYE, *given, [shape])
+    expected = OracleFrame(
+        rgb=shade.reflected(p, m, EYE, white, white, n, *given, [shape])[None],
+        alpha=np.ones((1, count)),
+        id=np.ones((1, count), np.uint32),
+        Z=np.ones((1, count)),
+        budget=np.broadcast_to(shade.budget(white, 0.0 * white, white, white, most), (1, count, 3)),
+        conditions=shade.conditions(p, extent, one, EYE, given[0], shapes=[shape])[None],
+        jump=shade.jumps(p, m, extent, one, n, EYE, *given, shapes=[shape])[None],
+        exponent=np.full((1, count), n),
+        alpha_error=np.zeros((1, count)),
+        unsure=np.zeros((1, count), bool),
+    )
+    assert (found > 0.0).any(axis=1).mean() > 0.1
+    assert oracle_bounds.assert_colors_within(found[None], expected) < 4.0
+
+
+def test_what_arrives_at_the_limits_of_distance(device):
+    """Powers of two, exact in float32, at the normal; the shortest distance with a direction is 2^-50."""
+    matte = {"point": (0, 0, 0), "material": {"ks": 0.0}}
+    for power in (0, -20, -50, 50):
+        found = one(device, **matte, light=(0, 0, 2.0**power), shape=ATTENUATED)
+        assert found == [pytest.approx(2.0 ** (-2 * power), rel=1e-6)] * 3
+    for near in (0.0, 2.0**-51):
+        assert one(device, **matte, light=(0, 0, near), shape=ATTENUATED) == [0, 0, 0]
+    at_once = {**ATTENUATED, "inverse_range": 2.0**60}
+    assert one(device, **matte, light=(0, 0, 1), shape=at_once) == [0, 0, 0]
+    dim = {**ATTENUATED, **CONE, "axis": (0, 0, -1), "cone_cosine": 1.0 - 2.0**-22, "cone_scale": 1.0}
+    # A share of 2^-160 counts as 0, so that devices that flush denormal numbers and others agree.
+    assert one(device, **matte, light=(0, 0, 2.0**58), intensity=(1e38, 1, 1), shape=dim) == [0, 0, 0]
+
+
+def test_what_arrives_saturates(device):
+    most = float(np.finfo(np.float32).max)
+    near = {"point": (0, 0, 0), "light": (0, 0, 2.0**-40), "material": {"ks": 0.0}, "shape": ATTENUATED}
+    assert one(device, **near, intensity=(3e38, -3e38, 0)) == [most, -most, 0]
+    both = (float32([[0, 0, 2.0**-40], [0, 0, 2.0**-40]]), float32([[3e38] * 3, [-3e38] * 3]))
+    found = reflect(device, float32([[0, 0, 0]]), float32([[0, 0, 1]]), both, material={"ks": 0.0}, shape=ATTENUATED)
+    assert np.isfinite(found).all()
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)

@@ -12,7 +12,7 @@ import pytest
 
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.frame_files import SAVING, SavingOptions
-from clshade.scene import camera, model, settings
+from clshade.scene import camera, lights, model, settings, texture
 
 # Typed defaults in place of values that a factory creates.
 FACTORY = "..."
@@ -62,6 +62,7 @@ def test_a_choice_has_the_same_values_for_type_checkers(literal, choices, field)
         (settings.Preset, settings.PRESETS),
         (model.Wrap, model.WRAPS),
         (model.Lookup, model.LOOKUPS),
+        (model.Filter, model.FILTERS),
         (model.Sides, model.SIDES),
         (model.Nonfinite, model.NONFINITE),
     ],
@@ -96,10 +97,18 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
     return found
 
 
-@pytest.mark.parametrize("module", [camera, model], ids=["camera", "model"])
+TYPED = {
+    camera: {"Camera"},
+    lights: {"PointLight", "DirectionalLight", "SpotLight"},
+    model: {"Mesh", "Scene"},
+    texture: {"Texture"},
+}
+
+
+@pytest.mark.parametrize("module", TYPED, ids=lambda module: module.__name__.rpartition(".")[2])
 def test_the_constructors_for_type_checkers_are_those_of_the_classes(module):
     found = typed_constructors(module)
-    assert set(found) == ({"Camera"} if module is camera else {"PointLight", "Texture", "Mesh", "Scene"})
+    assert set(found) == TYPED[module]
     for name, parameters in found.items():
         own = []
         for field in fields(getattr(module, name)):
@@ -123,6 +132,8 @@ texture = clshade.Texture(np.zeros((2, 2, 3), np.uint8), wrap=("repeat", "clamp"
 mesh = clshade.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.array([[0, 1, 2]]), material=material)
 scene = clshade.Scene([mesh], camera, [light], ambient=0.2, background=None)
 scene = replace(scene, ambient=(0.1, 0.1, 0.1), lights=light)
+sun, lamp = clshade.DirectionalLight((0, -1, 0)), clshade.SpotLight((0, 2, 0), (0, -1, 0), 3.0, attenuation="inverse-square")
+scene = replace(scene, lights=[sun, lamp, light])
 frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, resolution=(64, 48), preset="standard")
 frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
 with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:

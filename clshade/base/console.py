@@ -49,6 +49,11 @@ def progress(text: str) -> None:
         _print(text)
 
 
+def note(text: str) -> None:
+    """Print a line on what was chosen for the user, unless quiet or in a worker."""
+    progress(text)
+
+
 def table(lines: Sequence[str]) -> None:
     """Print a table, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():

@@ -83,6 +83,16 @@ def read_file(path: Path, most: int) -> bytes:
         raise file_error(owner, "file", "a file that fits into memory", f"{size} bytes") from None
 
 
+def first_bytes(path: Path, count: int) -> bytes:
+    """Return the first bytes of a regular, non-empty file, by which formats are recognized. Raises as `read_file`."""
+    size_of(path)
+    try:
+        with open(path, "rb") as file:
+            return file.read(count)
+    except OSError as error:
+        raise file_error(shown(path), "file", "a readable file", str(error.strerror or error)) from None
+
+
 def beside(root: str, folder: str, reference: str, owner: str, field: str) -> str | None:
     r"""Return the path of a file that a scene file refers to, or None if there is no such file.
 

@@ -20,6 +20,7 @@ from ..images.metrics import scale_end
 from ..scene.builtin.scenes import builtin
 from ..scene.formats.load import load
 from ..scene.formats.texture import as_texture
+from ..scene.lights import plain_lights
 from ..scene.model import Scene
 from .figures import LIGHTS, Figure, build_all, draw_all, pairs
 
@@ -112,7 +113,7 @@ def _numbers(vector: np.ndarray) -> str:
 
 def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
     """Return a panel of the figure, clamped, with the position and intensity of its lights and its drawing time."""
-    lights = [scene.lights[k] for k in figure.lights]
+    lights = [plain_lights(scene.name, scene.lights)[k] for k in figure.lights]
     lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
     text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
     return contact_sheet.Panel(contact_sheet.reduced(figure.picture), figure.title, text)

@@ -9,16 +9,18 @@ import numpy as np
 from ..base.arrays import Floats
 from ..base.spelling import hint
 from ..base.validation import sequence, value_error
+from .colors import Rgb, encoded_rgb
 
 MOST_COLORS = 1 << 16
 
-Rgb = tuple[float, float, float]
-
 
 def rgb_of(owner: str, name: str, color: Any) -> Rgb:
-    """Return a color that Matplotlib understands, a name, "#rrggbb" or three numbers from 0 to 1, as sRGB numbers."""
+    """Return a color that Matplotlib understands, a name, "#rrggbb" or three numbers from 0 to 1, as sRGB numbers. A text
+    may also be "R,G,B", linear."""
     from matplotlib import colors
 
+    if isinstance(color, str) and "," in color:
+        return encoded_rgb(owner, name, color)
     try:
         red, green, blue = colors.to_rgb(color)
     except (ValueError, TypeError):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Bytes
-from .color_map import Rgb, map_colors
+from .color_map import map_colors
+from .colors import Rgb
 
 _DPI = 100
 _LETTERS = 9.0  # width of the bar, its values and its title, in heights of letters
@@ -27,7 +28,7 @@ def bar_width(rows: int) -> int:
 def with_colorbar(
     image: Bytes, colormap: str | tuple[Rgb, ...], ends: tuple[float, float], title: str, ground: Bytes
 ) -> Bytes:
-    """Return an 8-bit image (M, N, 3) made wider by a bar on a ground of that color, (3,).
+    """Return an 8-bit image (M, N, 3 or 4) made wider by a bar on a ground of that color, (3,).
 
     ends: values of the bar's lower and upper end. The image's own pixels stay as they are.
     """
@@ -54,7 +55,7 @@ def with_colorbar(
     size = letter * 72 / _DPI * min(1.0, 1.4 * rows / (letter * max(len(title), 1)))
     figure.text(1.0 - letter / width, 0.5, title, color=ink, rotation=90, ha="center", va="center", fontsize=size)
     canvas.draw()
-    bar = np.asarray(canvas.buffer_rgba())[:rows, :width, :3]
+    bar = np.asarray(canvas.buffer_rgba())[:rows, :width, : image.shape[2]]
     return np.concatenate([image, bar], axis=1)
 
 

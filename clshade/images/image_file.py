@@ -13,12 +13,13 @@ import numpy as np
 from ..base import console
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import file_error, read_file, size_of
+from ..base.input_files import file_error, first_bytes, read_file
 from ..errors import InputError
 from . import decode, exr
 from .channels import color_group
 
 _EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
+SIGNATURES = (_EXR, _PNG)  # what files that are read begin with
 _MAX_BYTES = 1 << 31  # size of a PNG
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
@@ -68,12 +69,7 @@ def read_picture(path: Path) -> Picture:
 
 
 def _read(path: Path, owner: str) -> Picture:
-    size_of(path)
-    try:
-        with open(path, "rb") as file:
-            begin = file.read(len(_PNG))
-    except OSError as error:
-        raise file_error(owner, "file", "a readable file", str(error.strerror or error)) from None
+    begin = first_bytes(path, len(_PNG))
     if begin.startswith(_EXR):
         return Picture(*exr.read(path), name=owner)
     if begin != _PNG:

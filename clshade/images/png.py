@@ -22,12 +22,15 @@ _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 def write(path: Path, rgb8: np.ndarray) -> None:
     """Write an image as PNG, atomically; the same image gives the same bytes.
 
-    rgb8: uint8 (M, N, 3), row 0 at the top, as `tonemap` returns it; need not be contiguous.
+    rgb8: uint8 (M, N, 3), or with straight alpha (M, N, 4), row 0 at the top, as `Frame.to_png8` returns it; need not be
+    contiguous.
     Raises InputError for another shape or type, OutputError if the file cannot be written.
     """
     rgb8 = np.asarray(rgb8)
-    if rgb8.ndim != 3 or rgb8.shape[2] != 3 or 0 in rgb8.shape or rgb8.dtype != np.uint8:
-        raise InputError(f"png: rgb8: expected uint8 of shape (M, N, 3), found {rgb8.dtype} of shape {rgb8.shape}")
+    if rgb8.ndim != 3 or rgb8.shape[2] not in (3, 4) or 0 in rgb8.shape or rgb8.dtype != np.uint8:
+        raise InputError(
+            f"png: rgb8: expected uint8 of shape (M, N, 3) or (M, N, 4), found {rgb8.dtype} of shape {rgb8.shape}"
+        )
     with atomic_files.replacing(path) as file:
         encode(file, rgb8)
 
@@ -58,10 +61,11 @@ def resolution(path: Path) -> tuple[int, int] | None:
     return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:], "big")
 
 
-def read(path: Path) -> np.ndarray:
+def read(path: Path, *, alpha: bool = False) -> np.ndarray:
     """Read a PNG as uint8 (M, N, 3), row 0 at the top.
 
     Gray and palette images are expanded, alpha is dropped, 16-bit gray is rounded to 8 bits.
+    alpha: keep that of an RGBA image, (M, N, 4).
     Raises InputError, one line naming the file, if it is missing, not a PNG, truncated, damaged or too large.
     """
     from PIL import PngImagePlugin
@@ -76,7 +80,7 @@ def read(path: Path) -> np.ndarray:
             if image.mode.startswith("I"):
                 gray = (np.asarray(image).astype(np.uint32) + 128) // 257
                 return np.repeat(gray.astype(np.uint8)[:, :, None], 3, axis=2)
-            return np.array(image if image.mode == "RGB" else image.convert("RGB"))
+            return np.array(image if image.mode == "RGB" or (alpha and image.mode == "RGBA") else image.convert("RGB"))
     except InputError:
         raise
     except Exception as error:  # decoders raise exceptions of many types on damaged files

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -11,8 +12,10 @@ from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Settings, Texture
 from ..scene.scalar_colors import at_corners
 from .normals import placed_normal_errors, placed_normals, vertex_normal_errors, vertex_normals
-from .texture import bilerp, brightest, levels, trilinear
+from .tangents import corner_tangents
+from .texture import bilerp, brightest, levels, spread, trilinear
 from .transform import mirrors, world_vertices
+from .vectors import power_of_two, unit
 
 MOST_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
 
@@ -24,6 +27,9 @@ class Corners:
     world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) how much rounding in float64
     may change the worst of them. colors: (F, 3, 3) vertex colors, white if the mesh has none. uvs: (F, 3, 2), `usable_uvs`,
     0 if the mesh has none. scalars: (F, 3), NaN if the mesh has none. mesh: (F,) index into scene.meshes.
+    tangents: (F, 3, 4) of faces with a normal map, in world space: unit or 0, and the side of the bitangent; 0 for others.
+    more_uvs: of each further set of texture coordinates as uvs.
+    alphas: (F, 3) of the vertices.
     """
 
     world: Floats
@@ -33,6 +39,13 @@ class Corners:
     uvs: Floats
     scalars: Floats
     mesh: Integers
+    tangents: Floats
+    more_uvs: tuple[Floats, ...]
+    alphas: Floats
+
+    def uvs_for(self, texture: Texture) -> Floats:
+        """Return the texture coordinates (F, 3, 2) at which a texture is looked up."""
+        return (self.uvs, *self.more_uvs)[texture.coordinates]
 
 
 def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, Floats, Floats]:
@@ -55,10 +68,47 @@ def usable_uvs(uvs: Reals) -> Floats:
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float64)
 
 
+_tangents: WeakKeyDictionary[Mesh, Floats] = WeakKeyDictionary()
+
+
+def own_tangents(mesh: Mesh) -> Floats:
+    """Return the tangents (F, 3, 4) at the corners of a mesh in object space: its own, or computed; kept as long as the mesh
+    lives."""
+    texture = mesh.material.microfacets.normal_texture
+    if texture is None or mesh.uvs is None or texture.coordinates > len(mesh.more_uvs):
+        return np.zeros((len(mesh.faces), 3, 4))
+    if mesh.tangents is not None:
+        return np.asarray(mesh.tangents, np.float64)[mesh.faces if mesh.tangent_faces is None else mesh.tangent_faces]
+    if mesh not in _tangents:
+        if mesh.normals is None:
+            normals = vertex_normals(mesh.verts, mesh.faces)[mesh.faces]
+        else:
+            normals = unit(np.asarray(mesh.normals, np.float64))
+            normals = normals[mesh.faces if mesh.normal_faces is None else mesh.normal_faces]
+        uvs = usable_uvs((mesh.uvs, *mesh.more_uvs)[texture.coordinates])
+        uvs = uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
+        _tangents[mesh] = corner_tangents(np.asarray(mesh.verts, np.float64)[mesh.faces], normals, uvs)
+    return _tangents[mesh]
+
+
+def placed_tangents(tangents: Floats, matrix: Floats) -> Floats:
+    """Place tangents (..., 4). Where the placement mirrors, normal, tangent and bitangent change from a right-handed to a
+    left-handed system, or back."""
+    placed = np.zeros_like(tangents)
+    scale = power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
+    placed[..., :3] = unit(unit(tangents[..., :3]) @ (matrix[:3, :3] / scale).T)
+    side = np.where(tangents[..., 3] < 0.0, -1.0, 1.0) * (-1.0 if mirrors(matrix) else 1.0)
+    placed[..., 3] = np.where(placed[..., :3].any(axis=-1), side, 0.0)
+    return placed
+
+
 def gather(scene: Scene, scalars: str | None = None) -> Corners:
     """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed.
     scalars: the name of those to gather."""
-    world, normals, errors, colors, uvs, numbers, owner = [], [], [], [], [], [], []
+    world, normals, errors, colors, uvs, numbers, owner, alphas = [], [], [], [], [], [], [], []
+    tangents: list[Floats] = []
+    sets = max((len(mesh.more_uvs) for mesh in scene.meshes), default=0)
+    more: list[list[Floats]] = [[] for _ in range(sets)]
     for index, mesh in enumerate(scene.meshes):
         count = len(mesh.faces)
         mesh_colors = np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64)
@@ -66,6 +116,11 @@ def gather(scene: Scene, scalars: str | None = None) -> Corners:
             mesh_uvs = np.zeros((count, 3, 2))
         else:
             mesh_uvs = usable_uvs(mesh.uvs)[mesh.faces if mesh.uv_faces is None else mesh.uv_faces]
+        uv_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
+        mesh_more = [usable_uvs(each)[uv_faces] for each in mesh.more_uvs]
+        mesh_more += [np.zeros((count, 3, 2))] * (sets - len(mesh_more))
+        mesh_tangents = own_tangents(mesh)
+        mesh_alphas = np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64)
         mesh_scalars = at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan)
         for matrix in np.asarray(mesh.instances):
             placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
@@ -78,6 +133,10 @@ def gather(scene: Scene, scalars: str | None = None) -> Corners:
             uvs.append(mesh_uvs[:, turned])
             numbers.append(mesh_scalars[:, turned])
             owner.append(np.full(count, index))
+            tangents.append(placed_tangents(mesh_tangents, matrix)[:, turned])
+            for parts, part in zip(more, mesh_more, strict=True):
+                parts.append(part[:, turned])
+            alphas.append(mesh_alphas[:, turned])
     empty = np.zeros((0, 3, 3))
     return Corners(
         np.concatenate([empty, *world]),
@@ -87,6 +146,9 @@ def gather(scene: Scene, scalars: str | None = None) -> Corners:
         np.concatenate([np.zeros((0, 3, 2)), *uvs]),
         np.concatenate([np.zeros((0, 3)), *numbers]),
         np.concatenate([np.zeros(0, np.int64), *owner]),
+        np.concatenate([np.zeros((0, 3, 4)), *tangents]),
+        tuple(np.concatenate([np.zeros((0, 3, 2)), *parts]) for parts in more),
+        np.concatenate([np.zeros((0, 3)), *alphas]),
     )
 
 
@@ -104,25 +166,27 @@ def interpolated(weights: Floats, uvs: Floats) -> Floats:
     return uvs[:, 0] + from_first(weights, uvs)
 
 
-def alpha_passes(scene: Scene, corners: Corners, face: Integers, weights: Floats) -> Bools:
-    """Return (K,) bool: where the texture's alpha on faces (K,), at corner weights (K, 3), reaches the material's
-    cutoff."""
-    passes = np.ones(len(face), bool)
-    for index in np.unique(corners.mesh[face]):
-        mesh = scene.meshes[index]
-        texture = mesh.material.texture
-        if not textured(mesh) or mesh.material.alpha_cutoff is None or texture.image.shape[2] < 4:
-            continue
-        mine = np.flatnonzero(corners.mesh[face] == index)
-        uv = interpolated(weights[mine], corners.uvs[face[mine]])
-        alpha = bilerp(uv, texture.image[..., 3:], texture.lookup, texture.wrap)[:, 0]
-        passes[mine] = alpha >= mesh.material.alpha_cutoff
-    return passes
-
-
 def textured(mesh: Mesh) -> bool:
     """Return whether there is a texture to look up; without texture coordinates there is not."""
     return mesh.material.texture is not None and mesh.uvs is not None
+
+
+def lookup_of(texture: Texture) -> str:
+    """Return the lookup of `texture.bilerp`: the texture's own, or `nearest`."""
+    return "nearest" if texture.filter == "nearest" else texture.lookup
+
+
+def uv_slack(settings: Settings, uvs: Floats, condition: Floats, size: tuple[int, int]) -> Floats:
+    """Return how far interpolated texture coordinates may be off, (K, 2), with those of the corners (K, 3, 2), `condition`
+    (K,) of `shade_pixels`, and a texture of `size` columns and rows.
+
+    In float32 they are accurate to 2^-42 of the largest one at a corner, with another 2^-25 of a texel from planes
+    (kernels/texture.clh), twice that with the oracle's own; with `fast`, as means of float32, to 76 * 2^-24. Rounding of
+    positions in float64 counts as for the weights, 76 * 2^-53.
+    """
+    own = {"float32": 2.0**-41, "fast": 2.0**-17, "float64": 0.0}[settings.precision]
+    most: Floats = np.abs(uvs).max(axis=(1, 2)) * np.maximum(own, 76.0 * 2.0**-53 * condition)
+    return most[:, None] + (0.0 if settings.precision == "float64" else 2.0**-24) / np.array(size)
 
 
 def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Integers) -> Floats:
@@ -143,17 +207,22 @@ def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Inte
             colors[mine] = 1.0
         colors[mine] = colors[mine] * mesh.material.color
         if settings.texture_at == "vertex":
-            uv = corners.uvs[face[mine]]
+            uv = corners.uvs_for(texture)[face[mine]]
             colors[mine] = colors[mine] * bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
     return colors
 
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """Texels of pixels, (K, 3) each: the color, and the largest magnitude among the texels it is a mean of."""
+    """Texels of pixels, (K, 3) each: the color; the largest magnitude among the texels it is a mean of; and by how much
+    rounding may change the color where it is that of the nearest texel. found: (K,) where a texture is looked up. slack:
+    (K,) how many texels the place may be off by."""
 
     color: Floats
     most: Floats
+    spread: Floats
+    found: Bools
+    slack: Floats
 
 
 _mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()
@@ -173,28 +242,38 @@ def texels(
     face: Integers,
     weights: Floats,
     steps: tuple[Floats, Floats] | None,
+    condition: Floats,
+    textures: Sequence[Texture | None] | None = None,
 ) -> Texels:
     """Return texels of pixels on faces `face` (K,) at corner weights (K, 3), 1 where none is looked up per pixel.
 
     steps: derivatives of the weights from pixel to pixel, to the right and up, (K, 3) each; None with texture_filter
-    bilinear.
+    bilinear. condition: (K,), see `uv_slack`. textures: of the meshes, by default those of their materials' colors.
     """
-    found = Texels(np.ones((len(face), 3)), np.ones((len(face), 3)))
-    if settings.texture_at == "vertex":
-        return found
+    count, ones = len(face), np.ones((len(face), 3))
+    found = Texels(ones, ones.copy(), np.zeros((count, 3)), np.zeros(count, bool), np.zeros(count))
+    if textures is None:
+        if settings.texture_at == "vertex":
+            return found
+        textures = [mesh.material.texture for mesh in scene.meshes]
     for index in np.unique(corners.mesh[face]):
-        mesh = scene.meshes[index]
-        if not textured(mesh):
+        mesh, texture = scene.meshes[index], textures[index]
+        if texture is None or mesh.uvs is None or texture.coordinates > len(mesh.more_uvs):
             continue
-        texture = mesh.material.texture
         mine = np.flatnonzero(corners.mesh[face] == index)
-        corner_uvs = corners.uvs[face[mine]]
+        corner_uvs = corners.uvs_for(texture)[face[mine]]
         uv = interpolated(weights[mine], corner_uvs)
+        slack = uv_slack(settings, corner_uvs, condition[mine], texture.image.shape[1::-1])
+        found.found[mine], found.slack[mine] = True, (slack * texture.image.shape[1::-1]).max(axis=1)
+        lookup, wrap, image = lookup_of(texture), texture.wrap, texture.image[..., :3]
         if steps is not None and texture.lookup == "standard":
             with np.errstate(invalid="ignore", over="ignore"):
                 right, up = (from_first(step[mine], corner_uvs) for step in steps)
-            found.color[mine], found.most[mine] = trilinear(uv, right, up, mipmap_of(texture), texture.wrap)
+            looked_up = trilinear(uv, right, up, mipmap_of(texture), lookup, wrap, slack)
+            found.color[mine], found.most[mine], found.spread[mine] = looked_up
             continue
-        looked_up = uv, texture.image[..., :3], texture.lookup, texture.wrap
-        found.color[mine], found.most[mine] = bilerp(*looked_up), brightest(*looked_up)
+        found.color[mine], found.most[mine] = bilerp(uv, image, lookup, wrap), brightest(uv, image, lookup, wrap)
+        if lookup == "nearest":
+            found.spread[mine] = spread(uv, image, wrap, slack)
+            found.most[mine] += found.spread[mine]
     return found

@@ -11,11 +11,12 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
-from . import coverage, sampling, shade, transform
+from . import backdrop, coverage, sampling, shade, transform
 from .clip import Pieces, pieces
-from .corners import Corners, alpha_passes, gather
+from .corners import Corners, gather
 from .lines import LINE, MARKED, samples_with_lines
 from .pixels import Shaded, shade_pixels
+from .transparency import DOUBT, ROUNDINGS, Fragments, alphas, ordered, passes, transparent_faces
 
 BATCH = 1 << 15  # pixels shaded at a time
 
@@ -38,6 +39,8 @@ class OracleFrame:
     jump: (M, N, 3) how much highlights that rounding may open or close (see `shade.jumps`), and colors of a color map that
         it may exchange, can change the color.
     exponent: (M, N) the material's n; 1 without light.
+    alpha_error: (M, N) how much rounding can change alpha, in the units of colors; 0 where alpha is exact.
+    unsure: (M, N) bool, where rounding may change the order of transparent surfaces, or which of them layers show.
     For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
     those of the sample nearest the center, kappa, its terms and the exponent the worst of all, budget and jump the mean.
     """
@@ -50,6 +53,8 @@ class OracleFrame:
     conditions: Floats
     jump: Floats
     exponent: Floats
+    alpha_error: Floats
+    unsure: Bools
 
     @property
     def kappa(self) -> Floats:
@@ -63,12 +68,14 @@ class OracleFrame:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Geometry of a scene in the image: corners of all faces, their depths z (F, 3), and the pieces to draw."""
+    """Geometry of a scene in the image: corners of all faces, their depths z (F, 3), and the pieces to draw. place: of the
+    sample that sees it so, 1/256 px from the pixel's lower left corner."""
 
     corners: Corners
     z: Floats
     pieces: Pieces
     setup: coverage.Setup
+    place: tuple[int, int] = (coverage.HALF, coverage.HALF)
 
 
 def prepare(scene: Scene, settings: Settings) -> Prepared:
@@ -108,7 +115,8 @@ def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Pre
     views = []
     for place in sampling.places(settings.samples):
         cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
-        views.append(replace(prepared, pieces=cut, setup=_set_up(scene, settings, prepared.corners, cut)))
+        at = int(place[0]), int(place[1])
+        views.append(replace(prepared, pieces=cut, setup=_set_up(scene, settings, prepared.corners, cut), place=at))
     return views
 
 
@@ -178,7 +186,14 @@ def passes_alpha(scene: Scene, settings: Settings, prepared: Prepared, piece: In
     """Return (K,) bool: where pixels of pieces (K,), with edge functions (K, 3), pass their material's alpha test."""
     cut = prepared.pieces
     weights = face_weights(scene, settings, prepared, piece, edges)
-    return alpha_passes(scene, prepared.corners, cut.face[piece], weights)
+    return passes(scene, prepared.corners, cut.face[piece], weights)
+
+
+def owns_pixels(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Bools:
+    """Return (K,) bool: the same for opaque faces; transparent ones own no pixels."""
+    opaque = ~transparent_faces(scene, prepared.corners)[prepared.pieces.face[piece]]
+    opaque[opaque] = passes_alpha(scene, settings, prepared, piece[opaque], edges[opaque])
+    return opaque
 
 
 def face_weights(scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, edges: Integers) -> Floats:
@@ -279,15 +294,25 @@ def _resolved(
     center, views: the scene as the pixels' center sees it, and as their samples do.
     """
     lines = _lines(scene, settings, center, columns, upward)
+    if any(mesh.blends for mesh in scene.meshes):
+        return _composited(scene, settings, center, views, owner, (columns, upward), lines)
     nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
     if len(views) == 1:
-        return nearest if lines is None else _with_lines(scene, settings, nearest, lines[0])
-    total = _background(scene, owner.shape[1])
+        if lines is None:
+            return nearest
+        return _with_lines(settings, nearest, lines[0], _background(scene, settings, views[0], columns, upward))
+    total = _background(scene, settings, views[0], columns, upward)
     if lines is not None:
         owner = np.where((lines > 0) | settings.edges.only, -1, owner)  # type: ignore[union-attr]
     where = sampling.lit_at(owner, settings.sample_shading)
     empty = owner < 0 if lines is None else (owner < 0) & (lines == 0)
     parts: list[tuple[Integers, Integers, OracleFrame]] = [(np.arange(owner.shape[1]), empty.sum(axis=0), total)]
+    if settings.background == "environment":
+        parts = []
+        for view, open_ in zip(views, empty, strict=True):
+            mine = np.flatnonzero(open_)
+            behind = _background(scene, settings, view, columns[mine], upward[mine])
+            parts.append((mine, np.ones(len(mine), np.int64), behind))
     if lines is not None:
         for kind, color in _line_colors(settings):
             share = (lines == kind).sum(axis=0)
@@ -318,7 +343,192 @@ def _resolved(
         conditions[lit[worse]] = part.conditions[worse]
         exponent[lit] = np.maximum(exponent[lit], part.exponent)
     measures = {"budget": budget, "conditions": conditions, "jump": jump, "exponent": exponent}
-    return OracleFrame(rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, **measures)
+    return replace(total, rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, **measures)
+
+
+def fragments_at(
+    scene: Scene, settings: Settings, view: Prepared, owner: Integers, pixels: tuple[Integers, Integers]
+) -> Fragments:
+    """Return the transparent fragments of pixels (columns, rows from the BOTTOM), (K,) each, before their owners."""
+    cut, camera = view.pieces, scene.camera
+    seen = np.flatnonzero(~view.setup.culled & transparent_faces(scene, view.corners)[cut.face])
+    drawn: list[tuple[Integers, Integers, Integers]] = []
+    for k, pixel, edges in coverage.samples_at(cut.xy[seen], view.setup.box[seen], *pixels):
+        passed = passes_alpha(scene, settings, view, seen[k], edges)
+        drawn.append((pixel[passed], seen[k[passed]], edges[passed]))
+    none = np.zeros(0, np.int64)
+    pixel, piece, edges = (
+        np.concatenate([empty, *part])
+        for empty, part in zip(
+            (none, none, np.zeros((0, 3), np.int64)), zip(*drawn, strict=True) if drawn else ((), (), ()), strict=True
+        )
+    )
+    painter = coverage.painter_order(view.z[cut.face], ~view.setup.culled)
+    return ordered(settings, cut, painter, owner, (pixel, piece, edges), pixels, camera.orthographic)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """Fragments as they are lit: colors and measures, and alphas as of `transparency.alphas`."""
+
+    shaded: Shaded
+    alpha: Floats
+    most: Floats
+    varies: Bools
+
+
+def _light_fragments(
+    scene: Scene,
+    settings: Settings,
+    center: Prepared,
+    views: list[Prepared],
+    s: int,
+    found: Fragments,
+    pixels: tuple[Integers, Integers],
+) -> _Lit:
+    """Light the fragments of sample s: at the center of their pixels if their pieces cover all samples, else at the sample
+    nearest the center of those they cover; with sample_shading at s."""
+    column, row = pixels[0][found.pixel], pixels[1][found.pixel]
+    where = np.full(len(found.piece), s)
+    if len(views) > 1 and not settings.sample_shading:
+        covers = []
+        for view in views:
+            xy = view.pieces.xy[found.piece]
+            covers.append(coverage.covered(xy, coverage.edge_functions(xy, column, row)))
+        where = np.where(np.all(covers, axis=0), len(views), np.argmax(covers, axis=0))
+    count = len(found.piece)
+    shaded = Shaded(*(np.zeros((count, *shape)) for shape in ((3,), (3,), (4,), (3,), ())))
+    alpha, most, varies = np.zeros(count), np.zeros(count), np.zeros(count, bool)
+    for w, view in enumerate([*views, center]):
+        mine = np.flatnonzero(where == w)
+        for some in np.array_split(mine, max(1, -(-len(mine) // BATCH))):
+            if not len(some):
+                continue
+            piece, at = found.piece[some], (column[some], row[some])
+            part, _ = _shade_batch(scene, settings, view, piece, *at)
+            for f in fields(Shaded):
+                getattr(shaded, f.name)[some] = getattr(part, f.name)
+            edges = coverage.edge_functions(view.pieces.xy[piece], *at)
+            weights = face_weights(scene, settings, view, piece, edges)
+            alpha[some], most[some], varies[some] = alphas(scene, view.corners, view.pieces.face[piece], weights)
+    return _Lit(shaded, np.clip(alpha, 0.0, 1.0), most, varies)
+
+
+def _over(base: OracleFrame, found: Fragments, lit: _Lit) -> None:
+    """Composite fragments over pixels of one sample, in place, the farthest first.
+
+    An error of an alpha changes the color by as much of the difference between the fragment and what lies behind.
+    """
+    count = np.bincount(found.pixel, minlength=len(base.alpha))
+    error, total = np.zeros(len(base.alpha)), np.abs(base.rgb)
+    for place in range(int(count.max(initial=0)) - 1, -1, -1):
+        k = np.flatnonzero(found.place == place)
+        at, alpha, most = found.pixel[k], lit.alpha[k, None], lit.most[k, None]
+        color, behind = lit.shaded.rgb[k], base.rgb[at].copy()
+        base.budget[at] = (
+            alpha * lit.shaded.budget[k]
+            + (1.0 - alpha) * base.budget[at]
+            + most * lit.varies[k, None] * (np.abs(color) + np.abs(behind))
+        )
+        base.jump[at] = alpha * lit.shaded.jump[k] + (1.0 - alpha) * base.jump[at]
+        base.rgb[at] = alpha * color + (1.0 - alpha) * behind
+        total[at] = alpha * np.abs(color) + (1.0 - alpha) * total[at]
+        error[at] = lit.most[k] + (1.0 - lit.alpha[k]) * error[at]
+        base.alpha[at] = lit.alpha[k] + (1.0 - lit.alpha[k]) * base.alpha[at]
+        worse = shade.condition_number(lit.shaded.conditions[k]) > shade.condition_number(base.conditions[at])
+        base.conditions[at[worse]] = lit.shaded.conditions[k[worse]]
+        base.exponent[at] = np.maximum(base.exponent[at], lit.shaded.exponent[k])
+    rounded = np.where(count > 0, 2.0 * count + 2.0, 0.0) * ROUNDINGS
+    base.budget[:] += rounded[:, None] * total
+    base.alpha_error[:] = np.where(count > 0, error + rounded, 0.0)
+
+
+def shown_owners(settings: Settings, owner: Integers, found: Fragments, lit: _Lit) -> tuple[Integers, Bools]:
+    """Return the pieces that layers show at pixels with these owners (K,), and where rounding may change them."""
+    shown, unsure = owner.copy(), np.zeros(len(owner), bool)
+    enough = np.flatnonzero(lit.alpha >= settings.layer_alpha)[::-1]  # the nearest is assigned last
+    shown[found.pixel[enough]] = found.piece[enough]
+    close = lit.varies & (np.abs(lit.alpha - settings.layer_alpha) <= DOUBT)
+    unsure[found.pixel[close]] = True
+    return shown, unsure
+
+
+def layer_owners(
+    scene: Scene, settings: Settings, owner: Integers, pixels: tuple[Integers, Integers]
+) -> tuple[Integers, Bools]:
+    """Return the same for pixels (columns, rows from the BOTTOM), (K,) each. owner: the opaque owners of their samples
+    nearest the center."""
+    if not any(mesh.blends for mesh in scene.meshes):
+        return owner, np.zeros(len(owner), bool)
+    center = prepare(scene, settings)
+    views = samples_of(scene, settings, center)
+    found = fragments_at(scene, settings, views[0], owner, pixels)
+    return shown_owners(settings, owner, found, _light_fragments(scene, settings, center, views, 0, found, pixels))
+
+
+def _composited(
+    scene: Scene,
+    settings: Settings,
+    center: Prepared,
+    views: list[Prepared],
+    owner: Integers,
+    pixels: tuple[Integers, Integers],
+    lines: Integers | None,
+) -> OracleFrame:
+    """Resolve pixels of a scene with transparent surfaces, sample by sample. Arguments as of `_resolved`."""
+    taken = np.zeros_like(owner) if lines is None else lines
+    only = settings.edges is not None and settings.edges.only
+    opaque = owner if len(views) == 1 else np.where((taken > 0) | only, -1, owner)
+    where = sampling.lit_at(opaque, settings.sample_shading)
+    samples, unsure = [], np.zeros(owner.shape[1], bool)
+    for s, view in enumerate(views):
+        found = fragments_at(scene, settings, view, owner[s], pixels)
+        lit = _light_fragments(scene, settings, center, views, s, found, pixels)
+        unsure |= found.unsure
+        frame = _background(scene, settings, view, *pixels)
+        for w, lit_view in enumerate([*views, center]):
+            mine = np.flatnonzero((where[s] == w) & (opaque[s] >= 0))
+            part = _shaded(scene, settings, lit_view, opaque[s, mine], pixels[0][mine], pixels[1][mine])
+            for name in ("rgb", "alpha", "budget", "conditions", "jump", "exponent"):
+                getattr(frame, name)[mine] = getattr(part, name)
+        _over(frame, found, lit)
+        if s == 0:
+            shown, doubtful = shown_owners(settings, owner[0], found, lit)
+            unsure |= doubtful
+            nearest = _shaded(scene, settings, views[0], shown, *pixels)
+        frame = replace(frame, id=nearest.id, Z=nearest.Z)
+        if lines is not None:
+            frame = _with_lines(settings, frame, taken[s], _background(scene, settings, view, *pixels))
+        samples.append(frame)
+    if len(samples) == 1:
+        return replace(samples[0], unsure=unsure)
+    return replace(_mean(scene, settings, samples), id=nearest.id, Z=nearest.Z, unsure=unsure)
+
+
+def _mean(scene: Scene, settings: Settings, samples: list[OracleFrame]) -> OracleFrame:
+    """Return the pixels of samples, but not their id, Z and unsure."""
+    over_nothing = settings.resolve == "weighted" and scene.background is None
+    weights = np.array([sampling.weight(part.rgb, settings.resolve) for part in samples]) / len(samples)
+    alpha: Floats = np.mean([part.alpha for part in samples], axis=0)
+    whole = weights.sum(axis=0)
+    if over_nothing:  # what is covered counts, and the mean is premultiplied
+        seen = sum(weight * part.alpha for weight, part in zip(weights, samples, strict=True))
+        whole = np.where(alpha > 0.0, seen / np.where(alpha > 0.0, alpha, 1.0), 1.0)
+    rgb = sum(weight[:, None] * part.rgb for weight, part in zip(weights, samples, strict=True)) / whole[:, None]
+    every = np.arange(len(alpha))
+    shared = [(every, weight / whole, part) for weight, part in zip(weights, samples, strict=True)]
+    budget, jump = _mean_budgets(shared, rgb, settings.resolve)
+    worst = np.argmax([part.kappa for part in samples], axis=0)
+    return replace(
+        samples[0],
+        rgb=rgb,
+        alpha=alpha,
+        budget=budget,
+        jump=jump,
+        conditions=np.array([part.conditions for part in samples])[worst, every],
+        exponent=np.max([part.exponent for part in samples], axis=0),
+        alpha_error=np.mean([part.alpha_error for part in samples], axis=0),
+    )
 
 
 def _mean_budgets(
@@ -342,16 +552,16 @@ def _mean_budgets(
 
 
 def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque | None:
-    """Return the alpha test of a scene, None if no material has one."""
-    tested = any(mesh.material.alpha_cutoff is not None for mesh in scene.meshes)
-    return partial(passes_alpha, scene, settings, prepared) if tested else None
+    """Return which pieces may own pixels, None if all may: without an alpha test and transparency."""
+    tested = any(mesh.tests_alpha or mesh.blends for mesh in scene.meshes)
+    return partial(owns_pixels, scene, settings, prepared) if tested else None
 
 
 def _shaded(
     scene: Scene, settings: Settings, prepared: Prepared, owner: Integers, columns: Integers, upward: Integers
 ) -> OracleFrame:
     """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
-    frame = _background(scene, len(owner))
+    frame = _background(scene, settings, prepared, columns, upward)
     drawn = np.flatnonzero(owner >= 0)
     for start in range(0, len(drawn), BATCH):
         batch = drawn[start : start + BATCH]
@@ -370,21 +580,28 @@ def _line_colors(settings: Settings) -> tuple[tuple[int, Floats], ...]:
     return (LINE, np.array(edges.color)), (MARKED, np.array(edges.nonmanifold_color))
 
 
-def _with_lines(scene: Scene, settings: Settings, frame: OracleFrame, lines: Integers) -> OracleFrame:
-    """Put lines (K,) over pixels (K,) of a single sample; id and Z stay those of the surface."""
+def _with_lines(settings: Settings, frame: OracleFrame, lines: Integers, empty: OracleFrame) -> OracleFrame:
+    """Put lines (K,) over pixels (K,) of a single sample; id and Z stay those of the surface. empty: the background."""
     if settings.edges is not None and settings.edges.only:
-        frame = replace(_background(scene, len(frame.Z)), id=frame.id, Z=frame.Z)
+        frame = replace(empty, id=frame.id, Z=frame.Z)
     for kind, color in _line_colors(settings):
         mine = lines == kind
         line = _plain(color, int(mine.sum()))
         frame.alpha[mine] = 1.0
+        frame.alpha_error[mine] = 0.0
         for name in ("rgb", "budget", "conditions", "jump", "exponent"):
             getattr(frame, name)[mine] = getattr(line, name)
     return frame
 
 
-def _background(scene: Scene, count: int) -> OracleFrame:
-    return _plain(np.zeros(3) if scene.background is None else scene.background, count)
+def _background(scene: Scene, settings: Settings, view: Prepared, columns: Integers, upward: Integers) -> OracleFrame:
+    """Return what is behind the surfaces at the view's sample of pixels (columns, upward: rows from the bottom), (K,)."""
+    frame = _plain(np.zeros(3) if scene.background is None else scene.background, len(columns))
+    if settings.background != "environment" or scene.environment is None:
+        return frame
+    x, y = (transform.SUBPIXELS * each + place for each, place in zip((columns, upward), view.place, strict=True))
+    rgb, budget = backdrop.seen(scene.environment, backdrop.rays(scene.camera, x, y), settings.precision)
+    return replace(frame, rgb=rgb, budget=budget)
 
 
 def _plain(color: Floats, count: int) -> OracleFrame:
@@ -398,6 +615,8 @@ def _plain(color: Floats, count: int) -> OracleFrame:
         conditions=np.ones((count, 4)),
         jump=np.zeros((count, 3)),
         exponent=np.ones(count),
+        alpha_error=np.zeros(count),
+        unsure=np.zeros(count, bool),
     )
 
 

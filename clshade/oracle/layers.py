@@ -16,12 +16,15 @@ from .frame import (
     Prepared,
     face_weight_steps,
     face_weights,
+    layer_owners,
     opaque_test,
     owners,
     prepare,
     samples_of,
     weight_condition,
 )
+from .maps import maps, turned_length, turned_normals
+from .microfacet import REACH
 from .pixels import blend, shade_pixels
 from .transform import mirrors
 from .vectors import length, unit
@@ -32,7 +35,8 @@ class OracleLayers:
     """The layers and the measures of their errors. Leading axes (M, N), row 0 at the TOP; float64 unless stated; 0 for the
     background.
 
-    N: (M, N, 3) unit normal in world space, or 0; flipped on the back of a two-sided material.
+    N: (M, N, 3) unit normal in world space, or 0, turned by a normal map with shader pbr; flipped on the back of a
+        two-sided material.
     P: (M, N, 3) visible position in world space, interpolated in perspective, as Z is, whatever the setting.
     albedo: (M, N, 3) the factor of the light: vertex color times material color times texel.
     uv: (M, N, 2) the mesh's texture coordinates, not wrapped.
@@ -73,7 +77,7 @@ def equal(a: Material, b: Material) -> bool:
             return False
     if a.texture is None or b.texture is None:
         return a.texture is b.texture
-    same_use = (a.texture.wrap, a.texture.lookup) == (b.texture.wrap, b.texture.lookup)
+    same_use = all(getattr(a.texture, name) == getattr(b.texture, name) for name in ("wrap", "lookup", "filter"))
     return same_use and np.array_equal(a.texture.image, b.texture.image)
 
 
@@ -106,6 +110,9 @@ def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
     view = samples_of(scene, settings, prepare(scene, settings))[0]
     opaque = opaque_test(scene, settings, view)
     owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
+    upward, across = np.mgrid[: owner.shape[0], : owner.shape[1]]
+    shown, _ = layer_owners(scene, settings, owner.ravel(), (across.ravel(), upward.ravel()))
+    owner = shown.reshape(owner.shape)
     found = _background(owner.shape)
     rows, columns = np.nonzero(owner >= 0)
     for start in range(0, len(rows), BATCH):
@@ -153,17 +160,26 @@ def _batch(
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[mesh]
     normal = blend(weights, corners.normals[face])
     normal = np.where((behind & two_sided)[:, None], -normal, normal)
+    steps = None
+    if settings.texture_filter == "trilinear":
+        steps = face_weight_steps(scene, settings, view, piece, column, row)
+    reach = np.abs(corners.world[face] - eye).max(axis=(1, 2))
+    condition = weight_condition(view, piece, reach, scene.camera.orthographic)
     any_normal = (corners.normals[face] != 0.0).any(axis=(1, 2))
+
+    normal_length = np.where(any_normal, length(normal), 1.0)
+    found = maps(scene, settings, corners, face, weights, steps, condition)
+    normal_error = corners.normal_error[face]
+    if found.turned.any():
+        normal = turned_normals(normal, corners.tangents[face], weights, behind & two_sided, found)
+        turned = turned_length(normal, found, REACH[settings.precision])
+        normal_length = np.where(found.turned, turned, normal_length)
+        normal_error = np.where(found.normal.spread.max(axis=1) > 0.0, np.inf, normal_error)
 
     on_piece = shade.barycentrics(edges, view.pieces.z[piece], "affine" if scene.camera.orthographic else "perspective")
     in_space = (on_piece[:, :, None] * view.pieces.weights[piece]).sum(axis=1)
     relative = corners.world[face] - eye
 
-    steps = None
-    if settings.texture_filter == "trilinear":
-        steps = face_weight_steps(scene, settings, view, piece, column, row)
-    reach = np.abs(relative).max(axis=(1, 2))
-    condition = weight_condition(view, piece, reach, scene.camera.orthographic)
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
     in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
     scalars = _within_range(corners.scalars[face], settings.precision)
@@ -176,8 +192,8 @@ def _batch(
         material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
         scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows
-        normal_length=np.where(any_normal, length(normal), 1.0),
-        normal_error=corners.normal_error[face],
+        normal_length=normal_length,
+        normal_error=normal_error,
         reach=reach,
         most_uv=np.abs(corners.uvs[face]).max(axis=(1, 2)),
         most_scalar=np.abs(scalars).max(axis=1),

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from ..scene.model import Scene, Settings
-from . import shade
+from ..scene.model import Environment, Scene, Settings
+from . import environment, microfacet, shade
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
+from .lights import Shape, position_of, shape_of
+from .maps import Maps, maps, turned_length, turned_normals
 from .transform import camera_frame
-from .vectors import length
+from .vectors import length, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +31,11 @@ class Shaded:
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """Lights of non-zero intensity, relative to the eye: positions and intensities (L, 3)."""
+    """Lights of non-zero intensity, relative to the eye: positions (see `lights.position_of`) and intensities (L, 3)."""
 
     positions: Floats
     intensities: Floats
+    shapes: tuple[Shape, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +53,8 @@ class Surface:
 
 def scene_lights(scene: Scene) -> Lights:
     lit = [light for light in scene.lights if light.intensity.any()]
-    positions = np.array([light.position - scene.camera.eye for light in lit]).reshape(-1, 3)
-    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3))
+    positions = np.array([position_of(light, scene.camera.eye) for light in lit]).reshape(-1, 3)
+    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(map(shape_of, lit)))
 
 
 def surfaces(scene: Scene, mesh: Integers) -> Surface:
@@ -75,7 +78,8 @@ class Batch:
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
     texel: per pixel. mapped: per pixel, colors of scalars. tinted: whether the color multiplies the ambient light. turned:
     (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
-    gate: see `shade.jumps`.
+    gate: see `shade.jumps`. facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the
+    corners. maps: per pixel. environment: of the scene, if it has one.
     """
 
     points: Floats
@@ -92,6 +96,18 @@ class Batch:
     turned: Bools
     view: Floats | None
     gate: float
+    facets: microfacet.Facets
+    reach: float
+    tangents: Floats
+    maps: Maps
+    environment: Environment | None
+
+    def flips(self, color: Floats) -> Floats:
+        """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
+        color those are."""
+        of_texel = np.abs(color) * self.mapped.most * self.texel.spread
+        total: Floats = np.abs(color * self.texel.color) * self.mapped.spread + of_texel
+        return total
 
     def eye(self, point: Floats) -> Floats:
         """Return the position of the eye for points (..., 3): the origin, as everything here is relative to it. An
@@ -120,9 +136,10 @@ def shade_pixels(
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
     colors = corner_colors(scene, settings, corners, used)
-    texel = texels(scene, settings, corners, face, weights, steps)
+    condition = condition * np.ones(len(face))
+    texel = texels(scene, settings, corners, face, weights, steps, condition)
     rounding = 2.0**-53 if settings.precision == "float64" else 2.0**-24
-    unit = np.maximum(rounding, 2.0**-53 * condition) * np.ones(len(face))
+    unit = np.maximum(rounding, 2.0**-53 * condition)
     points = corners.world[used] - scene.camera.eye
     extent = np.abs(points).max(axis=(1, 2))
     if settings.lighting_at == "centroid":
@@ -142,17 +159,22 @@ def shade_pixels(
         turned=behind & two_sided,
         view=-axes[2] if scene.camera.orthographic else None,
         gate=shade.FAST_GATE if settings.precision == "fast" else shade.GATE,
+        facets=microfacet.facets_of([m.material for m in scene.meshes])[corners.mesh[used]],
+        reach=microfacet.REACH[settings.precision],
+        tangents=corners.tangents[used],
+        maps=maps(scene, settings, corners, face, weights, steps, condition),
+        environment=scene.environment,
     )
-    return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong}[settings.shader](batch)
+    return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
 
 def _nolight(batch: Batch) -> Shaded:
     """Return the colors themselves."""
-    plain = blend(batch.weights, batch.colors[batch.where]) * batch.texel.color
-    rgb = plain * batch.mapped.color
+    color = blend(batch.weights, batch.colors[batch.where])
+    rgb = color * batch.texel.color * batch.mapped.color
     worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most * batch.mapped.most
     budget = np.maximum(worst_color, 1.0)
-    return Shaded(rgb, budget, np.ones((len(rgb), 4)), np.abs(plain) * batch.mapped.spread, np.ones(len(rgb)))
+    return Shaded(rgb, budget, np.ones((len(rgb), 4)), batch.flips(color), np.ones(len(rgb)))
 
 
 def _gouraud(batch: Batch) -> Shaded:
@@ -163,47 +185,144 @@ def _gouraud(batch: Batch) -> Shaded:
     turned[where] = batch.turned  # all pixels of a face see the same side of it
     normals = np.where(turned[:, None, None], -normals, normals)
     eye = batch.eye(points)
-    lit = shade.reflected(points, normals, eye, kd, ks, n, lights.positions, lights.intensities)
+    given = lights.positions, lights.intensities
+    lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes)
     factor = lit + ka_Ia if batch.tinted else lit
-    plain = blend(batch.weights, (batch.colors * factor)[where]) * batch.texel.color
-    rgb = plain * batch.mapped.color
+    plain = blend(batch.weights, (batch.colors * factor)[where])
+    rgb = plain * batch.texel.color * batch.mapped.color
     pixel = batch.surface[where]
     if not batch.tinted:
         rgb = rgb + pixel.ka_Ia
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
-    steepness = shade.steepness(points, normals, n, eye, lights.positions)
-    conditions = shade.conditions(*place, eye, lights.positions, parallel, steepness)
+    steepness = shade.steepness(points, normals, n, eye, lights.positions, lights.shapes)
+    conditions = shade.conditions(
+        *place, eye, lights.positions, parallel, steepness, shapes=lights.shapes, gate=batch.gate
+    )
     worst = shade.condition_number(conditions).argmax(axis=1)
     conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
-    jump = shade.jumps(points, normals, *place[1:], n, eye, lights.positions, lights.intensities, parallel, batch.gate)
+    jump = shade.jumps(points, normals, *place[1:], n, eye, *given, parallel, batch.gate, lights.shapes)
     jump = (jump * np.abs(ks)).max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most * batch.mapped.most
-    flips = np.abs(plain) * batch.mapped.spread
-    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, lights.intensities, batch.tinted)
-    return Shaded(rgb, budget, conditions[where], jump * worst_color + flips, pixel.n)
+    arriving = shade.most_arriving(points, place[1], eye, *given, lights.shapes, parallel, batch.gate)
+    if arriving.ndim > 2:  # of the brightest corner
+        arriving = np.abs(arriving).max(axis=2)[:, where]
+    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, arriving, batch.tinted)
+    return Shaded(rgb, budget, conditions[where], jump * worst_color + batch.flips(plain), pixel.n)
+
+
+@dataclass(frozen=True, eq=False)
+class Interpolated:
+    """What pixels show, (K, 3): point, normal, vertex color, and color; most: the largest magnitude that the color is a mean
+    of. extent, normal_length: (K,), see `shade.conditions`."""
+
+    point: Floats
+    normal: Floats
+    vertex_color: Floats
+    color: Floats
+    most: Floats
+    extent: Floats
+    normal_length: Floats
+
+
+def _interpolated(batch: Batch) -> Interpolated:
+    where = batch.where
+    normal = blend(batch.weights, batch.normals[where])
+    normal = np.where(batch.turned[:, None], -normal, normal)
+    vertex_color = blend(batch.weights, batch.colors[where])
+    # Where all three corner normals are 0 nothing cancels: 0 is exact.
+    normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
+    if batch.maps.turned.any():
+        normal = turned_normals(normal, batch.tangents[where], batch.weights, batch.turned, batch.maps)
+        normal_length = np.where(batch.maps.turned, turned_length(normal, batch.maps, batch.reach), normal_length)
+    return Interpolated(
+        point=blend(batch.weights, batch.points[where]),
+        normal=normal,
+        vertex_color=vertex_color,
+        color=vertex_color * batch.texel.color * batch.mapped.color,
+        # Corners whose colors differ in sign are each rounded separately.
+        most=blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most * batch.mapped.most,
+        extent=batch.extent[where],
+        normal_length=normal_length,
+    )
 
 
 def _phong(batch: Batch) -> Shaded:
     """Interpolate point, normal and color, then light each pixel."""
-    where, lights, surface = batch.where, batch.lights, batch.surface[batch.where]
-    point, normal = blend(batch.weights, batch.points[where]), blend(batch.weights, batch.normals[where])
-    normal = np.where(batch.turned[:, None], -normal, normal)
-    vertex_color = blend(batch.weights, batch.colors[where])
-    plain = vertex_color * batch.texel.color
-    color = plain * batch.mapped.color
+    lights, surface, at = batch.lights, batch.surface[batch.where], _interpolated(batch)
+    point, normal, color = at.point, at.normal, at.color
     eye = batch.eye(point)
-    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, lights.positions, lights.intensities)
+    given = lights.positions, lights.intensities
+    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes)
     factor = lit + surface.ka_Ia if batch.tinted else lit
     rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
-    # Where all three corner normals are 0 nothing cancels: 0 is exact.
-    normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
-    extent, parallel = batch.extent[where], batch.view is not None
-    steepness = shade.steepness(point, normal, surface.n, eye, lights.positions)
-    conditions = shade.conditions(point, extent, normal_length, eye, lights.positions, parallel, steepness)
-    gates = extent, normal_length, surface.n, eye, lights.positions, lights.intensities, parallel, batch.gate
-    # Corners whose colors differ in sign are each rounded separately.
-    most = blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most * batch.mapped.most
-    jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * most
-    jump = jump + np.abs(plain * factor) * batch.mapped.spread
-    budget = shade.budget(most, surface.ka_Ia, surface.kd, surface.ks, lights.intensities, batch.tinted)
+    parallel = batch.view is not None
+    steepness = shade.steepness(point, normal, surface.n, eye, lights.positions, lights.shapes)
+    around = point, at.extent, at.normal_length, eye, lights.positions, parallel, steepness
+    conditions = shade.conditions(*around, shapes=lights.shapes, gate=batch.gate)
+    gates = at.extent, at.normal_length, surface.n, eye, *given, parallel, batch.gate, lights.shapes
+    jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * at.most
+    jump = jump + batch.flips(at.vertex_color * factor)
+    arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel, batch.gate)
+    budget = shade.budget(at.most, surface.ka_Ia, surface.kd, surface.ks, arriving, batch.tinted)
     return Shaded(rgb, budget, conditions, jump, surface.n)
+
+
+def _from_around(batch: Batch, at: Interpolated, facets: microfacet.Facets, eye: Floats) -> microfacet.Reflected:
+    """Return what pixels reflect of the environment."""
+    assert batch.environment is not None
+    kappa = shade.conditioning(
+        at.point, at.extent, at.normal_length, eye, np.zeros((0, 3)), parallel=batch.view is not None
+    )
+    reach = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
+    around = environment.Around(unit(at.normal), unit(eye - at.point), facets, at.most, reach)
+    return environment.reflected(batch.environment, around)
+
+
+def _pbr(batch: Batch) -> Shaded:
+    """Interpolate point, normal and color, then light each pixel by the metallic-roughness model."""
+    lights, facets, at, parallel = batch.lights, batch.facets[batch.where], _interpolated(batch), batch.view is not None
+    all_of_it, eye, found = batch.surface.ka_Ia[batch.where], batch.eye(at.point), batch.maps
+    ka_Ia = all_of_it * found.open[:, None]
+    facets = replace(
+        facets,
+        roughness=facets.roughness * found.wear.color[:, 1],
+        metallic=facets.metallic * found.wear.color[:, 2],
+    )
+    glowing = replace(facets, emission=facets.emission * found.glow.color)
+    place = at.extent, at.normal_length
+    # A texel is right to 8 roundings, a quarter of `reach`, and its place to `slack` texels.
+    wear = np.where(found.wear.found, 0.25 + found.wear.slack / batch.reach, 0.0)
+    lit = microfacet.reflected(
+        at.point,
+        at.normal,
+        eye,
+        facets,
+        at.most,
+        lights.positions,
+        lights.intensities,
+        batch.reach,
+        *place,
+        parallel,
+        wear,
+        lights.shapes,
+        batch.gate,
+    )
+    hidden = np.zeros(3)  # light of the environment that occlusion may hide
+    if batch.environment is not None:
+        around = _from_around(batch, at, facets, eye)
+        lit = lit.plus(around.times(found.open))
+        hidden = np.abs(around.tinted * at.color) + around.plain
+    rgb = microfacet.light(lit, at.color, ka_Ia, glowing, batch.tinted)
+    per_color = lit.tinted + ka_Ia if batch.tinted else lit.tinted
+    conditions = shade.conditions(
+        at.point, *place, eye, lights.positions, parallel, shapes=lights.shapes, gate=batch.gate
+    )
+    brightest = replace(facets, emission=facets.emission * np.maximum(found.glow.most, 1.0))
+    budget = microfacet.budget(all_of_it, at.most, brightest, lit.spread, batch.tinted)
+    # Rounding may also exchange nearest texels of the maps.
+    ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
+    jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * found.open_spread[:, None]
+    jump = jump + facets.emission * found.glow.spread
+    exchanged = np.maximum(found.normal.spread.max(axis=1), found.wear.spread.max(axis=1)) > 0.0
+    jump = np.where(exchanged[:, None], np.inf, jump)
+    return Shaded(rgb, budget, conditions, jump, np.ones(len(rgb)))

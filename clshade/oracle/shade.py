@@ -5,9 +5,13 @@ Every function broadcasts over leading axes: points, directions and colors are (
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..base.arrays import Array, Floats
+from . import lights
+from .lights import Shape
 from .vectors import dot, length, unit
 
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are accurate to 16
@@ -81,18 +85,21 @@ def reflected(
     n: Floats,
     light_positions: Floats,
     light_intensities: Floats,
+    shapes: Sequence[Shape] = (),
 ) -> Floats:
     """Return the light that a white surface reflects: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
 
-    light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0.
+    light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0. shapes: see
+    `lights.each`, here and below; Ip is the intensity times `lights.share`.
     """
     point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
     total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, np.shape(kd), np.shape(ks)))
-    for position, intensity in zip(light_positions, light_intensities, strict=True):
-        n_l, r_v, distance2 = angles(point, normal, eye, position)
+    for position, intensity, shape in lights.each(light_positions, light_intensities, shapes):
+        n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
         diffuse = np.maximum(n_l, 0.0)[..., None]
         specular = np.where(n_l > 0.0, highlight(r_v, distance2, n), 0.0)[..., None]
-        total = total + intensity * (kd * diffuse + ks * specular)
+        arriving = intensity * lights.share(point, position, shape)[..., None]
+        total = total + arriving * (kd * diffuse + ks * specular)
     return total
 
 
@@ -124,12 +131,35 @@ def budget(
 ) -> Floats:
     """Return the most light that a point can send, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
 
-    `tinted` ambient light counts times max(color, 1) too: B must not be less than the light itself.
+    light_intensities: (L, 3), or (L, ..., 3) as `most_arriving` gives them. `tinted` ambient light counts times
+    max(color, 1) too: B must not be less than the light itself.
     """
-    total = np.abs(np.asarray(light_intensities, np.float64).reshape(-1, 3)).sum(axis=0)
+    given = np.asarray(light_intensities, np.float64)
+    total = np.abs(given if given.ndim > 2 else given.reshape(-1, 3)).sum(axis=0)
     most = np.maximum(np.abs(color), 1.0)
     bound: Floats = np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
     return bound
+
+
+def most_arriving(
+    point: Floats,
+    extent: Floats,
+    eye: Floats,
+    light_positions: Floats,
+    light_intensities: Floats,
+    shapes: Sequence[Shape],
+    parallel: bool = False,
+    gate: float = GATE,
+) -> Floats:
+    """Return the intensities of the lights as they arrive at most, see `lights.most_share`: (L, 3), or (L, ..., 3) if any
+    is attenuated. Other arguments as of `jumps`."""
+    if not any(shape.attenuates for shape in shapes):
+        return light_intensities
+    found = []
+    for position, intensity, shape in lights.each(light_positions, light_intensities, shapes):
+        size = _size(extent, eye, position, parallel)
+        found.append(intensity * lights.most_share(point, position, shape, size, gate)[..., None])
+    return np.stack(found)
 
 
 def conditioning(
@@ -156,15 +186,22 @@ def conditions(
     light_positions: Floats,
     parallel: bool = False,
     steepness: Floats | float = 1.0,
+    shapes: Sequence[Shape] = (),
+    gate: float = GATE,
 ) -> Floats:
     """Return the terms of kappa, (..., 4): 1/|N|, s/|P-eye|, s/|P-L| of the worst light (0 without lights), and
-    `steepness`. Arguments as of `conditioning`."""
+    `steepness`. Arguments as of `conditioning` and `jumps`. The term of a light with a cone or attenuation is at least 1,
+    times `lights.sensitivity`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         of_normal = 1.0 / np.asarray(normal_length, np.float64)
         of_eye = np.zeros(()) if parallel else extent / length(eye - point)
     of_light = np.zeros(np.shape(point)[:-1])
-    for position in light_positions:
-        of_light = np.fmax(of_light, _light_condition(point, extent, eye, position, parallel))
+    for position, _, shape in lights.each(light_positions, light_positions, shapes):
+        amplified = _light_condition(point, extent, eye, position, parallel, shape)
+        if shape.axis is not None or shape.attenuates:
+            amplified = np.fmax(amplified, 1.0)
+            amplified = amplified * lights.sensitivity(point, position, shape, gate * amplified)
+        of_light = np.fmax(of_light, amplified)
     return np.stack(np.broadcast_arrays(of_normal, of_eye, of_light, steepness), axis=-1)
 
 
@@ -174,15 +211,32 @@ def condition_number(terms: Floats) -> Floats:
     return worst
 
 
-def _light_condition(point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
-    """Return the term of kappa that depends on a light."""
-    s = np.maximum(extent, np.abs(position if parallel else position - eye).max())
+def _size(extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
+    """Return the largest coordinate (...) that a point's direction to a light comes from."""
+    size: Floats = np.maximum(extent, np.abs(position if parallel else position - eye).max())
+    return size
+
+
+def _light_condition(
+    point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool, shape: Shape = lights.POINT
+) -> Floats:
+    """Return the term of kappa that depends on the direction to a light: 0 if that is the same everywhere."""
+    if shape.parallel:
+        return np.zeros(np.shape(point)[:-1])
+    s = _size(extent, eye, position, parallel)
     with np.errstate(divide="ignore", invalid="ignore"):
         amplified: Floats = s / length(position - point)
         return amplified
 
 
-def steepness(point: Floats, normal: Floats, n: Floats, eye: Floats, light_positions: Floats) -> Floats:
+def steepness(
+    point: Floats,
+    normal: Floats,
+    n: Floats,
+    eye: Floats,
+    light_positions: Floats,
+    shapes: Sequence[Shape] = (),
+) -> Floats:
     """Return how much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1),
     which is unbounded as x goes to 0. For n >= 1 the slope is at most n, and where it is n, x is as accurate as sqrt(n)
     requires."""
@@ -190,8 +244,8 @@ def steepness(point: Floats, normal: Floats, n: Floats, eye: Floats, light_posit
     n = np.asarray(n, np.float64)
     if not ((n > 0.0) & (n < 1.0)).any():
         return steepest
-    for position in light_positions:
-        n_l, r_v, _ = angles(point, normal, eye, position)
+    for position, _, shape in lights.each(light_positions, light_positions, shapes):
+        n_l, r_v, _ = angles(point, normal, eye, lights.place(point, position, shape))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             slope = np.where((n_l > 0.0) & (r_v > 0.0) & (n > 0.0) & (n < 1.0), n * r_v ** (n - 1.0), 1.0)
         steepest = np.fmax(steepest, slope)
@@ -209,6 +263,7 @@ def jumps(
     light_intensities: Floats,
     parallel: bool = False,
     gate: float = GATE,
+    shapes: Sequence[Shape] = (),
 ) -> Floats:
     """Return how much highlights of a white surface with ks = 1 can change if rounding opens or closes their gates,
     (..., 3).
@@ -219,11 +274,12 @@ def jumps(
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
-    for position, intensity in zip(light_positions, light_intensities, strict=True):
-        reach = gate * np.fmax(common, _light_condition(point, extent, eye, position, parallel))
-        n_l, r_v, distance2 = angles(point, normal, eye, position)
+    most = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
+    for position, intensity, shape in lights.each(light_positions, most, shapes):
+        reach = gate * np.fmax(common, _light_condition(point, extent, eye, position, parallel, shape))
+        n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
         near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
-        most = np.clip(r_v + reach, 0.0, 1.0)
-        behind = np.where(r_v >= reach, highlight(r_v, distance2, n), np.where(most > 0.0, most**n, 0.0))
+        largest = np.clip(r_v + reach, 0.0, 1.0)
+        behind = np.where(r_v >= reach, highlight(r_v, distance2, n), np.where(largest > 0.0, largest**n, 0.0))
         found += np.where(near, behind, 0.0)[..., None] * np.abs(intensity)
     return found

@@ -29,6 +29,9 @@ def wrapped_index(i: Integers, size: int, wrap: str) -> Integers:
 def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, Integers, Floats]:
     """Return, along one axis, the two texels around coordinate t and how far t is from the first (0) to the second (1)."""
     t = np.where(np.isfinite(t), t, 0.0)
+    if lookup == "nearest":
+        index = np.floor(wrapped(t, wrap) * size).astype(np.int64)
+        return (both := wrapped_index(index, size, wrap)), both, np.zeros_like(t)
     if lookup == "course":
         x = np.clip(t, 0.0, 1.0) * (size - 1)
         first = np.floor(x)
@@ -57,7 +60,8 @@ def bilerp(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[
 
     lookup `standard`: texel (i, j) has its center at ((i+0.5)/w, (j+0.5)/h), and `wrap` (repeat, clamp, mirror) defines
     what lies beyond the image. `course`: u and v are clamped to [0, 1], x = u*(w-1), y = v*(h-1), the neighbors are
-    floor(x) and min(floor(x)+1, w-1). A coordinate that is NaN or infinite counts as 0.
+    floor(x) and min(floor(x)+1, w-1). `nearest`: the texel whose rectangle holds the
+    point. A coordinate that is NaN or infinite counts as 0.
     """
     texels, fx, fy = four_texels(uv, image, lookup, wrap)
     below, above = texels[:, 0] * (1.0 - fx) + texels[:, 1] * fx
@@ -70,6 +74,18 @@ def brightest(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tup
     errors of its fractions."""
     largest: Floats = np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
     return largest
+
+
+def spread(uv: Floats, image: Reals, wrap: tuple[str, str], slack: Floats) -> Floats:
+    """Return how much the nearest texel's color (K, C) may change if texture coordinates uv (K, 2) are off by up to `slack`
+    (K, 2)."""
+    here = bilerp(uv, image, "nearest", wrap)
+    found = np.zeros_like(here)
+    for across in (-1.0, 0.0, 1.0):
+        for down in (-1.0, 0.0, 1.0):
+            other = bilerp(uv + slack * [across, down], image, "nearest", wrap)
+            found = np.maximum(found, np.abs(other - here))
+    return found
 
 
 def covered_means(rows: Floats) -> Floats:
@@ -109,22 +125,26 @@ def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int)
 
 
 def trilinear(
-    uv: Floats, right: Floats, up: Floats, mipmap: list[Reals], wrap: tuple[str, str]
-) -> tuple[Floats, Floats]:
+    uv: Floats, right: Floats, up: Floats, mipmap: list[Reals], lookup: str, wrap: tuple[str, str], slack: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Return colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between
-    the bilinear colors of the levels before and after lambda. mipmap: as of `levels`. The lookup is `standard`.
+    the colors of the levels before and after lambda. mipmap: as of `levels`. lookup: `standard` or `nearest`.
 
     Also the largest magnitude among the texels looked up, (K, C), see `brightest`; an error of lambda counts likewise.
+    And with `nearest` how much the color may change if uv is off by slack (K, 2).
     """
     last = len(mipmap) - 1
     detail = level_of_detail(right, up, mipmap[0].shape[1::-1], last)
     first = np.floor(detail).astype(np.int64)
-    color, most = np.zeros((2, len(uv), mipmap[0].shape[2]))
+    color, most, apart = np.zeros((3, len(uv), mipmap[0].shape[2]))
     for level in np.unique(first):
         mine = first == level
         share = (detail[mine] - level)[:, None]
         both = mipmap[level], mipmap[min(level + 1, last)]
-        fine, coarse = (bilerp(uv[mine], image, "standard", wrap) for image in both)
+        fine, coarse = (bilerp(uv[mine], image, lookup, wrap) for image in both)
         color[mine] = fine * (1.0 - share) + coarse * share
-        most[mine] = np.maximum(*(brightest(uv[mine], image, "standard", wrap) for image in both))
-    return color, most
+        most[mine] = np.maximum(*(brightest(uv[mine], image, lookup, wrap) for image in both))
+        if lookup == "nearest":
+            fine, coarse = (spread(uv[mine], image, wrap, slack[mine]) for image in both)
+            apart[mine] = fine * (1.0 - share) + coarse * share
+    return color, most + apart, apart

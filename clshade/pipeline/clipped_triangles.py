@@ -40,7 +40,8 @@ def piece_table(
     snapped = clip.snap(clip.image_positions(cut.points, camera))
     table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
     table["face"] = faces[cut.source]
-    table["weights"] = cut.weights.reshape(-1, 9)
+    weights = cut.weights.reshape(-1, 9)
+    table["weights"], table["weights_low"] = weights, weights - weights.astype(structs.real)
     if uvs is not None:
         parts = uvs.astype(np.float64)
         uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)

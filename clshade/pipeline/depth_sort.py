@@ -13,6 +13,11 @@ from .struct_layout import KEY_INDEX_BITS
 _INDEX = np.uint32((1 << KEY_INDEX_BITS) - 1)
 
 
+def opaque_first(order: Array, transparent: Array) -> Array:
+    """Return an order of triangles with the transparent ones, bool, after the others; both keep theirs."""
+    return np.concatenate([order[~transparent], order[transparent]])
+
+
 def front_to_back(keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None) -> UInt32s:
     """Return the indices of triangles, nearest first; of equal depths the later face first.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..base.validation import known, value_error
 from ..errors import InputError
+from ..scene.builtin.studio import without_stand_ins
 from ..scene.edges import PAPER
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, SettingsFields
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
 _KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
 _KEYWORD_REMARKS = dict.fromkeys(
-    ("camera", "lights", "background"),
+    ("camera", "lights"),
     "it is a part of the scene, see dataclasses.replace; Renderer(scene).render(camera) takes other cameras",
 )
 
@@ -39,17 +40,33 @@ def effective_settings(
     known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
     if resolution is not None:
         scene = replace(scene, camera=scene.camera.with_resolution(resolution))
+    if preset is not None and {preset, scene.preset} == {"standard", "pbr"}:
+        scene = replace(scene, preset=preset)  # which names the tone map
     if settings is None:
         chosen = Settings.from_preset(scene.preset if preset is None else preset, **fields)
-        return _on_paper(scene, chosen), chosen
+        return _shown(scene, chosen), chosen
     if preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
         raise value_error("render", "settings", "a Settings", settings)
     chosen = replace(settings, **fields)
-    return _on_paper(scene, chosen), chosen
+    return _shown(scene, chosen), chosen
 
 
-def _on_paper(scene: Scene, settings: Settings) -> Scene:
-    """Return the scene with the background of line drawings, if only lines are drawn."""
+def _shown(scene: Scene, settings: Settings) -> Scene:
+    """Return the scene as the settings show it."""
+    scene = _with_background(scene, settings)
+    scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
+    if settings.background == "environment" and scene.environment is None:
+        expected = "another one, or an environment (Scene.environment; --environment FILE or studio)"
+        raise value_error("render", "background", expected, "environment, and no environment")
+    return scene
+
+
+def _with_background(scene: Scene, settings: Settings) -> Scene:
+    """Return the scene with the background of the settings; without one, and if only lines are drawn, with theirs."""
+    if settings.background == "environment":
+        return replace(scene, background=0.0)  # what is behind that is not seen
+    if settings.background != "scene":
+        return replace(scene, background=settings.background)
     return replace(scene, background=PAPER) if settings.edges is not None and settings.edges.only else scene

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
-from ..scene.model import Material, Mesh, Scene, Settings
+from ..scene.lights import is_plain
+from ..scene.model import Material, Mesh, Scene, Settings, Texture
+from .maps import map_of, maps_of, textures_of, usable
 
 # Choices of the settings and of the camera; 0 and 1 mean different images.
 CHOICES = (
@@ -18,6 +22,7 @@ CHOICES = (
     "SAMPLE_SHADING",
     "WEIGHTED",
     "PHONG",
+    "PBR",
     "DEPTH_TEST",
     "PERSPECTIVE",
     "CENTROID",
@@ -28,6 +33,7 @@ CHOICES = (
     "BRIGHT",
     "LINES",
     "LINES_ONLY",
+    "BACKDROP",
 )
 # Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
 OPTIONAL = (
@@ -36,6 +42,9 @@ OPTIONAL = (
     "DIFFUSE",
     "SPECULAR",
     "POWER",
+    "EMISSION",
+    "ENVIRONMENT",
+    "LIGHT_SHAPES",
     "TWO_SIDED",
     "NORMAL_INDICES",
     "VERTEX_COLORS",
@@ -44,6 +53,14 @@ OPTIONAL = (
     "UV_INDICES",
     "MIPMAPS",
     "ALPHA_TEST",
+    "NEAREST",
+    "NORMAL_MAP",
+    "OCCLUSION_MAP",
+    "EMISSION_MAP",
+    "ROUGHNESS_MAP",
+    "UV_SETS",
+    "BLEND",
+    "VERTEX_ALPHA",
     "MATERIALS",
     "SIDES",
     "DOUBLE_POSITIONS",
@@ -63,8 +80,12 @@ class Features:
     values: tuple[tuple[str, int], ...]
     left_out: tuple[tuple[str, str], ...] = ()
 
+    @cached_property
+    def _table(self) -> dict[str, int]:
+        return dict(self.values)
+
     def __getitem__(self, name: str) -> int:
-        return dict(self.values)[name]
+        return self._table[name]
 
     @property
     def used(self) -> tuple[str, ...]:
@@ -92,19 +113,25 @@ def texture_applies(mesh: Mesh) -> bool:
     return mesh.material.texture is not None and mesh.uvs is not None
 
 
-def material_key(mesh: Mesh) -> tuple[int, bool]:
+MaterialKey: TypeAlias = tuple[int, bool, bool, bool, frozenset[str]]
+
+
+def material_key(mesh: Mesh) -> MaterialKey:
     """Return a key; meshes with the same key share a row of the material table."""
-    return id(mesh.material), texture_applies(mesh)
+    return id(mesh.material), texture_applies(mesh), mesh.blends, mesh.tests_alpha, frozenset(maps_of(mesh))
 
 
-def materials_of(scene: Scene) -> dict[tuple[int, bool], Material]:
-    """Return the rows of the material table by key, in the order of the meshes with faces; at least one."""
-    table: dict[tuple[int, bool], Material] = {}
+def materials_of(scene: Scene) -> dict[MaterialKey, Material]:
+    """Return the rows of the material table by key, in the order of the meshes with faces; at least one. Each has only
+    what applies to its meshes: textures, transparency, alpha test."""
+    table: dict[MaterialKey, Material] = {}
     for mesh in scene.meshes:
-        if len(mesh.faces):
-            key = material_key(mesh)
-            table.setdefault(key, mesh.material if key[1] else replace(mesh.material, texture=None))
-    return table or {(0, False): Material()}
+        key = material_key(mesh)
+        if len(mesh.faces) and key not in table:
+            own = usable(mesh)
+            cutoff = own.alpha_cutoff if mesh.tests_alpha else None
+            table[key] = replace(own, blend=mesh.blends, alpha_cutoff=cutoff)
+    return table or {(0, False, False, False, frozenset()): Material()}
 
 
 def replaces_colors(mesh: Mesh) -> bool:
@@ -112,23 +139,23 @@ def replaces_colors(mesh: Mesh) -> bool:
     return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
 
 
-def tests_alpha(material: Material) -> bool:
-    """Return whether pixels may be discarded by the alpha of the material's texture."""
-    texture = material.texture
-    return texture is not None and material.alpha_cutoff is not None and texture.image.shape[2] == 4
-
-
-def has_levels(mesh: Mesh) -> bool:
-    """Return whether mip-map levels of the mesh's texture can be used: not with the course's lookup, nor with a single
-    texel."""
-    texture = mesh.material.texture
-    return texture_applies(mesh) and texture.lookup == "standard" and max(texture.image.shape[:2]) > 1  # type: ignore[union-attr]
+def has_levels(texture: Texture) -> bool:
+    """Return whether mip-map levels of a texture can be used: not with the course's lookup, nor with a single texel."""
+    return texture.lookup == "standard" and max(texture.image.shape[:2]) > 1
 
 
 def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
     """Return what the scene's file or the settings ask for but no render shows, a few words each."""
     plain = settings.texture_filter == "trilinear" and any(replaces_colors(mesh) for mesh in scene.meshes)
-    return (*scene.ignored, *(("the trilinear filter of textures with the course's lookup",) if plain else ()))
+    looked_up = [texture for mesh in scene.meshes for texture in textures_of(mesh, maps=False)]
+    smooth = settings.texture_at == "vertex" and any(texture.filter == "nearest" for texture in looked_up)
+    unlit = scene.environment is not None and settings.shader != "pbr" and settings.background != "environment"
+    words = (
+        (plain, "the trilinear filter of textures with the course's lookup"),
+        (smooth, "the filter nearest of textures that are looked up at vertices"),
+        (unlit, "the environment, which only shader pbr shows"),
+    )
+    return (*scene.ignored, *(text for holds, text in words if holds))
 
 
 def _is_white(mesh: Mesh) -> bool:
@@ -159,12 +186,29 @@ def _first(*reasons: tuple[bool, str]) -> str:
     return next((text for holds, text in reasons if holds), "")
 
 
-def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, shining: bool) -> dict[str, str]:
+def _unneeded_terms(materials: list[Material], ambient: np.ndarray, shader: str, shining: bool) -> dict[str, str]:
     """Return why each term of the reflection model is not needed; "" for one that is. shining: whether any light has an
     intensity other than 0."""
-    unlit = (not lit, "shader nolight")
+    unlit, model = (shader == "nolight", "shader nolight"), f"shader {shader}"
     dark = (unlit, (not shining, "no light shines"))
-    no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
+    if shader == "pbr":
+        facets = [m.microfacets for m in materials]
+        diffuse = any(
+            (f.metallic < 1.0 or f.metallic_roughness_texture is not None) and m.diffuse.any()
+            for f, m in zip(facets, materials, strict=True)
+        )
+        no_diffuse = _first(*dark, (not diffuse, "metals alone"))
+        mirrors = any(f.metallic > 0.0 or f.specular > 0.0 for f in facets)
+        no_specular = _first(*dark, (not mirrors, "specular is 0"))
+        no_power, no_emission = model, _first((not _any_nonzero(f.emission for f in facets), "emission is 0"))
+    else:
+        no_diffuse = _first(*dark, (not _any_nonzero(m.kd for m in materials), "kd is 0"))
+        no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
+        no_power = _first(
+            (bool(no_specular), f"no specular term: {no_specular}"),
+            (not any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
+        )
+        no_emission = model
     return {
         "LIT": _first(unlit),
         "AMBIENT": _first(
@@ -173,12 +217,40 @@ def _unneeded_terms(materials: list[Material], ambient: np.ndarray, lit: bool, s
             (not _any_nonzero(m.ka for m in materials), "ka is 0"),
             (not _any_nonzero(m.ka * ambient for m in materials), "ka*Ia is 0"),
         ),
-        "DIFFUSE": _first(*dark, (not _any_nonzero(m.kd for m in materials), "kd is 0")),
+        "DIFFUSE": no_diffuse,
         "SPECULAR": no_specular,
-        "POWER": _first(
-            (bool(no_specular), f"no specular term: {no_specular}"),
-            (not any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
-        ),
+        "POWER": no_power,
+        "EMISSION": no_emission,
+    }
+
+
+def shows_environment(scene: Scene, settings: Settings) -> bool:
+    """Return whether an environment lights the scene."""
+    return settings.shader == "pbr" and not no_environment(scene)
+
+
+def no_environment(scene: Scene) -> str:
+    """Return why no environment lights the scene, "" if one does."""
+    environment = scene.environment
+    return _first(
+        (environment is None, "no environment"),
+        (environment is not None and not (environment.intensity and environment.image.any()), "it is black"),
+    )
+
+
+def _unneeded_maps(meshes: list[Mesh], shader: str, terms: dict[str, str]) -> dict[str, str]:
+    """Return the same for the maps of shader pbr. terms: of the reflection model."""
+    model = (shader != "pbr", f"shader {shader}")
+    unlit = terms["DIFFUSE"] and terms["SPECULAR"]
+    reasons = {
+        "NORMAL_MAP": (unlit, "normal_texture", "no normal map"),
+        "OCCLUSION_MAP": (terms["AMBIENT"] if terms["ENVIRONMENT"] else "", "occlusion_texture", "no occlusion map"),
+        "EMISSION_MAP": (terms["EMISSION"], "emission_texture", "no emission map"),
+        "ROUGHNESS_MAP": (unlit, "metallic_roughness_texture", "no metallic-roughness map"),
+    }
+    return {
+        feature: _first(model, (bool(without), without), (all(map_of(mesh, name) is None for mesh in meshes), words))
+        for feature, (without, name, words) in reasons.items()
     }
 
 
@@ -194,6 +266,12 @@ def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str
 def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
     """Return whether scalars color the mesh."""
     return settings.scalars is not None and settings.scalars.name in mesh.scalars
+
+
+def looks_up(features: Features) -> bool:
+    """Return whether textures are looked up at the pixels."""
+    names = ("TEXTURED", "ALPHA_TEST", "BLEND", "NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP")
+    return any(features[name] for name in names)
 
 
 def looked_up_at_corners(scene: Scene, settings: Settings) -> bool:
@@ -216,6 +294,8 @@ def _unneeded_colors(meshes: list[Mesh], settings: Settings, at_corners: bool, o
         (not any(mesh.material.texture is not None for mesh in meshes), "no texture"),
         (not textured, "no texture coordinates"),
     )
+    looked_up = [texture for mesh in meshes for texture in textures_of(mesh, maps=settings.shader == "pbr")]
+    no_lookup = "" if looked_up else no_texture
     return {
         "VERTEX_COLORS": _first(
             (at_corners, "texture_at vertex: they are in the corners' colors"),
@@ -226,15 +306,28 @@ def _unneeded_colors(meshes: list[Mesh], settings: Settings, at_corners: bool, o
         ),
         "SCALARS": no_scalars,
         "TEXTURED": _first((at_corners, "texture_at vertex: looked up at the corners")) or no_texture,
-        "UV_INDICES": no_texture
+        "UV_INDICES": no_lookup
         or _first((all(mesh.uv_faces is None for mesh in meshes), "texture coordinates per vertex")),
-        "MIPMAPS": no_texture
+        "MIPMAPS": no_lookup
         or _first(
             (bilinear, "texture_filter bilinear"),
-            (not any(map(has_levels, meshes)), "textures of one texel or with the course's lookup"),
+            (not any(map(has_levels, looked_up)), "textures of one texel or with the course's lookup"),
         ),
-        "ALPHA_TEST": no_texture
-        or _first((not any(tests_alpha(mesh.material) for mesh in meshes if texture_applies(mesh)), "no alpha test")),
+        "NEAREST": no_lookup
+        or _first((all(texture.filter != "nearest" for texture in looked_up), "no texture with the filter nearest")),
+        "UV_SETS": no_lookup
+        or _first((not any(texture.coordinates for texture in looked_up), "one set of coordinates")),
+    }
+
+
+def _unneeded_alpha(meshes: list[Mesh]) -> dict[str, str]:
+    """Return the same for alpha."""
+    tested, blended = any(mesh.tests_alpha for mesh in meshes), any(mesh.blends for mesh in meshes)
+    counts = any(mesh.alphas is not None and (mesh.blends or mesh.tests_alpha) for mesh in meshes)
+    return {
+        "ALPHA_TEST": _first((not tested, "no alpha test")),
+        "BLEND": _first((not blended, "nothing is transparent")),
+        "VERTEX_ALPHA": _first((not counts, "no alpha at vertices counts")),
     }
 
 
@@ -243,8 +336,11 @@ def _culls(materials: list[Material], settings: Settings) -> bool:
     return settings.cull or all(material.sides == "front" for material in materials)
 
 
-def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material], double: bool) -> dict[str, str]:
-    """Return the same for the remaining features. double: whether positions need float64."""
+def _unneeded_input(
+    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, blended: bool
+) -> dict[str, str]:
+    """Return the same for the remaining features. double: whether positions need float64. blended: whether lists may hold
+    transparent triangles, which takes sorted ones."""
     return {
         "MATERIALS": _first((len(materials) < 2, "a single material")),
         "SIDES": _first(
@@ -254,6 +350,7 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
         "DOUBLE_POSITIONS": _first((not double, "float32 holds the positions")),
         "BACKGROUND": _first(
             (scene.background is None, "no background"),
+            (settings.background == "environment", "the environment is the background"),
             (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
         ),
         "OWNERS": _first((not settings.layers, "no layer asked for")),
@@ -264,7 +361,8 @@ def _unneeded_input(scene: Scene, settings: Settings, materials: list[Material],
                 settings.visibility == "depth"
                 and settings.shader != "gouraud"
                 and settings.precision != "float64"
-                and settings.edges is None,
+                and settings.edges is None
+                and not blended,
                 "the depth test decides",
             ),
         ),
@@ -284,7 +382,7 @@ def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: 
         "BRIGHT": int(bright and shader == "phong"),
         "SORTED": 1,
     }
-    unneeded = _unneeded_terms([material], ambient, lit, lit and shining)
+    unneeded = _unneeded_terms([material], ambient, shader, lit and shining)
     values.update({name: int(not reason) for name, reason in unneeded.items()})
     return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
 
@@ -309,6 +407,7 @@ def _choices(
         "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
         # Lighting that is forced on for nolight is done pixel by pixel.
         "PHONG": settings.shader == "phong" or (settings.shader == "nolight" and relit),
+        "PBR": settings.shader == "pbr",
         "DEPTH_TEST": settings.visibility == "depth",
         "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
         "CENTROID": settings.lighting_at == "centroid",
@@ -316,10 +415,11 @@ def _choices(
         "CULL": culls,
         "ORTHOGRAPHIC": scene.camera.orthographic,
         "CORNER_COLORS": at_corners or own_corners,
-        # The error bound of phong is relative to the color at the pixel, that of the others to the brightest corner.
-        "BRIGHT": settings.shader == "phong" and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
+        # The error bound of phong and pbr is relative to the color at the pixel, that of the others to the brightest corner.
+        "BRIGHT": settings.shader in ("phong", "pbr") and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
         "LINES": settings.edges is not None,
         "LINES_ONLY": settings.edges is not None and settings.edges.only,
+        "BACKDROP": settings.background == "environment" and not no_environment(scene),
     }
 
 
@@ -346,22 +446,29 @@ def derive(
     materials = list(materials_of(scene).values())
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     shining = lit and any(light.intensity.any() for light in scene.lights)
+    shining = shining or shows_environment(scene, settings)
     at_corners = looked_up_at_corners(scene, settings)
     own_corners = scalars_at_corners and any(shows_scalars(mesh, settings) for mesh in meshes)
     culls, relit = _culls(materials, settings), "LIT" in forced
     corners = {"at_corners": at_corners, "own_corners": own_corners}
     choices = _choices(scene, settings, meshes, culls=culls, relit=relit, **corners)
-    terms = _unneeded_terms(materials, scene.ambient, lit, shining)
+    terms = _unneeded_terms(materials, scene.ambient, settings.shader, shining)
+    terms["ENVIRONMENT"] = _first((settings.shader != "pbr", f"shader {settings.shader}")) or no_environment(scene)
     read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
     unread = (
         "" if read else _first((terms["DIFFUSE"] == terms["SPECULAR"], terms["DIFFUSE"]), (True, "kd and ks are 0"))
     )
+    plain = all(is_plain(light) for light in scene.lights if light.intensity.any())
     unneeded = {
         **terms,
+        "LIGHT_SHAPES": unread or _first((plain, "only points without attenuation shine")),
         **_unneeded_normals(scene, meshes, unread),
+        **_unneeded_maps(meshes, settings.shader, terms),
         **_unneeded_colors(meshes, settings, **corners),
-        **_unneeded_input(scene, settings, materials, double_positions),
+        **_unneeded_alpha(meshes),
     }
+    blended = "BLEND" in forced or not unneeded["BLEND"]
+    unneeded |= _unneeded_input(scene, settings, materials, double=double_positions, blended=blended)
     values = {name: int(choices[name]) for name in CHOICES}
     values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
     left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])

@@ -203,24 +203,30 @@ class Frame:
         Parameters
         ----------
         tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
-            Operator, see `clshade.images.tonemap`. Default: ``"none"`` for course scenes, else
-            ``"srgb"``.
+            Operator, see `clshade.images.tonemap`. Default: by the scene's preset, ``"none"`` for
+            `course`, ``"neutral"`` for `pbr`, ``"srgb"`` for `standard`.
         exposure : float, default 0.0
             Stops, -300 to 300; +1 doubles the radiance.
 
         Returns
         -------
-        ndarray of uint8, (M, N, 3)
-            The image.
+        ndarray of uint8, (M, N, 3) or (M, N, 4)
+            The image; without a background with straight alpha: the color is divided by the
+            coverage before it is tone-mapped, and alpha is the coverage times 255, rounded.
 
         Raises
         ------
         InputError
             If the operator or the exposure is refused.
         """
+        operator = tonemap or default_tonemap(self.scene)
+        if self.scene.background is None:
+            from ..images.transparency import tonemap_rgba
+
+            return tonemap_rgba(self.rgba, operator, exposure)
         from ..images.tonemap import tonemap as apply
 
-        return apply(self.rgb, tonemap or default_tonemap(self.scene), exposure)
+        return apply(self.rgb, operator, exposure)
 
     def __repr__(self) -> str:
         rows, columns = self._rgba.shape[:2]
@@ -296,8 +302,8 @@ class Frame:
         files : sequence of {"exr", "png"}, default ("exr", "png")
             Files to write.
         tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
-            Operator of the PNG, see `clshade.images.tonemap`. Default: ``"none"`` for course
-            scenes, else ``"srgb"``.
+            Operator of the PNG, see `clshade.images.tonemap`. Default: by the scene's preset, see
+            `to_png8`.
         exposure : float, default 0.0
             Exposure of the PNG in stops, -300 to 300.
         half : bool, default False

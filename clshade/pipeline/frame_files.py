@@ -40,6 +40,9 @@ class SavingOptions(TypedDict, total=False):
     colorbar: bool
 
 
+# Settings that headers leave out where they have this value.
+UNUSUAL: dict[str, Any] = {"scalars": None, "edges": None, "background": "scene", "layer_alpha": 0.5}
+
 SAVING = tuple(SavingOptions.__annotations__)
 
 ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
@@ -103,14 +106,17 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
     from ..scene.camera_matrices import camera_metadata
 
     found = camera_metadata(scene.camera)
-    written = {
-        name: value for name, value in vars(settings).items() if value is not None or name not in ("scalars", "edges")
-    }
+    written = {name: value for name, value in vars(settings).items() if name not in UNUSUAL or value != UNUSUAL[name]}
     found["settings"] = ", ".join(f"{name}={value}" for name, value in written.items())
     if settings.scalars is not None:
         color_map = color_map_of(scene, settings.scalars)
         found |= {"scalarName": settings.scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
     found["scene"] = f"{scene.name or 'unnamed'}, {scene.face_count} triangles"
+    around = scene.environment
+    if around is not None and (settings.shader == "pbr" or settings.background == "environment"):
+        found["environment"] = (
+            f"{around.name or 'unnamed'}, rotation={around.rotation:g}, intensity={around.intensity:g}"
+        )
     return found | _names(scene, layers)
 
 
@@ -126,13 +132,17 @@ def _names(scene: Scene, layers: Container[str]) -> dict[str, str]:
 
 
 def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Operator | None, exposure: float) -> Bytes:
-    """Return the 8-bit image with a bar of the color map of `settings.scalars` to its right, on its background."""
+    """Return the 8-bit image with a bar of the color map of `settings.scalars` to its right, on its background, or
+    on white if that is no color."""
     from ..images import colorbar
     from ..images.tonemap import tonemap as apply
+    from ..images.transparency import WHITE
 
     scalars: Any = settings.scalars
-    color = np.zeros(3) if scene.background is None else scene.background
-    ground = apply(np.asarray(color, np.float32)[None, None], tonemap or default_tonemap(scene), exposure)[0, 0]
+    ground = np.array(WHITE, np.uint8)
+    if scene.background is not None and settings.background != "environment":
+        color = np.asarray(scene.background, np.float32)[None, None]
+        ground = apply(color, tonemap or default_tonemap(scene), exposure)[0, 0]
     color_map = color_map_of(scene, scalars)
     return colorbar.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
 

@@ -13,7 +13,10 @@ import numpy as np
 from ..base.arrays import Array, Floats, Reals
 from ..scene.geometry import vertex_normals
 from ..scene.model import Mesh, Scene, Texture
+from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
+from .light_table import typical_intensities
+from .maps import map_of, textures_of
 from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
@@ -58,6 +61,18 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
         normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
     return _unit(normals)
+
+
+def _placed_tangents(tangents: Array, matrix: Array | None) -> Array:
+    """Place tangents (K, 4). A placement that mirrors turns the bitangent round: it goes with the surface, as the tangent
+    does, but the product of normal and tangent does not."""
+    directions, side = np.asarray(tangents[:, :3], np.float64), np.where(tangents[:, 3] < 0.0, -1.0, 1.0)
+    if matrix is not None:
+        m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
+        directions = np.ldexp(directions, -np.frexp(np.abs(directions).max(axis=1, keepdims=True, initial=0.0))[1])
+        directions, side = directions @ m.T, -side if mirrors(matrix) else side
+    unit = _unit(directions)
+    return np.column_stack([unit, np.where(unit.any(axis=1), side, 0.0)])
 
 
 def mirrors(matrix: Array | None) -> bool:
@@ -118,14 +133,22 @@ class Gatherer:
     """The arrays of the placed meshes, concatenated in order."""
 
     def __init__(
-        self, scene: Scene, structs: Structs, forced: Collection[str], scalars: ScalarTables | None = None
+        self,
+        scene: Scene,
+        structs: Structs,
+        forced: Collection[str],
+        scalars: ScalarTables | None = None,
+        *,
+        maps: bool = False,
     ) -> None:
+        """maps: whether the shader uses the maps of shader pbr."""
+        self.maps = maps
         self.scene, self._structs, self._forced, self.scalars = scene, structs, forced, scalars
         self.parts: dict[str, list[Any]] = {}
         self.materials = materials_of(scene)
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-        table = {id(m.material.texture): m.material.texture for m in meshes if texture_applies(m)}
-        self.textures: list[Texture] = [texture for texture in table.values() if texture is not None]
+        table = {id(texture): texture for mesh in meshes for texture in textures_of(mesh, maps=maps)}
+        self.textures: list[Texture] = list(table.values())
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
@@ -156,6 +179,22 @@ class Gatherer:
             index.append((own_faces, len(own)))
         return joined(parts), _shifted(index) if indexed else None
 
+    def tangents(self) -> tuple[Array, Array]:
+        """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
+        indices (F, 3). Row 0 is that of all others."""
+        parts, index = [np.zeros((1, 4), self._structs.real)], []
+        count = 1
+        for mesh, matrix, _, faces, _ in self.placed:
+            texture = map_of(mesh, "normal_texture")
+            if texture is None:
+                index.append(np.zeros_like(faces))
+                continue
+            own, own_faces = mesh_tangents(mesh, texture.coordinates)
+            parts.append(_placed_tangents(own, matrix).astype(self._structs.real))
+            index.append(_turned(own_faces, matrix) + np.int32(count))
+            count += len(own)
+        return joined(parts), joined(index, np.int32)
+
     def colors(self, at_corners: bool) -> Array:
         """Return colors and positions in the color map of the vertices, (V, 4), or of the faces' corners, (3F, 4)."""
         parts = []
@@ -173,6 +212,14 @@ class Gatherer:
             parts.append(rows)
         return joined(parts)
 
+    def alphas(self) -> Array:
+        """Return the alphas of the vertices, (V,)."""
+        parts = []
+        for mesh, _, verts, _, kept in self.placed:
+            own = np.ones(len(verts)) if mesh.alphas is None else _kept(mesh.alphas, kept)
+            parts.append(to_real(own, self._structs.real))
+        return joined(parts)
+
     def corner_scalars(self) -> tuple[Array, int]:
         """Return the scalars at the corners of faces, (3F,), over a power of two, NAN_POSITION for none, and the power's
         exponent: 0 unless they are very large or very small."""
@@ -187,20 +234,26 @@ class Gatherer:
         return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._structs.real), exponent
 
     def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
-        """Return texture coordinates and their indices. untextured: include those of meshes without a texture, which
-        are 0 otherwise."""
-        parts, index = [], []
-        own: Reals
+        """Return texture coordinates and their indices, each set's after the other's. untextured: include those of meshes
+        without a texture, which are 0 otherwise."""
+        sets = 1 + max((texture.coordinates for texture in self.textures), default=0)
+        parts: list[list[Array]] = [[] for _ in range(sets)]
+        index = []
         for mesh, matrix, verts, faces, kept in self.placed:
-            if mesh.uvs is None or not (untextured or texture_applies(mesh)):
-                own, own_faces = np.zeros((len(verts), 2)), faces
-            elif mesh.uv_faces is not None:
-                own, own_faces = mesh.uvs, _turned(mesh.uv_faces, matrix)
+            if mesh.uvs is None or not (untextured or textures_of(mesh, maps=self.maps)):
+                count, own_faces = len(verts), faces
+                own: list[Reals] = [np.zeros((count, 2))] * sets
             else:
-                own, own_faces = _kept(mesh.uvs[: len(mesh.verts)], kept), faces
-            parts.append(split(own, self._structs.real))
-            index.append((own_faces, len(own)))
-        return joined(parts), _shifted(index) if indexed else None
+                own = [*(mesh.uvs, *mesh.more_uvs)[:sets]]
+                own += [np.zeros_like(mesh.uvs)] * (sets - len(own))
+                if mesh.uv_faces is not None:
+                    own_faces = _turned(mesh.uv_faces, matrix)
+                else:
+                    own, own_faces = [_kept(each[: len(mesh.verts)], kept) for each in own], faces
+            for part, each in zip(parts, own, strict=True):
+                part.append(split(each, self._structs.real))
+            index.append((own_faces, len(own[0])))
+        return joined([part for each in parts for part in each]), _shifted(index) if indexed else None
 
     def mirrored(self) -> list[int]:
         """Return for each placed mesh whether its placement mirrors."""
@@ -215,14 +268,19 @@ class Gatherer:
         numbers = {key: i for i, key in enumerate(self.materials)}
         return self.per_face([numbers[material_key(mesh)] for mesh, *_ in self.placed])
 
-    def light_unit(self) -> float:
-        intensities = np.array([light.intensity for light in self.scene.lights]).reshape(-1, 3)
+    def light_unit(self, radius: float, *, pbr: bool = False) -> float:
+        """Return `shading_tables.light_unit`. radius: of the scene."""
+        intensities = typical_intensities(self.scene.lights, radius)
         brightest = 0.0
         for mesh, *_ in self.placed:
             color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
             texel = 1.0 if mesh.material.texture is None else mesh.material.texture.image.max()
             brightest = max(brightest, float(color) * max(float(texel), 1.0))
-        return light_unit(self.materials.values(), intensities, self.scene.ambient, brightest)
+        around = self.scene.environment if pbr else None
+        radiance = 0.0 if around is None else float(around.image.max()) * around.intensity
+        return light_unit(
+            self.materials.values(), intensities, self.scene.ambient, brightest, pbr=pbr, radiance=radiance
+        )
 
     def material_table(self, ambient_unit: float, at_corners: bool) -> Array:
         """Return the material table. at_corners: whether the texels are in the corners' colors and need no lookup at
@@ -234,7 +292,9 @@ class Gatherer:
             list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit, self._structs
         )
         table["texture"][(table["texture"] < 0) | at_corners] = self._white if "TEXTURED" in self._forced else -1
-        table["alpha_texture"][table["alpha_texture"] < 0] = self._white if "ALPHA_TEST" in self._forced else -1
+        if "ALPHA_TEST" in self._forced:
+            table["alpha_texture"][table["alpha_texture"] < 0] = self._white
+            table["alpha_tested"] = 1
         return table
 
     def face_textures(self) -> Array:

@@ -75,7 +75,7 @@ def scene_stages(
     program of surface_layers.cl, None if it is not needed."""
     geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
-    pixels = "phong.cl" if features["PHONG"] else "gouraud.cl"
+    pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
     programs = [build(device, features.only(needed), (pixels,), lanes=lanes)]
     if layers is not None:
         programs.append(build(device, layers, ("surface_layers.cl",), lanes=lanes))
@@ -256,6 +256,9 @@ class Stages:
 
     def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
         return self._draw("phong", (*surface, *tile), tiles)
+
+    def pbr(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
+        return self._draw("pbr", (*surface, *tile), tiles)
 
     def gouraud(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
         return self._draw("gouraud", (*surface, *tile), tiles)

@@ -48,7 +48,7 @@ def _fields(material: Material) -> tuple[Any, ...]:
     """Return a hashable key of a material: every field, but not the texels of its texture."""
     values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
     texture = material.texture
-    described = None if texture is None else (texture.image.shape, texture.wrap, texture.lookup)
+    described = None if texture is None else (texture.image.shape, texture.wrap, texture.lookup, texture.filter)
     return (*(tuple(value) if isinstance(value, np.ndarray) else value for value in values), described)
 
 
@@ -85,8 +85,21 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
     kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
     if "albedo" in asked:
-        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "MIPMAPS", "UV_INDICES"}
+        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "NEAREST", "MIPMAPS", "UV_INDICES"}
     values = dict(light.only(kept).values)
+    if "N" in asked and light["NORMAL_MAP"]:
+        kept_too = (
+            "PBR",
+            "DIFFUSE",
+            "SPECULAR",
+            "NORMAL_MAP",
+            "NEAREST",
+            "MIPMAPS",
+            "UV_SETS",
+            "UV_INDICES",
+            "MATERIALS",
+        )
+        values |= {name: light[name] for name in kept_too}
     if "N" in asked:
         values["NORMAL_INDICES"] = int(any(uses_normal_indices(scene, mesh) for mesh in meshes))
         values["TWO_SIDED"] = int(any(mesh.material.two_sided for mesh in meshes))

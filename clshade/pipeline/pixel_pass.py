@@ -28,6 +28,9 @@ def draw_pixels(
     if features["PHONG"]:
         events["phong"] = stages.phong(inputs, tile, tiles)
         return inputs
+    if features["PBR"]:
+        events["pbr"] = stages.pbr(inputs, tile, tiles)
+        return inputs
     if features["LIT"] and visible:
         light, count = inputs.corner_light, 3 * len(inputs.triangles.array)
         if light is None or len(light.array) < count:

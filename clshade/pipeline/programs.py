@@ -19,7 +19,7 @@ from ..base import console
 from ..base.atomic_files import write_bytes
 from ..errors import ClshadeError, DeviceError
 from .features import Features
-from .opencl import environment
+from .opencl import cache_sharing, environment
 from .opencl.device import Device
 from .opencl.inlining import inlined
 from .struct_layout import header
@@ -174,7 +174,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     if key not in _built:
         start = time.perf_counter()
         path = _stored_at(device, source, options)
-        stored = path.exists()
+        slot = environment.prepare()
+        stored = path.exists() or cache_sharing.take_over(slot, f"{path.parent.name}/{path.name}")
+        before = set() if stored or not device.keeps_programs else cache_sharing.runtime_folders(slot)
         with first_use(device, stored=stored):
             program = _load(device, path) if stored and not device.keeps_programs else None
             stored = stored and (device.keeps_programs or program is not None)
@@ -194,7 +196,8 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
             cache = os.environ.get("POCL_CACHE_DIR", "")
             raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
         if not stored:
-            _store(b"" if device.keeps_programs else program.binaries[0], path)
+            kept = cache_sharing.runtime_folders(slot) - before if device.keeps_programs else ()
+            _store(cache_sharing.note(kept) if device.keeps_programs else program.binaries[0], path)
         taken = time.perf_counter() - start
         _built[key] = Program(features, lanes, taken, kernels, stored)
         console.detail(
@@ -213,11 +216,12 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
 
 
 # Built programs are kept in this process's cache folder: loading one skips the compiler's front end. If the runtime has a
-# cache of its own, an empty file notes that it has the program: PoCL, asked for a binary, would recompile all kernels.
+# cache of its own, a file notes where in it the program is: PoCL, asked for a binary, would recompile all kernels.
 
 
 def _stored_at(device: Device, source: str, options: list[str]) -> Path:
-    where = os.environ.get("POCL_CACHE_DIR", "") if device.keeps_programs else ""
+    own = os.fspath(environment.prepare().pocl)
+    where = os.environ.get("POCL_CACHE_DIR", "").replace(own, "") if device.keeps_programs else ""
     parts = (source, *options, device.platform, device.name, device.version, device.driver, where)
     name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
     return environment.prepare().folder / "binaries" / name

@@ -18,17 +18,18 @@ from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, RenderOptions
-from . import programs, sample_pattern, scene_buffers, shading_tables, struct_layout
+from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
 from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
-from .depth_sort import front_to_back
+from .depth_sort import front_to_back, opaque_first
 from .effective_settings import effective_settings
-from .features import at_lanes, ignored
+from .features import at_lanes, ignored, looks_up
 from .frame import Frame
 from .launches import Hiding, lookup_stages, scene_stages
 from .layers import Layers
+from .light_table import LightTable
 from .lines import Lines
 from .opencl.device import Device, shared_device
 from .pixel_pass import draw_pixels
@@ -75,7 +76,7 @@ class Renderer:
     scene : Scene
         The scene to draw. A CPU device works in the scene's own arrays: do not change them
         while the renderer is open.
-    preset : {"course", "standard"}, optional
+    preset : {"course", "standard", "pbr"}, optional
         Preset of the settings. Default: the scene's own.
     device : Device or str, optional
         An open device or the name of one: ``"pocl"``, ``"intel"``, ``"nvidia"``, ``"amd"``,
@@ -174,7 +175,7 @@ class Renderer:
         def optional(array: Array | None) -> Buffer | None:
             return None if array is None else Buffer(device, array)
 
-        looked_up = self.features["TEXTURED"] or self.features["ALPHA_TEST"]
+        looked_up = looks_up(self.features)
         tables = {
             "normals": optional(packed.normals),
             "normal_faces": optional(packed.normal_faces),
@@ -182,9 +183,15 @@ class Renderer:
             "color_map": optional(packed.color_map),
             "uvs": optional(packed.uvs),
             "uv_faces": optional(packed.uv_faces),
+            "tangents": optional(packed.tangents),
+            "tangent_faces": optional(packed.tangent_faces),
             "face_materials": optional(packed.face_materials),
             "textures": optional(packed.textures if looked_up else None),
             "texels": optional(packed.texels if looked_up else None),
+            "environment": optional(packed.environment),
+            "radiance": optional(packed.radiance),
+            "backdrop": optional(packed.backdrop),
+            "alphas": optional(packed.alphas),
         }
         materials = Buffer(device, packed.materials)
         self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers)
@@ -192,6 +199,7 @@ class Renderer:
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
         self._sides = (tables["face_materials"], materials) if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count, structs)
+        self._transparent = scene_buffers.transparent_faces(packed) if self.features["BLEND"] else None
         self._made = TriangleBuffers(device, self._face_count, 0, structs, slack=self.stages.lanes)
         self._clips = False  # whether the last frame had faces to clip
         self._view = Buffer(device, np.zeros(1, structs.View))
@@ -222,12 +230,8 @@ class Renderer:
 
     def _upload_lights(self, unit: float) -> None:
         """Upload the lights. unit: the unit their intensities are expressed in."""
-        lights = [light for light in self.scene.lights if light.intensity.any()]
-        self._lights = Buffer(self.device, np.zeros(max(len(lights), 1), self._structs.Light))
-        self._light_positions = np.array([light.position for light in lights]).reshape(-1, 3)
-        self._light_count, self._light_unit = len(lights), unit
-        intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
-        self._light_intensities = shading_tables.to_real(intensities / unit, self._structs.real)
+        self._light_table = LightTable(self.scene.lights, unit, self._structs)
+        self._lights = Buffer(self.device, np.zeros(max(self._light_table.count, 1), self._structs.Light))
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """Return the (3F, 4) colors for texture_at vertex: the texel at each corner times the vertex color."""
@@ -245,10 +249,10 @@ class Renderer:
     # Per frame
 
     def _write_lights(self, space: CameraSpace) -> None:
-        if self._light_count:
-            relative = shading_tables.relative_lights(self._light_positions, space.camera.eye, space.scale)
+        if self._light_table.count:
+            rows = self._light_table.rows(space.camera.eye, space.scale)
             with self._lights.writing() as table:
-                table["position"], table["intensity"] = relative, self._light_intensities
+                table[:] = rows
 
     def _write_image(self, frame: _Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution
@@ -257,6 +261,9 @@ class Renderer:
             image = table[0]
             image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
             image["to_eye"] = -frame.space.axes[2]
+            around = self.scene.environment if self.features["BACKDROP"] else None
+            if around is not None:
+                backdrop.write_rays(image, around, frame.space, self._structs.real)
             if self._image_of == known:
                 return
             self._image_of = None
@@ -266,18 +273,21 @@ class Renderer:
             image["samples"] = len(places)
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
-            image["lights"], image["list_capacity"] = self._light_count, self._lists.room
+            image["lights"], image["list_capacity"] = self._light_table.count, self._lists.room
             large = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
             image["streamed"] = large and self.settings.edges is None  # pixels below lines are written twice
             if self.settings.edges is not None:
                 image["line_color"] = self.settings.edges.color
                 image["marked_color"] = self.settings.edges.nonmanifold_color
+            if around is not None:
+                backdrop.write_size(image, around)
             image["map_colors"] = self._map_colors
             image["unlit"] = self.settings.shader == "nolight"
             image["transparent"] = self.scene.background is None
             if self.scene.background is not None:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
-            image["light_unit"] = self._light_unit
+            image["light_unit"] = self._light_table.unit
+            image["layer_alpha"] = shading_tables.to_real(np.float64(self.settings.layer_alpha), self._structs.real)
         self._image_of = known
 
     def _project(self, frame: _Progress) -> None:
@@ -345,9 +355,30 @@ class Renderer:
         keys = self._made.keys.to_host(visible)
         exact = None if self.features["DEPTH_TEST"] else self._painter_depths
         order = front_to_back(keys, exact)
+        if self._transparent is not None:
+            if exact is not None:
+                self._write_ranks(order)
+            order = opaque_first(order, self._transparent[self._faces_of(order)])
         with self._order.writing(visible) as rows:
             rows[:] = order
         frame.host_ms["sort"] = (_clock() - start) * 1e3
+
+    def _faces_of(self, index: Array) -> Array:
+        """Return the faces of triangles, which are faces or clipped pieces of them."""
+        face = index.astype(np.int64)
+        pieces = face >= self._face_count
+        if pieces.any():
+            face[pieces] = self._pieces.array["face"][face[pieces] - self._face_count]
+        return face
+
+    def _write_ranks(self, order: Array) -> None:
+        """Write the place of each triangle in painter's order."""
+        ranks = self._inputs.ranks
+        if ranks is None or len(ranks.array) < len(self._made.triangles.array):
+            ranks = Buffer.empty(self.device, len(self._made.triangles.array), np.uint32)
+            self._inputs = self._inputs._replace(ranks=ranks)
+        with ranks.writing() as rows:
+            rows[order] = np.arange(len(order), dtype=np.uint32)
 
     def _painter_depths(self, index: Array) -> tuple[Array, Array]:
         """Return the exact painter's depths and the faces of the triangles in `index`."""
@@ -549,7 +580,7 @@ def render(
     ----------
     scene : Scene
         The scene to draw.
-    preset : {"course", "standard"}, optional
+    preset : {"course", "standard", "pbr"}, optional
         Preset of the settings. Default: the scene's own.
     device : Device or str, optional
         An open device or the name of one, see `Renderer`. Default: the environment variable

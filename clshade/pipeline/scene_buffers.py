@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array
+from ..scene.geometry import half_diagonal
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import struct_layout
-from .features import Features, derive, looked_up_at_corners
+from .backdrop import backdrop_table
+from .environment_tables import environment_tables
+from .features import Features, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
 from .layer_buffers import LayerTables, layer_tables
 from .scalar_tables import ScalarTables, color_table
@@ -25,8 +28,10 @@ class Packed:
 
     A real is float32, or float64 with precision float64. positions: (V, 3) world space, float32 or float64. faces: (F, 3)
     int32. normals: (K, 4) reals, unit or 0. normal_faces, uv_faces: (F, 3) int32. colors: (V, 4) or (3F, 4) reals, with
-    positions in the color map. color_map: (N + 4, 4) reals. uvs: (T, 4) reals, u and v and their rounding errors.
-    face_materials: (F,) int32. materials, textures: tables of `struct_layout`'s structs. texels: (X, 4) float32.
+    positions in the color map. color_map: (N + 4, 4) reals. uvs: (T, 4) reals, u and v and their rounding errors, further
+    sets after the first. tangents: (K, 4) reals, tangent_faces: (F, 3) int32. face_materials: (F,) int32.
+    materials, textures: tables of `struct_layout`'s structs. texels: (X, 4) float32.
+    environment, radiance: see `environment_tables`. backdrop: see `backdrop_table`. alphas: (V,) reals.
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
     expressed in it too. layers: further inputs of layers.
@@ -47,10 +52,23 @@ class Packed:
     materials: Array
     textures: Array | None
     texels: Array | None
+    tangents: Array | None
+    tangent_faces: Array | None
     corner_uvs: Array | None
     corner_textures: Array | None
+    environment: Array | None
+    radiance: Array | None
+    backdrop: Array | None
+    alphas: Array | None
     light_unit: float
     layers: LayerTables
+
+
+def transparent_faces(packed: Packed) -> Array:
+    """Return which faces are transparent, (F,) bool."""
+    blends = packed.materials["blends"] != 0
+    of_face = blends[0 if packed.face_materials is None else packed.face_materials]
+    return np.broadcast_to(of_face, len(packed.faces))
 
 
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
@@ -59,7 +77,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
     tables = None if settings.scalars is None else ScalarTables.of(scene, settings.scalars)
     given, scene = scene, without_colors(scene, settings.scalars)
-    gatherer = Gatherer(scene, structs, forced, tables)
+    gatherer = Gatherer(scene, structs, forced, tables, maps=settings.shader == "pbr")
     positions, faces = gatherer.positions()
     features = derive(
         scene,
@@ -79,11 +97,19 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
             found["colors"] = gatherer.colors(bool(features["CORNER_COLORS"]))
         if features["SCALARS"]:
             found["color_map"] = color_table(tables).astype(structs.real)
-        if features["TEXTURED"] or at_corners or features["ALPHA_TEST"]:
-            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]))
+        if features["NORMAL_MAP"]:
+            found["tangents"], found["tangent_faces"] = gatherer.tangents()
+        if features["VERTEX_ALPHA"]:
+            found["alphas"] = gatherer.alphas()
+        if at_corners or (looks_up(features) and gatherer.textures):
+            # The layer uv shows those of meshes without a texture too: with UV_SETS both tables have as many rows.
+            untextured = bool(features["UV_SETS"]) and "uv" in settings.layers
+            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=untextured)
             if gatherer.textures:
                 found["textures"], found["texels"] = texture_tables(
-                    gatherer.textures, mipmaps=settings.texture_filter == "trilinear"
+                    gatherer.textures,
+                    mipmaps=settings.texture_filter == "trilinear",
+                    uv_rows=len(found["uvs"]) // (1 + max(texture.coordinates for texture in gatherer.textures)),
                 )
         if at_corners:
             index = found["uv_faces"] if found["uv_faces"] is not None else faces
@@ -91,7 +117,12 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
             found["corner_textures"] = np.repeat(gatherer.face_textures(), 3)
         if features["MATERIALS"] or features["SIDES"]:
             found["face_materials"] = gatherer.face_materials()
-    unit = gatherer.light_unit()
+    radius = half_diagonal(low.astype(np.float64), high.astype(np.float64))
+    unit = gatherer.light_unit(radius, pbr=settings.shader == "pbr")
+    if features["ENVIRONMENT"]:
+        found["environment"], found["radiance"] = environment_tables(scene.environment, unit, structs)
+    if features["BACKDROP"] and scene.environment is not None:
+        found["backdrop"] = backdrop_table(scene.environment, structs)
     materials = gatherer.material_table(unit if features["TINTED"] else 1.0, at_corners)
     found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
     found.update(layers=layer_tables(gatherer, given, settings, features))

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..base.arrays import Array, Floats
+from ..scene.metallic_roughness import LEAST_ROUGHNESS
 from ..scene.model import Material, Texture
 from . import struct_layout
-from .features import tests_alpha
+from .maps import MAPS
 from .mipmaps import levels_below
 from .struct_layout import Structs
 
@@ -55,54 +56,102 @@ def material_table(
         for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
             row[name] = to_real(value, structs.real)
         row["n"] = material.n
+        facets = material.microfacets
+        row["metallic"], row["roughness"], row["f90"] = facets.metallic, facets.roughness, facets.specular
+        for name, value in (
+            ("diffuse", material.diffuse),
+            ("f0", facets.dielectric_f0),
+            ("emission", facets.emission),
+        ):
+            row[name] = to_real(value, structs.real)
         row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
-        row["texture"] = next((i for i, t in enumerate(textures) if t is material.texture), -1)
-        row["alpha_texture"] = row["texture"] if tests_alpha(material) else -1
-        row["alpha_cutoff"] = material.alpha_cutoff if tests_alpha(material) else 0.0
+        row["texture"] = _number(textures, material.texture)
+        row["maps"] = [_number(textures, getattr(facets, name)) for name in MAPS]
+        row["map_factors"] = facets.normal_scale, facets.occlusion_strength, 1.0, 1.0
+        row["alpha_tested"], row["blends"] = material.alpha_cutoff is not None, material.blend
+        has_alpha = material.texture is not None and material.texture.image.shape[2] == 4
+        row["alpha_texture"] = row["texture"] if has_alpha and (row["alpha_tested"] or row["blends"]) else -1
+        row["alpha_cutoff"] = 0.0 if material.alpha_cutoff is None else material.alpha_cutoff
+        row["opacity"] = to_real(np.float64(material.opacity), structs.real)
     return table
 
 
-def texture_tables(textures: list[Texture], *, mipmaps: bool = False) -> tuple[Array, Array]:
+def _number(textures: list[Texture], texture: Texture | None) -> int:
+    """Return the number of a texture, -1 for one that is not among them."""
+    return next((i for i, each in enumerate(textures) if each is texture), -1)
+
+
+def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: int = 0) -> tuple[Array, Array]:
     """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
-    each texture is followed by its smaller levels, which are opaque."""
+    each texture is followed by its smaller levels, which are opaque. uv_rows: of a set of texture coordinates."""
     table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
-    offset, parts = 0, []
-    for row, texture in zip(table, textures, strict=True):
+    mipmap = [_levels(texture, mipmaps) for texture in textures]
+    texels = np.empty((sum(level.shape[0] * level.shape[1] for levels in mipmap for level in levels), 4), np.float32)
+    offset = 0
+    first: dict[tuple[object, ...], int] = {}
+    for number, (row, texture, levels) in enumerate(zip(table, textures, mipmap, strict=True)):
         height, width, _ = texture.image.shape
+        kind = width, height, texture.wrap, texture.lookup, texture.filter, texture.coordinates
+        row["alike"] = first.setdefault(kind, number)
         row["width"], row["height"] = width, height
         row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
-        levels = [texture.image]
-        if mipmaps and texture.lookup == "standard":
-            levels += levels_below(texture)
+        row["nearest"], row["uv_offset"] = texture.filter == "nearest", texture.coordinates * uv_rows
         row["levels"] = len(levels)
-        for number, level in enumerate(levels):
-            row["offset"][number] = offset
-            texels = np.ones((level.shape[0] * level.shape[1], 4), np.float32)
-            texels[:, : level.shape[2]] = level.reshape(len(texels), -1)
-            parts.append(texels)
-            offset += len(texels)
-    return table, joined(parts)
+        for place, level in enumerate(levels):
+            row["offset"][place] = offset
+            flat = level.reshape(-1, level.shape[2])
+            mine = texels[offset : offset + len(flat)]
+            mine[:, : flat.shape[1]] = flat
+            mine[:, flat.shape[1] :] = 1.0
+            offset += len(flat)
+    return table, texels
 
 
-def light_unit(materials: Iterable[Material], intensities: Array, ambient: Array, brightest: float) -> float:
+def _levels(texture: Texture, mipmaps: bool) -> list[Array]:
+    smaller = levels_below(texture) if mipmaps and texture.lookup == "standard" else []
+    return [texture.image, *smaller]
+
+
+def light_unit(
+    materials: Iterable[Material],
+    intensities: Array,
+    ambient: Array,
+    brightest: float,
+    *,
+    pbr: bool = False,
+    radiance: float = 0.0,
+) -> float:
     """Return the unit of light, a power of two, in which no sum of light overflows float32: 1 for all but extreme scenes.
 
-    intensities: (L, 3). ambient: (3,). brightest: the largest component of a surface's color.
+    intensities: (L, 3). ambient: (3,). brightest: the largest component of a surface's color. pbr: whether the shader is
+    pbr, whose lobe is at most 1/(2 alpha^3), at grazing incidence. radiance: the largest of an environment; irradiance
+    over pi is at most 4 times as much by spherical harmonics, as a sum of 9 terms, and reflected once more as highlights.
     """
-    reflected = max((float((np.abs(m.kd) + np.abs(m.ks)).max()) for m in materials), default=0.0)
+    lobe = LEAST_ROUGHNESS**-6 / 2.0
+    sums = (np.abs(m.diffuse) + lobe if pbr else np.abs(m.kd) + np.abs(m.ks) for m in materials)
+    reflected = max((float(each.max()) for each in sums), default=0.0)
+    diffuse = max((float(np.abs(m.diffuse).max()) for m in materials), default=0.0)
     scattered = max((float(np.abs(m.ka * ambient).max()) for m in materials), default=0.0)
     with np.errstate(over="ignore"):
         most = (float(np.abs(intensities).sum(axis=0).max(initial=0.0)) * reflected + scattered) * max(brightest, 1.0)
+        most += 8.0 * radiance * max(diffuse, 1.0) * max(brightest, 1.0)
     return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
 
 
-def relative_lights(positions: Array, eye: Array, scale: float) -> Floats:
-    """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^60 (2^59
-    along an axis) only the direction is kept."""
+def relative_lights(positions: Array, eye: Array, scale: float, most: Array | int = 60) -> Floats:
+    """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^most (half of
+    that along an axis) only the direction is kept. most: a number, or (L,)."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
-    exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
-    relative: Floats = np.ldexp(half, np.minimum(math.frexp(scale)[1], 60 - exponent)[:, None])
+    relative: Floats = np.ldexp(half, light_exponents(positions, eye, scale, most)[:, None] + 1)
     return relative
+
+
+def light_exponents(positions: Array, eye: Array, scale: float, most: Array | int = 60) -> Array:
+    """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
+    2^most."""
+    half = positions * 0.5 - eye * 0.5
+    exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
+    return np.asarray(np.minimum(math.frexp(scale)[1], most - exponent) - 1)
 
 
 def scale_for(extent: float) -> float:

@@ -10,6 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..scene.image_light.brdf_table import SIDE as BRDF_SIDE
+from ..scene.image_light.specular import LEVELS, OFF_MIRROR
+from ..scene.metallic_roughness import LEAST_ROUGHNESS
+
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
 SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # means "beyond the guard band" in snapped positions
@@ -37,8 +41,16 @@ CONSTANTS = {
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
+    "LEAST_ALPHA": LEAST_ROUGHNESS**2,
+    "ENVIRONMENT_LEVELS": LEVELS,
+    "BRDF_SIDE": BRDF_SIDE,
+    "OFF_MIRROR": OFF_MIRROR,
     "NAN_POSITION": NAN_POSITION,
     "WHITE_POSITION": WHITE_POSITION,
+    "MAP_NORMAL": 0,
+    "MAP_OCCLUSION": 1,
+    "MAP_EMISSION": 2,
+    "MAP_ROUGHNESS": 3,
     "WRAP_REPEAT": 0,
     "WRAP_CLAMP": 1,
     "WRAP_MIRROR": 2,
@@ -104,14 +116,21 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "y", 3, "snapped corners, 1/256 px, up"),
         ("int", "face", 1, "index in the scene's face order"),
         ("real", "weights", 9, "row j: the piece's corner j as a mean of the face's corners"),
+        ("real", "weights_low", 9, "what rounding leaves of weights"),
         ("real", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
         ("real", "uv_low", 6, "what rounding leaves of uv"),
     ],
     "Light": [
-        ("real", "position", 3, "relative to the eye, world axes, scaled"),
-        ("real", "pad", 1, ""),
-        ("real", "intensity", 3, "linear RGB"),
-        ("real", "pad2", 1, ""),
+        ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),
+        ("real", "directional", 1, "1 for a directional light, else 0"),
+        ("real", "intensity", 3, "linear RGB; attenuated: at a scaled distance of 1"),
+        ("real", "inverse_range", 1, "1/range, scaled; 0 for none"),
+        ("real", "axis", 3, "unit, world axes: of the cone, away from the light"),
+        ("real", "cone_cosine", 1, "of the outer angle"),
+        ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
+        ("int", "cone", 1, "whether it is a spot"),
+        ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
+        ("int", "pad", 1, ""),
     ],
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),
@@ -120,10 +139,28 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "texture", 1, "index of the texture, -1 for none"),
         ("real", "ks", 3, "per channel"),
         ("int", "two_sided", 1, "whether a side seen from behind is lit with its normal turned round"),
-        ("real", "alpha_cutoff", 1, "pixels with less alpha are left out"),
+        ("real", "alpha_cutoff", 1, "pixels with less alpha are left out, if it is tested"),
         ("int", "front_only", 1, "whether only counter-clockwise triangles are drawn"),
-        ("int", "alpha_texture", 1, "index of the texture whose alpha is tested, -1 for none"),
-        ("int", "pad", 1, ""),
+        ("int", "alpha_texture", 1, "index of the texture whose alpha counts, -1 for none"),
+        ("real", "f90", 1, "of the dielectric: its reflectance at grazing incidence"),
+        ("real", "f0", 3, "of the dielectric: at normal incidence, per channel"),
+        ("real", "metallic", 1, "0 to 1"),
+        ("real", "diffuse", 3, "factor of the color in the diffuse term of shader pbr, per channel"),
+        ("real", "roughness", 1, "0 to 1, GGX's alpha is its square"),
+        ("real", "emission", 3, "linear RGB"),
+        ("int", "maps", 4, "by MAP_*, indices of textures, -1 for none"),
+        ("real", "map_factors", 4, "of the normal's first two components, of occlusion, 1, 1"),
+        ("real", "opacity", 1, "factor of alpha"),
+        ("int", "alpha_tested", 1, "whether alpha is tested"),
+        ("int", "blends", 1, "whether it is transparent: composited by alpha"),
+        ("int", "alpha_pad", 2, ""),
+    ],
+    "Environment": [
+        ("int", "offset", LEVELS, "of each level's first texel in the table of radiance"),
+        ("int", "side", LEVELS, "texels a side without the border of one texel"),
+        ("int", "pad", 2, ""),
+        ("real", "irradiance", 27, "over pi: factors of x, y, z, xx, yy, zz, xy, yz, zx of the normal, linear RGB"),
+        ("real", "pad2", 1, ""),
     ],
     "Texture": [
         ("int", "offset", MOST_LEVELS, "of each level's first texel in the texel buffer"),
@@ -132,7 +169,14 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "wrap", 2, "WRAP_* along u and v"),
         ("int", "lookup", 1, "LOOKUP_*"),
         ("int", "levels", 1, "how many there are, 1 without mip-mapping"),
-        ("int", "pad", 2, ""),
+        ("int", "nearest", 1, "whether the nearest texel is shown; with NEAREST"),
+        ("int", "uv_offset", 1, "of its coordinates among those of all sets; with UV_SETS"),
+        (
+            "int",
+            "alike",
+            1,
+            "the first texture that is looked up alike: of the same size, wrap modes, filter, coordinates",
+        ),
     ],
     "Image": [
         ("int", "columns", 1, "N"),
@@ -150,12 +194,25 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "list_capacity", 1, "entries that the tile lists have room for"),
         ("int", "map_colors", 1, "colors of the color map from its low end to its high one; with SCALARS"),
         ("int", "unlit", 1, "whether colors are taken as they are, shader nolight, where they are lit nonetheless"),
+        ("int", "backdrop_columns", 1, "pixels of the environment that is the background; with BACKDROP"),
+        ("int", "backdrop_rows", 1, "pixels"),
+        ("int", "ray_center", 2, "where the viewing direction meets the image, snapped, 1/256 px"),
         ("real", "background", 3, "linear RGB"),
         ("real", "unscale", 1, "turns a scaled depth into scene units"),
         ("real", "light_unit", 1, "what light is counted in: a power of two"),
+        ("real", "layer_alpha", 1, "the alpha from which on layers show a transparent triangle"),
         ("real", "to_eye", 3, "unit, world axes: against the viewing direction"),
         ("real", "line_color", 3, "linear RGB; with LINES"),
         ("real", "marked_color", 3, "of lines along edges of more than two faces"),
+        ("real", "backdrop_unit", 1, "what the table of the background is counted in: a power of two"),
+        ("real", "ray_step", 2, "how far a ray turns to the right and up per 1/256 px, over the length of ray_axes"),
+        ("real", "ray_offset", 2, "how far it is turned at ray_center"),
+        (
+            "real",
+            "ray_axes",
+            9,
+            "rows: the environment's front, left and top; columns: camera x, y, the viewing direction",
+        ),
     ],
     "Line": [
         ("double", "w", 2, "1/depth of its ends, scaled; with painter's order minus the first rank of its faces"),
@@ -213,6 +270,7 @@ class Structs(NamedTuple):
     Piece: np.dtype
     Light: np.dtype
     Material: np.dtype
+    Environment: np.dtype
     Texture: np.dtype
     Image: np.dtype
     Line: np.dtype

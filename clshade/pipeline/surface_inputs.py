@@ -30,11 +30,20 @@ class SurfaceInputs(NamedTuple):
     color_map: Annotated[Buffer | None, "real4"] = (
         None  # below, map_colors, above, NaN, white: linear RGB; with SCALARS
     )
-    uvs: Annotated[Buffer | None, "real4"] = None  # T, texture coordinates u, v and their rounding errors
+    uvs: Annotated[Buffer | None, "real4"] = (
+        None  # T, texture coordinates u, v and their rounding errors; T more for each further set
+    )
     uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; with UV_INDICES
+    tangents: Annotated[Buffer | None, "real4"] = None  # unit or 0, and the bitangent's side; with NORMAL_MAP
+    tangent_faces: Annotated[Buffer | None, "int"] = None  # F x 3, tangents; with NORMAL_MAP
     face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
     textures: Annotated[Buffer | None, "Texture"] = None
     texels: Annotated[Buffer | None, "float4"] = None  # of all textures, linear RGB
+    environment: Annotated[Buffer | None, "Environment"] = None  # 1, with ENVIRONMENT
+    radiance: Annotated[Buffer | None, "real4"] = None  # the table of its BRDF, then its levels, linear RGB
+    backdrop: Annotated[Buffer | None, "real4"] = None  # of `backdrop_table`, linear RGB; with BACKDROP
+    alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
+    ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
 
 

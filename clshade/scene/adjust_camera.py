@@ -1,8 +1,9 @@
-"""Adjust a camera by angles around its target, a view angle or a position."""
+"""Adjust a camera by angles around its target, a view angle or a position, or so that it shows all of a scene."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,11 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..base.validation import number, value_error, vector
 from .camera import Camera, height_seen
+from .fitting import fitted
+from .framing import default_camera, up_of
 from .geometry import camera_axes
+from .ground import objects_of
+from .model import Mesh, Scene
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
@@ -32,6 +37,8 @@ def adjusted(
     elevation: float = 0.0,
     view_angle: float | None = None,
     orthographic: bool = False,
+    fit: Sequence[Mesh] | None = None,
+    turning: bool = False,
 ) -> Camera:
     """Return the camera with some of its parameters changed, in this order.
 
@@ -39,6 +46,7 @@ def adjusted(
     azimuth, elevation: degrees by which the eye rotates around the focal point: to its right about `up`, and upwards
         (elevation stays short of the poles: the sum with the camera's own must lie between -90 and 90).
     view_angle: vertical field of view, degrees from 1e-6 to less than 180; pixels become square.
+    fit: meshes that the eye is then moved to show, in the same direction: see `fitting.fitted`, also for turning.
     orthographic: parallel projection of what the perspective camera sees at the focal point's distance.
     Raises InputError for values out of range.
     """
@@ -60,7 +68,33 @@ def adjusted(
         columns, rows = camera.resolution
         height = height_seen(who, "view angle", view_angle)
         camera = replace(camera, focal=1.0, plane=(height, height * columns / rows))
+    if fit is not None:
+        camera = fitted(camera, fit, turning=turning, orthographic=orthographic)
     if orthographic and not camera.orthographic:
-        scale = float(np.linalg.norm(offset)) / camera.focal
+        scale = float(np.linalg.norm(camera.eye - camera.lookat)) / camera.focal
         camera = replace(camera, orthographic=True, plane=(camera.plane[0] * scale, camera.plane[1] * scale))
     return camera
+
+
+def camera_of(scene: Scene, changes: Mapping[str, Any], *, fit: bool = False, turning: bool = False) -> Camera:
+    """Return the scene's camera adjusted by `changes`, arguments of `adjusted`.
+
+    A camera that was chosen to show all of the scene (`Scene.fitted`) is chosen again for another direction or
+    projection, unless the changes place it: by a position, a focal point or a view angle.
+    fit: choose it so in any case but if position and focal point are both given.
+    turning: it will go round the scene, see `fitting.fitted`.
+    """
+    given = {name for name, value in changes.items() if value not in (None, False, 0.0)}
+    placed = given & {"position", "focal_point", "view_angle"}
+    again = not {"position", "focal_point"} <= given if fit else scene.fitted and not placed
+    if again and (turning or given):
+        return adjusted(scene.camera, **changes, fit=objects_of(scene).meshes, turning=turning)
+    return adjusted(scene.camera, **changes)
+
+
+def refitted(scene: Scene, resolution: tuple[int, int] | None = None) -> Scene:
+    """Return the scene with the camera that its meshes would get without one, with the axis up that is nearest to its
+    camera's. resolution: (N, M), default: of its own camera."""
+    resolution = resolution or scene.camera.resolution
+    camera = default_camera(objects_of(scene).meshes, up_of(scene.camera), resolution)
+    return replace(scene, camera=camera, fitted=True)

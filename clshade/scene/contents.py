@@ -1,13 +1,14 @@
-"""What a scene holds, as tables: its meshes, and their scalars with their ranges."""
+"""What a scene holds, as tables: its meshes, their scalars with their ranges, and its lights."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from ..base.text_tables import as_lines
-from .model import Mesh, Scene
+from .model import Light, Mesh, Scene
 from .scalar_colors import at_vertices
 
 
@@ -16,8 +17,19 @@ def scene_contents(scene: Scene) -> dict[str, Any]:
     return {
         "triangles": scene.face_count,
         "lights": len(scene.lights),
+        "light_scale": scene.light_scale,
+        "each_light": [light_facts(light) for light in scene.lights],
         "meshes": [_mesh(number, mesh) for number, mesh in enumerate(scene.meshes, 1)],
     }
+
+
+def light_facts(light: Light) -> dict[str, Any]:
+    """Return kind and fields of a light as JSON-compatible values."""
+    found: dict[str, Any] = {"kind": type(light).__name__}
+    for field in fields(light):
+        value = getattr(light, field.name)
+        found[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return found
 
 
 def _mesh(number: int, mesh: Mesh) -> dict[str, Any]:
@@ -53,9 +65,38 @@ def format_contents(contents: dict[str, Any]) -> str:
         for m in meshes
         for s in m["scalars"]
     ]
+    lines += _light_lines(contents)
     if found:
         lines += ["", *as_lines(("scalars", "mesh", "of", "least", "most", "NaN"), found)]
     return "\n".join(lines if found else [*lines, "no scalars"])
+
+
+def _light_lines(contents: dict[str, Any]) -> list[str]:
+    """Return a table of the lights, nothing without any."""
+    rows = [
+        (
+            light["kind"],
+            f"{number}",
+            _vector(light.get("position")),
+            _vector(light.get("direction")),
+            _vector(light["intensity"]),
+            f"{light['inner_cone']:.4g} to {light['outer_cone']:.4g}" if "inner_cone" in light else "-",
+            light.get("attenuation", "none"),
+            _number(light.get("range")),
+        )
+        for number, light in enumerate(contents["each_light"])
+    ]
+    if not rows:
+        return []
+    header = ("light", "number", "position", "direction", "intensity", "cone, degrees", "attenuation", "range")
+    lines = ["", *as_lines(header, rows, left=2)]
+    if contents["light_scale"] != 1.0:
+        lines.append(f"intensities are the file's, in candela and lux, times {contents['light_scale']:.6g}")
+    return lines
+
+
+def _vector(values: list[float] | None) -> str:
+    return "-" if values is None else " ".join(f"{value + 0.0:.4g}" for value in values)
 
 
 def _shown(name: str) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.arrays import Converted, kept
-from ..base.validation import choice, flag, number, sequence, set_fields, value_error, vector
+from ..base.validation import choice, flag, number, sequence, set_fields, value_error
+from ..images.colors import Rgb, linear_rgb
 
 EdgeKind: TypeAlias = Literal["all", "feature", "silhouette", "boundary", "nonmanifold"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
@@ -18,14 +19,6 @@ WIDTH_STEPS = 256  # a pixel: widths are rounded to this grid, on which coverage
 PAPER = (1.0, 1.0, 1.0)  # background of drawings of lines alone
 
 AskedKinds: TypeAlias = EdgeKind | Iterable[EdgeKind]
-Color: TypeAlias = tuple[float, float, float]
-
-
-def _color(name: str, value: Any) -> Color:
-    red, green, blue = vector("Edges", name, value).tolist()
-    if min(red, green, blue) < 0.0 or max(red, green, blue) > np.finfo(np.float32).max:
-        raise value_error("Edges", name, "three numbers from 0 on that float32 can hold", value)
-    return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -43,8 +36,9 @@ class Edges:
         Of `feature`, degrees, 0 to 180.
     width : float, default 1.5
         Of the lines, pixels, at most 64; rounded to 1/256.
-    color, nonmanifold_color : (3,) floats, default black and red
-        Linear RGB of the lines, and of those along edges of more than two faces. They are not lit.
+    color, nonmanifold_color : color, default black and red
+        Of the lines, and of those along edges of more than two faces, three linear numbers or a
+        text as for `Settings.background`. They are not lit.
     only : bool, default False
         Draw the lines alone, on white: surfaces only hide them.
 
@@ -57,8 +51,8 @@ class Edges:
     kinds: Converted[AskedKinds, tuple[EdgeKind, ...]] = field(default=kept(("all",)))
     angle: float = 30.0
     width: float = 1.5
-    color: Color = (0.0, 0.0, 0.0)
-    nonmanifold_color: Color = (1.0, 0.0, 0.0)
+    color: Converted[ArrayLike, Rgb] = field(default=kept((0.0, 0.0, 0.0)))
+    nonmanifold_color: Converted[ArrayLike, Rgb] = field(default=kept((1.0, 0.0, 0.0)))
     only: bool = False
 
     def __post_init__(self) -> None:
@@ -76,7 +70,7 @@ class Edges:
             raise value_error("Edges", "width", f"pixels above 0, at most {MAX_WIDTH:g}", self.width)
         set_fields(self, kinds=asked, angle=angle, width=width, only=flag("Edges", "only", self.only))
         for name in ("color", "nonmanifold_color"):
-            set_fields(self, **{name: _color(name, getattr(self, name))})
+            set_fields(self, **{name: linear_rgb("Edges", name, getattr(self, name))})
 
     @property
     def steps(self) -> int:

@@ -1,20 +1,20 @@
-"""Default camera and lights for meshes that have none: chosen from the bounding box, the same for every format."""
+"""Default camera and lights for meshes that have none, the same for every format."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..base.arrays import Array, Floats
+from ..base.arrays import Array
 from . import geometry
 from .camera import Camera
-from .model import Mesh, PointLight, Scene
+from .fitting import bounding_sphere, fitted
+from .model import Light, Mesh, PointLight, Scene
 
 FOV = 35.0  # degrees, vertical
-MARGIN = 1.05  # of the bounding sphere
 RESOLUTION = (800, 600)
 AMBIENT = 0.1  # intensity; materials of mesh files have ka = 1 by default
 BACKGROUND = 0.05
@@ -32,9 +32,9 @@ _TOWARDS_EYE = (0.55, 0.42, 1.0)  # from the object: from the right, a little ab
 
 # Position in the camera's axes (right, up, towards the camera), in bounding radii from the center, and linear RGB.
 _LIGHTS = (
-    ((-2.4, 2.6, 3.0), (0.85, 0.82, 0.77)),  # key
-    ((3.6, 0.4, 2.2), (0.24, 0.27, 0.33)),  # fill
-    ((1.6, 3.0, -3.2), (0.55, 0.55, 0.58)),  # rim
+    ((-3.4, 3.4, 1.9), (0.92, 0.88, 0.82)),  # key
+    ((3.4, 0.6, 3.0), (0.2, 0.225, 0.28)),  # fill
+    ((2.4, 2.6, -3.2), (0.6, 0.6, 0.64)),  # rim
 )
 
 
@@ -45,50 +45,57 @@ def framed(
     *,
     up: Up = "y",
     camera: Camera | None = None,
-    lights: tuple[PointLight, ...] = (),
+    lights: tuple[Light, ...] = (),
     sphere: tuple[Array, float] | None = None,
 ) -> Scene:
-    """Return a `standard` scene of the meshes in a three-quarter view, with their bounding sphere inside the image.
+    """Return a `standard` scene of the meshes in a three-quarter view that shows all of them (see `fitting`).
 
     resolution: (N, M), default RESOLUTION. up: one of UPS, the axis of world space that points up in the image.
     camera, lights: used instead of the default ones. sphere: see bounding_sphere, if known.
     The default lights, key, fill and rim, are placed relative to the camera.
     Raises InputError where positions leave the range of float64.
     """
-    center, radius = sphere or bounding_sphere(meshes)
+    center, radius = sphere = sphere or bounding_sphere(meshes)
+    chosen = camera is None
     if camera is None:
-        camera = _camera(center, radius, up, resolution or RESOLUTION)
+        camera = default_camera(meshes, up, resolution, sphere)
+    own_lights = bool(lights)
     if not lights:
         right, upward, forward = geometry.camera_axes(camera)
         axes = np.stack([right, upward, -forward])
         with np.errstate(over="ignore"):  # PointLight refuses an overflow
             places = [center + radius * (np.array(place) @ axes) for place, _ in _LIGHTS]
         lights = tuple(PointLight(at, np.array(light)) for at, (_, light) in zip(places, _LIGHTS, strict=True))
-    return Scene(meshes, camera, lights, np.full(3, AMBIENT), np.full(3, BACKGROUND), "standard", name)
+    return Scene(
+        meshes,
+        camera,
+        lights,
+        np.full(3, AMBIENT),
+        np.full(3, BACKGROUND),
+        "standard",
+        name,
+        own_lights=own_lights,
+        fitted=chosen,
+    )
 
 
-def _camera(center: Array, radius: float, up: Up, resolution: tuple[int, int]) -> Camera:
-    """Return the camera of the three-quarter view."""
+def default_camera(
+    meshes: Sequence[Mesh],
+    up: Up = "y",
+    resolution: tuple[int, int] | None = None,
+    sphere: tuple[Array, float] | None = None,
+) -> Camera:
+    """Return the camera of the three-quarter view, fitted to the meshes. Arguments as for `framed`."""
+    center, radius = sphere or bounding_sphere(meshes)
     axes = np.array(UPS[up], np.float64)
     towards = (np.array(_TOWARDS_EYE) / math.hypot(*_TOWARDS_EYE)) @ axes
-    camera = Camera.from_fov(center + towards * radius, center, axes[1], FOV, resolution)
-    half_angle = math.atan(min(camera.plane) / 2.0)
     with np.errstate(over="ignore"):
-        return replace(camera, eye=center + towards * (MARGIN * radius / math.sin(half_angle)))
+        camera = Camera.from_fov(center + towards * radius, center, axes[1], FOV, resolution or RESOLUTION)
+    return fitted(camera, meshes, sphere=(center, radius))
 
 
-def bounding_sphere(meshes: tuple[Mesh, ...]) -> tuple[Array, float]:
-    """Return center and radius of the sphere around the bounding box; a radius of 0 is replaced by a positive one."""
-    eye, lookat, up = np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0])
-    unframed = Scene(meshes, Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
-    low, high = geometry.bounding_box(unframed)
-    return sphere_of_box(low, high)
-
-
-def sphere_of_box(low: Floats, high: Floats) -> tuple[Floats, float]:
-    """Return center and radius of the sphere around a box; a radius of 0 is replaced by a positive one."""
-    center, radius = low / 2 + high / 2, geometry.half_diagonal(low, high)
-    if radius == 0.0:
-        largest = float(np.abs(center).max())
-        radius = 1e-3 * largest if largest else 1.0
-    return center, radius
+def up_of(camera: Camera) -> Up:
+    """Return the axis of world space that is nearest to the camera's up."""
+    axis = int(np.argmax(np.abs(camera.up)))
+    found: dict[str, Up] = {str(up): up for up in UPS}
+    return found["-" * bool(camera.up[axis] < 0.0) + "xyz"[axis]]

@@ -16,7 +16,7 @@ from ..base.arrays import Array, Floats
 from ..base.validation import value_error, vector
 from ..errors import InputError
 from .camera import Camera
-from .model import Scene
+from .model import Mesh, Scene
 
 _CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
 
@@ -205,6 +205,24 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
         lows.append(placed.min(axis=(0, 2)))
         highs.append(placed.max(axis=(0, 2)))
     return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
+def placed_blocks(mesh: Mesh) -> Iterator[Floats]:
+    """Yield the vertices that faces refer to, in world space, as (3, K) float64 blocks; every instance counts."""
+    used = np.zeros(len(mesh.verts), bool)
+    used[mesh.faces.reshape(-1)] = True
+    points = mesh.verts if used.all() else mesh.verts[used]
+    placements = np.asarray(mesh.instances)
+    many = max(1, (1 << 14) // max(len(points), 1))  # placements at once
+    for first in range(0, len(placements), many):
+        some = placements[first : first + many]
+        for block in _blocks(len(points)):
+            columns = points[block].T.astype(np.float64)
+            if len(some) > 1 or (some != np.eye(4)).any():
+                with np.errstate(over="ignore", invalid="ignore"):
+                    placed = some[:, :3, :3] @ columns + some[:, :3, 3:]
+                columns = placed.transpose(1, 0, 2).reshape(3, -1)
+            yield columns
 
 
 def half_diagonal(low: Floats, high: Floats) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import display
-from ..base.arrays import Converted, Faces, Floats, Floats32, Reals, Vector, kept
+from ..base.arrays import Converted, Faces, Floats, Reals, Vector, kept
 from ..base.validation import (
     choice,
     coefficient,
@@ -27,10 +27,18 @@ from ..base.validation import (
     set_fields,
     text,
     value_error,
-    vector,
 )
 from .camera import Camera
 from .edges import Edges as Edges
+from .environment import Environment as Environment
+from .lights import LIGHTS
+from .lights import DirectionalLight as DirectionalLight
+from .lights import Light as Light
+from .lights import PointLight as PointLight
+from .lights import SpotLight as SpotLight
+from .metallic_roughness import LEAST_ROUGHNESS as LEAST_ROUGHNESS
+from .metallic_roughness import MetallicRoughness as MetallicRoughness
+from .metallic_roughness import from_phong
 from .scalars import Scalars as Scalars
 from .scalars import checked_scalars
 from .settings import LAYERS as LAYERS
@@ -39,16 +47,19 @@ from .settings import PRECISIONS as PRECISIONS
 from .settings import PRESETS as PRESETS
 from .settings import Preset
 from .settings import Settings as Settings
+from .texture import FILTERS as FILTERS
+from .texture import LOOKUPS as LOOKUPS
+from .texture import WRAPS as WRAPS
+from .texture import Filter as Filter
+from .texture import Lookup as Lookup
+from .texture import Texture as Texture
+from .texture import Wrap as Wrap
 
 MAX_FACES = 1 << 24  # the host's sort key has 24 bits for the index of a face
 
-Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
-Lookup: TypeAlias = Literal["standard", "course"]
 Sides: TypeAlias = Literal["both", "front"]
 Nonfinite: TypeAlias = Literal["refuse", "drop"]
 
-WRAPS: tuple[Wrap, ...] = get_args(Wrap)
-LOOKUPS: tuple[Lookup, ...] = get_args(Lookup)
 SIDES: tuple[Sides, ...] = get_args(Sides)
 NONFINITE: tuple[Nonfinite, ...] = get_args(Nonfinite)
 
@@ -62,103 +73,8 @@ def _zeros() -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class PointLight:
-    """A point light without attenuation.
-
-    Attributes
-    ----------
-    position : array_like, (3,)
-        World space.
-    intensity : array_like, (3,), default (1, 1, 1)
-        Linear RGB, any values that float32 holds.
-
-    Raises
-    ------
-    InputError
-        A value is not finite, or beyond float32.
-
-    Notes
-    -----
-    Both are kept as read-only (3,) float64 arrays.
-    """
-
-    position: Floats
-    intensity: Vector = field(default_factory=_ones)
-
-    if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
-
-        def __init__(self, position: ArrayLike, intensity: ArrayLike = ...) -> None: ...
-
-    def __post_init__(self) -> None:
-        set_fields(
-            self,
-            position=vector("PointLight", "position", self.position),
-            intensity=vector("PointLight", "intensity", self.intensity),
-        )
-        if (np.abs(self.intensity) > float(np.finfo(np.float32).max)).any():
-            raise value_error("PointLight", "intensity", "numbers within float32", self.intensity.tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class Texture:
-    """An image for texture mapping.
-
-    Attributes
-    ----------
-    image : array_like, (h, w, 3) or (h, w, 4)
-        Linear RGB, or RGBA; row 0 is v = 0, column 0 is u = 0; h and w from 1 to 32768. Floats are
-        used as they are, integers are divided by their type's maximum. Kept as float32.
-    wrap : {"repeat", "clamp", "mirror"} or a pair of these
-        Wrap mode, or one each for u and v; used by the standard lookup. Kept as a pair.
-    lookup : {"standard", "course"}
-        `standard`: the center of texel (i, j) is at ((i+0.5)/w, (j+0.5)/h), and the texel
-        multiplies the vertex color. `course`: u maps to u*(w-1), and v likewise, both clamped to
-        [0, 1], and the texel replaces the vertex color.
-    name : str, default ""
-        Name of the texture.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
-    """
-
-    image: Floats32
-    wrap: Converted[Wrap | Iterable[Wrap], tuple[Wrap, Wrap]] = field(default=kept("repeat"))
-    lookup: Lookup = "standard"
-    name: str = ""
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self, image: ArrayLike, wrap: Wrap | Iterable[Wrap] = "repeat", lookup: Lookup = "standard", name: str = ""
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        image = floats("Texture", "image", self.image, "an array of shape (h, w, 3) or (h, w, 4)")
-        if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
-            raise value_error("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
-        if image.dtype.kind in "iu":
-            image = image.astype(np.float64) / np.iinfo(image.dtype).max
-        image = np.ascontiguousarray(image, dtype=np.float32).view()
-        if not np.isfinite(image).all():
-            raise value_error("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
-        image.flags.writeable = False
-        wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else sequence(self.wrap)
-        if wraps is None or len(wraps) != 2:
-            raise value_error("Texture", "wrap", "one name or two, for u and v", self.wrap)
-        set_fields(self, image=image, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
-        choice("Texture", "lookup", self.lookup, LOOKUPS)
-        text("Texture", "name", self.name)
-
-    def __repr__(self) -> str:
-        rows, columns, channels = self.image.shape
-        return f"<Texture {self.name or 'unnamed'}: {columns}x{rows}, {channels} channels>"
-
-
-@dataclass(frozen=True, eq=False)
 class Material:
-    """Coefficients of the Phong reflection model, and how a surface is drawn.
+    """Coefficients of the reflection models, and how a surface is drawn.
 
     Attributes
     ----------
@@ -177,7 +93,17 @@ class Material:
     two_sided : bool, default False
         Light back faces with their normals reversed.
     alpha_cutoff : float or None, default None
-        Discard pixels whose texture alpha is below this value (alpha test); None: ignore alpha.
+        Discard pixels whose alpha is below this value (alpha test); None: none.
+    pbr : MetallicRoughness or None, default None
+        Parameters of shader `pbr`, whose base color is color times texture; None: derived from kd,
+        ks and n (`scene.metallic_roughness.from_phong`). `ka` holds for both models.
+    blend : bool, default False
+        Composite by alpha over what lies behind, in exact order of depth; False: where it is drawn
+        the surface is opaque. The alpha is straight: the light that the surface sends, highlights
+        included, counts by it.
+    opacity : float, default 1
+        Factor of alpha, 0 to 1. Alpha is opacity times the texture's alpha times that of the
+        vertices, clamped to [0, 1].
 
     Raises
     ------
@@ -195,6 +121,9 @@ class Material:
     sides: Sides = "both"
     two_sided: bool = False
     alpha_cutoff: float | None = None
+    pbr: MetallicRoughness | None = None
+    blend: bool = False
+    opacity: float = 1.0
 
     def __post_init__(self) -> None:
         exponent = number("Material", "n", self.n, least=0.0, expected="a number from 0 to 1e9")
@@ -202,6 +131,8 @@ class Material:
             raise value_error("Material", "n", "a number from 0 to 1e9", self.n)
         if self.texture is not None and not isinstance(self.texture, Texture):
             raise value_error("Material", "texture", "a Texture or None", self.texture)
+        if self.texture is not None and self.texture.coordinates:
+            raise value_error("Material", "texture", "a Texture with coordinates 0", self.texture.coordinates)
         set_fields(
             self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
         )
@@ -210,6 +141,25 @@ class Material:
         set_fields(self, two_sided=flag("Material", "two_sided", self.two_sided))
         if self.alpha_cutoff is not None:
             set_fields(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
+        opacity = number("Material", "opacity", self.opacity, least=0.0, expected="a number from 0 to 1")
+        if opacity > 1.0:
+            raise value_error("Material", "opacity", "a number from 0 to 1", self.opacity)
+        set_fields(self, blend=flag("Material", "blend", self.blend), opacity=opacity)
+        if self.pbr is not None and not isinstance(self.pbr, MetallicRoughness):
+            raise value_error("Material", "pbr", "a MetallicRoughness or None", self.pbr)
+
+    @property
+    def microfacets(self) -> MetallicRoughness:
+        """The parameters of shader `pbr`: the material's own, or derived from Phong's."""
+        return from_phong(self.ks, self.n) if self.pbr is None else self.pbr
+
+    @property
+    def diffuse(self) -> Floats:
+        """Factor of the color in the diffuse term of shader `pbr`, (3,).
+
+        1, or Phong's kd where the parameters are derived.
+        """
+        return np.asarray(self.kd) if self.pbr is None else np.ones(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,9 +172,10 @@ class Mesh:
         Positions, object space, float32 or float64 (kept as given).
     faces : array_like, (F, 3)
         Indices into verts.
-    colors : array_like, (V, 3) or None, default None
+    colors : array_like, (V, 3) or (V, 4), or None, default None
         Linear RGB per vertex; None: white. Unsigned integers are divided by their type's maximum,
-        as those of a Texture; other numbers are used as they are.
+        as those of a Texture; other numbers are used as they are. Kept as (V, 3); a fourth column
+        becomes `alphas`.
     normals : array_like, (K, 3) or None, default None
         Directions of any length; None: computed from the faces (`geometry.vertex_normals`).
     normal_faces : array_like, (F, 3) or None, default None
@@ -250,6 +201,16 @@ class Mesh:
         Data by name, any numbers: (V,) per vertex, (F,) per face, or (F, 3) per corner of each
         face; with as many vertices as faces (V,) is per vertex. NaN: no data; infinity counts as
         NaN. Kept as a dict of float32 or float64. `Settings.scalars` shows them by a color map.
+    tangents : array_like, (K, 4) or None, default None
+        Directions of any length along which u grows in normal maps, and the sign w of the bitangent
+        w * cross(normal, tangent), along which v falls; None: computed as MikkTSpace does.
+    tangent_faces : array_like, (F, 3) or None, default None
+        Indices into tangents; None: `faces`.
+    more_uvs : iterable of array_like, each of the shape of uvs, default ()
+        Further texture coordinates, which a Texture names by `coordinates`. Kept as a tuple.
+    alphas : array_like, (V,) or None, default None
+        Alpha per vertex; None: 1. Unsigned integers are divided by their type's maximum; numbers
+        beyond [0, 1] are clamped.
 
     Raises
     ------
@@ -271,6 +232,10 @@ class Mesh:
     nonfinite: Nonfinite = "refuse"
     dropped: int = 0
     scalars: Converted[Mapping[str, ArrayLike] | None, dict[str, Reals]] = field(default=kept(None))
+    tangents: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    tangent_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
+    more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = field(default=kept(()))
+    alphas: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
 
     if TYPE_CHECKING:
 
@@ -289,6 +254,10 @@ class Mesh:
             nonfinite: Nonfinite = "refuse",
             dropped: int = 0,
             scalars: Mapping[str, ArrayLike] | None = None,
+            tangents: ArrayLike | None = None,
+            tangent_faces: ArrayLike | None = None,
+            more_uvs: Iterable[ArrayLike] = (),
+            alphas: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -299,11 +268,15 @@ class Mesh:
         if drop:
             verts, faces, dropped = _without_nonfinite(verts, faces)
             set_fields(self, dropped=self.dropped + dropped)
-        colors = None if self.colors is None else _vertex_colors(who, self.colors, len(verts))
+        colors, alphas = (None, None) if self.colors is None else _vertex_colors(who, self.colors, len(verts))
+        alphas = self.alphas if alphas is None else alphas
+        set_fields(self, alphas=None if alphas is None else _vertex_alphas(who, alphas, len(verts)))
         normals = None if self.normals is None else rows(who, "normals", self.normals, 3)
         uvs = None if self.uvs is None else rows(who, "uvs", self.uvs, 2, finite=False)
-        set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs)
-        for name, attribute in (("normal", normals), ("uv", uvs)):
+        tangents = None if self.tangents is None else rows(who, "tangents", self.tangents, 4)
+        set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs, tangents=tangents)
+        set_fields(self, more_uvs=_more_uvs(who, self.more_uvs, uvs))
+        for name, attribute in (("normal", normals), ("uv", uvs), ("tangent", tangents)):
             given = getattr(self, f"{name}_faces")
             if given is None:
                 if attribute is not None and len(attribute) < len(verts):
@@ -328,6 +301,24 @@ class Mesh:
         placements.flags.writeable = False
         set_fields(self, instances=placements)
 
+    @property
+    def has_alpha(self) -> bool:
+        """Whether something may make it less than opaque: material, texture or vertices."""
+        material, texture = self.material, self.material.texture
+        of_texture = texture is not None and self.uvs is not None and texture.image.shape[2] == 4
+        return material.opacity < 1.0 or of_texture or self.alphas is not None
+
+    @property
+    def blends(self) -> bool:
+        """Whether it is composited by its alpha."""
+        return self.material.blend and self.has_alpha
+
+    @property
+    def tests_alpha(self) -> bool:
+        """Whether some of its pixels may be discarded by their alpha."""
+        cutoff = self.material.alpha_cutoff
+        return cutoff is not None and (self.has_alpha or cutoff > 1.0)
+
     def __repr__(self) -> str:
         counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")
         scalars = f", scalars {', '.join(self.scalars)}" if self.scalars else ""
@@ -335,14 +326,39 @@ class Mesh:
         return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {placed}{scalars}>"
 
 
-def _vertex_colors(who: str, given: Any, count: int) -> Reals:
+def _vertex_colors(who: str, given: Any, count: int) -> tuple[Reals, Reals | None]:
+    """Return colors (V, 3), and the alphas (V,) if they have a fourth column."""
     array = floats(who, "colors", given, "an array of shape (K, 3) of finite numbers")
     if array.dtype.kind == "u":
         array = array / np.iinfo(array.dtype).max
-    colors = rows(who, "colors", array, 3)
+    colors = rows(who, "colors", array, 4 if array.ndim == 2 and array.shape[1] == 4 else 3)
     if len(colors) != count:
         raise value_error(who, "colors", f"one row per vertex ({count})", colors)
-    return colors
+    return (colors, None) if colors.shape[1] == 3 else (rows(who, "colors", colors[:, :3], 3), colors[:, 3])
+
+
+def _vertex_alphas(who: str, given: Any, count: int) -> Reals | None:
+    """Return alphas (V,) from 0 to 1; None if all are 1."""
+    array = floats(who, "alphas", given, f"an array of shape ({count},) of finite numbers")
+    if array.dtype.kind == "u":
+        array = array / np.iinfo(array.dtype).max
+    if array.shape != (count,):
+        raise value_error(who, "alphas", f"one number per vertex ({count})", array)
+    alphas: Reals = np.clip(rows(who, "alphas", array[:, None], 1)[:, 0], 0.0, 1.0)
+    alphas.flags.writeable = False
+    return alphas if (alphas < 1.0).any() else None
+
+
+def _more_uvs(who: str, given: Any, uvs: Reals | None) -> tuple[Reals, ...]:
+    sets = sequence(given)
+    if sets is None:
+        raise value_error(who, "more_uvs", "a sequence of arrays", given)
+    found = tuple(rows(who, "more_uvs", each, 2, finite=False) for each in sets)
+    for each in found:
+        if uvs is None or each.shape != uvs.shape:
+            expected = "no array without uvs" if uvs is None else f"arrays of the shape of uvs {uvs.shape}"
+            raise value_error(who, "more_uvs", expected, each)
+    return found
 
 
 def _count(number: int, singular: str, plural: str = "") -> str:
@@ -378,18 +394,29 @@ class Scene:
         At most 2^24 triangles in all, counting instances. Kept as a tuple.
     camera : Camera
         Camera and resolution.
-    lights : PointLight or iterable of PointLight, default ()
-        Point lights. Kept as a tuple.
+    lights : light or iterable of lights, default ()
+        PointLight, DirectionalLight or SpotLight each. Kept as a tuple.
     ambient : float or array_like, default 1
         Intensity Ia of the ambient light, linear RGB.
     background : float, array_like or None, default 0
         Linear RGB; None: RGB is premultiplied, over nothing.
-    preset : {"standard", "course"}
+    preset : {"standard", "pbr", "course"}
         Settings that a render of this scene starts from.
     name : str, default ""
         Name of the scene.
     ignored : tuple of str, default ()
         Features of the scene's file that are not rendered, a few words each.
+    environment : Environment or None, default None
+        Light from all around, which shader `pbr` shows.
+    own_lights : bool, default True
+        False: lights and ambient light only stand in for those that the scene's file lacks. Shader
+        `pbr` replaces them by the environment, or by `clshade.studio()` without one.
+    fitted : bool, default False
+        Whether the camera was chosen to show all meshes, and is not the author's: a turntable then
+        chooses one that shows all of them in every frame.
+    light_scale : float, default 1
+        What the intensities of a file's lights, in candela and lux, were multiplied by when it was
+        loaded. Rendering does not depend on it.
 
     Raises
     ------
@@ -399,12 +426,16 @@ class Scene:
 
     meshes: tuple[Mesh, ...]
     camera: Camera
-    lights: Converted[PointLight | Iterable[PointLight], tuple[PointLight, ...]] = field(default=kept(()))
+    lights: Converted[Light | Iterable[Light], tuple[Light, ...]] = field(default=kept(()))
     ambient: Vector = field(default_factory=_ones)
     background: Converted[ArrayLike | None, Floats | None] = field(default_factory=_zeros)
     preset: Preset = "standard"
     name: str = ""
     ignored: tuple[str, ...] = ()
+    environment: Environment | None = None
+    own_lights: bool = True
+    fitted: bool = False
+    light_scale: float = 1.0
 
     if TYPE_CHECKING:
 
@@ -412,23 +443,28 @@ class Scene:
             self,
             meshes: Mesh | Iterable[Mesh],
             camera: Camera,
-            lights: PointLight | Iterable[PointLight] = (),
+            lights: Light | Iterable[Light] = (),
             ambient: ArrayLike = ...,
             background: ArrayLike | None = ...,
             preset: Preset = "standard",
             name: str = "",
             ignored: tuple[str, ...] = (),
+            environment: Environment | None = None,
+            own_lights: bool = True,
+            fitted: bool = False,
+            light_scale: float = 1.0,
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        for name, kind in (("meshes", Mesh), ("lights", PointLight)):
+        for name, kinds in (("meshes", (Mesh,)), ("lights", LIGHTS)):
             value = getattr(self, name)
-            items = (value,) if isinstance(value, kind) else sequence(value)
+            items = (value,) if isinstance(value, kinds) else sequence(value)
+            expected = f"a sequence of {' or '.join(kind.__name__ for kind in kinds)}"
             if items is None:
-                raise value_error("Scene", name, f"a sequence of {kind.__name__}", value)
+                raise value_error("Scene", name, expected, value)
             for item in items:
-                if not isinstance(item, kind):
-                    raise value_error("Scene", name, f"a sequence of {kind.__name__}", item)
+                if not isinstance(item, kinds):
+                    raise value_error("Scene", name, expected, item)
             set_fields(self, **{name: items})
         if not isinstance(self.camera, Camera):
             raise value_error("Scene", "camera", "a Camera", self.camera)
@@ -439,8 +475,13 @@ class Scene:
             ambient=coefficient("Scene", "ambient", self.ambient),
             background=None if self.background is None else coefficient("Scene", "background", self.background),
         )
+        if self.environment is not None and not isinstance(self.environment, Environment):
+            raise value_error("Scene", "environment", "an Environment or None", self.environment)
+        set_fields(self, own_lights=flag("Scene", "own_lights", self.own_lights))
+        set_fields(self, light_scale=number("Scene", "light_scale", self.light_scale, above=0.0))
         choice("Scene", "preset", self.preset, PRESETS)
         text("Scene", "name", self.name)
+        set_fields(self, fitted=flag("Scene", "fitted", self.fitted))
 
     @property
     def face_count(self) -> int:
@@ -464,6 +505,7 @@ class Scene:
         return bundle
 
 
-def default_tonemap(scene: Scene) -> Literal["none", "srgb"]:
-    """Return `none` for course scenes, `srgb` otherwise."""
-    return "none" if scene.preset == "course" else "srgb"
+def default_tonemap(scene: Scene) -> Literal["none", "srgb", "neutral"]:
+    """Return `none` for course scenes, `neutral` for those of preset pbr, `srgb` otherwise."""
+    own: dict[Preset, Literal["none", "srgb", "neutral"]] = {"course": "none", "pbr": "neutral", "standard": "srgb"}
+    return own[scene.preset]

@@ -11,7 +11,7 @@ from ..base.spelling import hint
 from ..errors import InputError
 from ..images.color_map import map_colors
 from ..images.decode import srgb_to_linear
-from .model import Material, Mesh, Scene, Texture
+from .model import Material, Mesh, Scene
 from .scalars import Scalars
 
 
@@ -83,7 +83,7 @@ def color_map_of(scene: Scene, scalars: Scalars) -> ColorMap:
 
 def without_colors(scene: Scene, scalars: Scalars | None) -> Scene:
     """Return the scene with the meshes that scalars color in white, so that the map's color is the surface's. What an
-    alpha test reads of a texture stays."""
+    alpha test or blending reads of a texture stays."""
     if scalars is None or scalars.name not in scalar_names(scene):
         return scene
     white: dict[int, Material] = {}
@@ -91,10 +91,11 @@ def without_colors(scene: Scene, scalars: Scalars | None) -> Scene:
     def bare(material: Material) -> Material:
         if id(material) not in white:
             texture = material.texture
-            if texture is not None and material.alpha_cutoff is not None and texture.image.shape[2] == 4:
+            counts = material.blend or material.alpha_cutoff is not None
+            if texture is not None and counts and texture.image.shape[2] == 4:
                 image = texture.image.copy()
                 image[..., :3] = 1.0
-                texture = Texture(image, texture.wrap, texture.lookup, texture.name)
+                texture = replace(texture, image=image)
             else:
                 texture = None
             white[id(material)] = replace(material, color=1.0, texture=texture)

@@ -6,8 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
 
+from numpy.typing import ArrayLike
+
 from ..base.arrays import Converted, kept
 from ..base.validation import choice, flag, integer, known, number, sequence, set_fields, value_error
+from ..images.colors import Rgb, linear_rgb
 from ..images.layer_words import LAYER_WORDS
 from .edges import EDGE_KINDS, AskedKinds, Edges
 from .scalars import Scalars, as_scalars
@@ -16,8 +19,9 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 MAX_SAMPLES = 64  # per pixel
+PICTURE_SAMPLES = 4  # of pictures from the command line, see `picture_samples`
 
-Shader: TypeAlias = Literal["gouraud", "phong", "nolight"]
+Shader: TypeAlias = Literal["gouraud", "phong", "nolight", "pbr"]
 Visibility: TypeAlias = Literal["painter", "depth"]
 LightingAt: TypeAlias = Literal["centroid", "position"]
 Interpolation: TypeAlias = Literal["affine", "perspective"]
@@ -27,7 +31,8 @@ Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
 Layer: TypeAlias = Literal["Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar"]
-Preset: TypeAlias = Literal["course", "standard"]
+Preset: TypeAlias = Literal["course", "standard", "pbr"]
+NamedBackground: TypeAlias = Literal["scene", "environment"]
 
 SHADERS: tuple[Shader, ...] = get_args(Shader)
 VISIBILITIES: tuple[Visibility, ...] = get_args(Visibility)
@@ -40,6 +45,7 @@ RESOLVES: tuple[Resolve, ...] = get_args(Resolve)
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 PRESETS: tuple[Preset, ...] = get_args(Preset)
+BACKGROUNDS: tuple[NamedBackground, ...] = get_args(NamedBackground)
 
 # What other programs call the image and its coverage, in lower case.
 LAYER_REMARKS = dict.fromkeys(
@@ -70,6 +76,8 @@ class SettingsFields(TypedDict, total=False):
     resolve: Resolve
     scalars: Scalars | str | None
     edges: Edges | AskedKinds | None
+    background: ArrayLike | None
+    layer_alpha: float
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -89,13 +97,14 @@ class FrameOptions(RenderOptions, total=False):
 class Settings:
     """How a scene is rendered; the defaults are the preset `standard`.
 
-    `Settings.from_preset("course")` gives the other preset.
+    `Settings.from_preset("course")` and `Settings.from_preset("pbr")` give the other presets.
 
     Attributes
     ----------
-    shader : {"phong", "gouraud", "nolight"}
+    shader : {"phong", "gouraud", "nolight", "pbr"}
         Light every pixel with interpolated normals, light the vertices and interpolate the result,
-        or show the unlit color.
+        or show the unlit color. `pbr` lights every pixel by the metallic-roughness model of glTF 2.0
+        (`Material.pbr`), the others by Phong's.
     visibility : {"depth", "painter"}
         `depth`: a depth test per pixel. `painter`: the triangle with the smallest mean vertex depth
         wins. Of equal depths, the later face wins in both.
@@ -144,6 +153,14 @@ class Settings:
     edges : Edges, str, iterable of str, or None, default None
         Edges of the meshes drawn as lines: `Edges`, or their kinds alone, such as "feature". Layers
         stay those of the surfaces.
+    background : "scene", "environment", color or None, default "scene"
+        What is behind the surfaces: what the scene says, its environment (`Scene.environment`, or
+        what lights it instead), a color, or nothing (None): then colors are premultiplied, and the
+        PNG has straight alpha. A color is three linear numbers, or a text: "#rrggbb" or a name,
+        whose sRGB codes are decoded, or "R,G,B", linear. Each sample sees the environment along its
+        own ray.
+    layer_alpha : float, default 0.5
+        Layers show the nearest surface whose alpha is at least this, 0 to 1.
 
     Raises
     ------
@@ -167,6 +184,8 @@ class Settings:
     resolve: Resolve = "mean"
     scalars: Converted[Scalars | str | None, Scalars | None] = field(default=kept(None))
     edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
+    background: Converted[ArrayLike | None, NamedBackground | Rgb | None] = field(default=kept("scene"))
+    layer_alpha: float = 0.5
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -197,10 +216,16 @@ class Settings:
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
+        layer_alpha = number(who, "layer_alpha", self.layer_alpha, least=0.0, expected="a number from 0 to 1")
+        if layer_alpha > 1.0:
+            raise value_error(who, "layer_alpha", "a number from 0 to 1", self.layer_alpha)
+        set_fields(self, layer_alpha=layer_alpha)
         if self.edges is not None and not isinstance(self.edges, Edges):
             if not isinstance(self.edges, str) and sequence(self.edges) is None:
                 raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)
             set_fields(self, edges=Edges(self.edges))
+        if self.background is not None and not (isinstance(self.background, str) and self.background in BACKGROUNDS):
+            set_fields(self, background=linear_rgb(who, "background", self.background))
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:
@@ -208,9 +233,9 @@ class Settings:
 
         Parameters
         ----------
-        preset : {"course", "standard"}
+        preset : {"course", "standard", "pbr"}
             `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at
-            vertex, ambient plain. `standard`: the defaults.
+            vertex, ambient plain. `standard`: the defaults. `pbr`: the defaults with shader pbr.
         **fields
             Fields of `Settings` to change.
 
@@ -239,5 +264,13 @@ class Settings:
                 "texture_at": "vertex",
                 "ambient": "plain",
             }
+        elif preset == "pbr":
+            values = {"shader": "pbr"}
         known("Settings", fields, cls.__dataclass_fields__)
         return cls(**{**values, **fields})
+
+
+def picture_samples(scene_preset: Preset, preset: Preset | None = None) -> int:
+    """Return the samples of a picture from the command line that says nothing of them: 1 if the scene's preset or the one
+    that was asked for is `course`, whose pictures are those of the course, else PICTURE_SAMPLES."""
+    return 1 if "course" in (scene_preset, preset) else PICTURE_SAMPLES

@@ -8,14 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..base.arrays import Array, Floats
+from ..base.arrays import Array
 from ..base.validation import choice
 from . import geometry
+from .adjust_lights import turned_light
 from .camera import Camera, checked_resolution
-from .framing import UPS, Up, sphere_of_box
+from .fitting import FILL, extent, sphere_of_box
+from .framing import UPS, up_of
+from .ground import objects_of
 from .model import Scene
 
-MARGIN = 1.1  # of the bounding box
 CAMERA = "camera"  # the scene's own view
 _DISTANCE = 2.0  # of the eye from the center, bounding radii: in a parallel projection any outside will do
 # The direction from the center to the eye, and what points up in the image: each as right, up and backward.
@@ -31,19 +33,12 @@ _VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
 VIEWS = (*_VIEWS, CAMERA)
 
 
-def up_of(camera: Camera) -> Up:
-    """Return the axis of world space that is nearest to the camera's up."""
-    axis = int(np.argmax(np.abs(camera.up)))
-    found: dict[str, Up] = {str(up): up for up in UPS}
-    return found["-" * bool(camera.up[axis] < 0.0) + "xyz"[axis]]
-
-
 def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Return a camera for each name, in this order.
 
-    names: of VIEWS. `camera` is the scene's own; all others are parallel projections that show the whole bounding box,
-    all of one scale: the largest at which each fits. The axis nearest to the camera's up points up; `front` is seen
-    from +z where that is y, from -y where it is z (`framing.UPS`).
+    names: of VIEWS. `camera` is the scene's own; all others are parallel projections that show all vertices, but not
+    all of a ground, and all of one scale: the largest at which each fits into fitting.FILL of the image. The axis nearest
+    to the camera's up points up; `front` is seen from +z where that is y, from -y where it is z (`framing.UPS`).
     resolution: (N, M); default: the scene's camera's.
     Raises InputError for another name, and where a position overflows.
     """
@@ -51,7 +46,8 @@ def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int
         choice("named_cameras", "names", name, VIEWS)
     resolution = scene.camera.resolution if resolution is None else checked_resolution("named_cameras", resolution)
     columns, rows = resolution
-    low, high = geometry.bounding_box(scene)
+    shown = objects_of(scene)
+    low, high = geometry.bounding_box(shown)
     center, radius = sphere_of_box(low, high)
     axes = np.array(UPS[up_of(scene.camera)], np.float64)
     found, height = {}, 0.0
@@ -63,10 +59,11 @@ def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int
         towards, up = (np.array(each, np.float64) @ axes for each in _VIEWS[name])
         with np.errstate(over="ignore"):
             eye = center + towards * (_DISTANCE * radius / math.hypot(*towards))
-        found[name] = Camera(eye, center, up, 1.0, (1.0, 1.0), resolution, orthographic=True)
-        half = np.abs(geometry.camera_axes(found[name])) @ (high / 2 - low / 2)
+        flat = Camera(eye, center, up, 1.0, (1.0, 1.0), resolution, orthographic=True)
+        aside, half = extent(flat, shown.meshes, (center, radius))
+        found[name] = replace(flat, eye=eye + aside, lookat=center + aside)
         height = max(height, 2.0 * half[1], 2.0 * half[0] * rows / columns)
-    height = MARGIN * height or 2.0 * radius
+    height = height / FILL or 2.0 * radius
     return {
         name: each if name == CAMERA else replace(each, plane=(height, height * columns / rows))
         for name, each in found.items()
@@ -81,18 +78,13 @@ def seen_by(scene: Scene, camera: Camera, *, fixed_lights: bool = False) -> Scen
     """
     if camera is scene.camera or fixed_lights or not scene.lights:
         return replace(scene, camera=camera)
-    low, high = geometry.bounding_box(scene)
+    low, high = geometry.bounding_box(objects_of(scene))
     center = low / 2 + high / 2
     turn: Array = geometry.camera_axes(camera).T @ geometry.camera_axes(scene.camera)
     if np.array_equal(camera.eye, scene.camera.eye) and np.allclose(turn, np.eye(3), rtol=0.0, atol=1e-15):
         return replace(scene, camera=camera)  # another resolution
-    lights = tuple(replace(each, position=_turned(each.position, center, turn)) for each in scene.lights)
+    lights = tuple(turned_light(each, center, turn) for each in scene.lights)
     return replace(scene, camera=camera, lights=lights)
-
-
-def _turned(point: Floats, center: Floats, turn: Array) -> Array:
-    with np.errstate(over="ignore"):
-        return np.asarray(center + turn @ (point - center))
 
 
 def units_per_pixel(camera: Camera) -> float:

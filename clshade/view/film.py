@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base import console
-from ..base.arrays import Array, Floats
+from ..base.arrays import Array, Bytes, Floats
 from ..base.atomic_files import check, replacing, shown
 from ..base.validation import path as checked_path
 from ..errors import InputError
@@ -25,6 +25,7 @@ from ..farm.running import Run, draw_frames
 from ..images import exr, png
 from ..images.colorbar import bar_width
 from ..images.tonemap import Operator, display_values
+from ..images.transparency import BLACK, over
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import FileKind, SavingOptions
 from ..scene.camera import Camera
@@ -203,7 +204,8 @@ def draw_film(
         if progress:
             console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
         tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
-        images = _images(folder.pattern, sorted(cameras), needed, tonemap, options.get("exposure", 0.0))
+        exposure = options.get("exposure", 0.0)
+        images = _images(folder.pattern, sorted(cameras), needed, tonemap, exposure, alpha=kind.alpha)
         with replacing(name) as file:
             if codec:
                 video.encode(file, _loaded(images, name if progress else ""), len(images), rate, codec)
@@ -248,16 +250,23 @@ def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorba
 
 
 def _images(
-    pattern: str, numbers: Sequence[int], file: FileKind, tonemap: Operator, exposure: float
+    pattern: str, numbers: Sequence[int], file: FileKind, tonemap: Operator, exposure: float, *, alpha: bool
 ) -> list[Callable[[], Array]]:
-    """Return what loads each frame's display image: the codes of its PNG, or the tone-mapped floats of its EXR."""
+    """Return what loads each frame's display image: the codes of its PNG, or the tone-mapped floats of its EXR.
+
+    alpha: keep that of frames over nothing; else they are over black.
+    """
 
     def from_exr(name: str) -> Floats:
         channels, _ = exr.read(name)
         return display_values(np.stack([channels[each] for each in "RGB"], axis=-1), tonemap, exposure)
 
+    def from_png(name: str) -> Bytes:
+        picture = png.read(name, alpha=True)
+        return picture if alpha else over(picture, BLACK)
+
     names = parse_pattern(pattern, len(numbers))
-    read: Callable[[str], Array] = png.read if file == "png" else from_exr
+    read: Callable[[str], Array] = from_png if file == "png" else from_exr
     return [partial(read, names.names(number, (file,))[0]) for number in numbers]
 
 

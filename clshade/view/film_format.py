@@ -25,7 +25,8 @@ class FilmFormat:
 
     ending: of file names. depths: bits per channel. fastest: most frames per second: GIF's delays are centiseconds, those
     of APNG and WebP milliseconds, and browsers show a frame of 10 ms or less for 100 ms. ticks: units of a frame's
-    duration in a second, 0 for any. side: most pixels. video: it is encoded by PyAV, else by Pillow.
+    duration in a second, 0 for any. side: most pixels. video: it is encoded by PyAV, else by Pillow. alpha: it
+    keeps that of frames over nothing.
     """
 
     ending: str
@@ -34,6 +35,7 @@ class FilmFormat:
     ticks: int
     side: int
     video: bool
+    alpha: bool = False
 
 
 FORMATS = {
@@ -42,8 +44,8 @@ FORMATS = {
         FilmFormat(".mp4", (8, 10), 240, 0, 16384, video=True),
         FilmFormat(".webm", (8,), 240, 0, 16384, video=True),
         FilmFormat(".gif", (8,), 50, 100, 65535, video=False),
-        FilmFormat(".apng", (8,), 90, 1000, 16384, video=False),
-        FilmFormat(".webp", (8,), 90, 1000, 16383, video=False),
+        FilmFormat(".apng", (8,), 90, 1000, 16384, video=False, alpha=True),
+        FilmFormat(".webp", (8,), 90, 1000, 16383, video=False, alpha=True),
     )
 }
 ENDINGS = tuple(FORMATS)

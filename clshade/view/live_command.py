@@ -9,7 +9,7 @@ from typing import Any
 
 from ..images.tonemap import Operator
 from ..scene.model import Scene, default_tonemap
-from ..scene.settings import Settings
+from ..scene.settings import Settings, picture_samples
 from .live_scene import Source, View
 
 REPEATED = ("scalars", "edges")  # fields of Settings that no client changes: the source's options have them
@@ -25,7 +25,7 @@ def render_command(source: Source, scene: Scene, view: View, tonemap: Operator |
         ("view-up", view.camera.up),
     ):
         arguments.append(f"--camera-{option}={_listed(value.tolist())}")
-    usual = Settings.from_preset(preset)
+    usual = Settings.from_preset(preset, samples=picture_samples(scene.preset, preset))
     for field in fields(Settings):
         value = getattr(view.settings, field.name)
         if field.name not in REPEATED and value != getattr(usual, field.name):
@@ -48,8 +48,10 @@ def _setting(name: str, value: Any) -> list[str]:
     option = "--" + name.replace("_", "-")
     if value is True:
         return [option]
+    if value is None:
+        return [option, "none"]
     if isinstance(value, tuple):
-        return [option, ",".join(value)]
+        return [option, ",".join(each if isinstance(each, str) else repr(each) for each in value)]
     return [option, repr(value) if isinstance(value, float) else str(value)]
 
 

@@ -11,7 +11,7 @@ from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import SavingOptions
 from ..pipeline.renderer import Renderer
-from ..scene.adjust_camera import adjusted
+from ..scene.adjust_camera import adjusted, camera_of
 from ..scene.adjust_lights import scaled_lights
 from ..scene.camera import Camera
 from ..scene.model import Scene
@@ -26,7 +26,7 @@ class Source:
     """Where a scene comes from, and the options of `render` that say so.
 
     name: as the user gave it. load: reads it, with its own camera. files: watched for changes.
-    camera: arguments of `adjusted` for the first camera. settings: preset, resolution and fields of Settings.
+    camera, fit: of the first camera, see `camera_of`. settings: preset, resolution and fields of Settings.
     lights: factors of the lights' intensities at first, one for all or one each.
     options: of `render`, repeated in every command. saving: of snapshots. output: of snapshots, without a number.
     """
@@ -35,6 +35,7 @@ class Source:
     load: Callable[[], Scene]
     files: tuple[str, ...] = ()
     camera: Mapping[str, Any] = field(default_factory=dict)
+    fit: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
     lights: tuple[float, ...] = (1.0,)
     device: str | None = None
@@ -90,7 +91,8 @@ class LiveScene:
         scene = self.source.load()
         fields = {name: value for name, value in self.source.settings.items() if name != "resolution"}
         _, settings = effective_settings(scene, **fields)
-        first = self._with_lens(scene, dict(self.source.camera))
+        camera = camera_of(scene, self.source.camera, fit=self.source.fit)
+        first = self._at_resolution(camera)
         scaled_lights(scene, self.source.lights, "--light-intensity")  # refuses what the view could not use
         self.close()
         self.scene, self.settings, self.first_camera, self.stamps = scene, settings, first, stamps
@@ -104,11 +106,10 @@ class LiveScene:
         """Return the camera that `render` makes of this one's pose and the source's lens."""
         lens = {name: value for name, value in self.source.camera.items() if name in LENS}
         pose = {"position": camera.eye, "focal_point": camera.lookat, "up": camera.up}
-        return self._with_lens(self.scene, {**lens, **pose})
+        return self._at_resolution(adjusted(self.scene.camera, **{**lens, **pose}))
 
-    def _with_lens(self, scene: Scene, options: dict[str, Any]) -> Camera:
+    def _at_resolution(self, camera: Camera) -> Camera:
         resolution = self.source.settings.get("resolution")
-        camera = adjusted(scene.camera, **options)
         return camera if resolution is None else camera.with_resolution(resolution)
 
     def render(self, view: View, user: object = None) -> Frame:

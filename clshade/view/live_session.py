@@ -250,6 +250,7 @@ class Session:
             "settings": {"shader": view.settings.shader, "samples": view.settings.samples},
             "layers": list(view.settings.layers),
             "lights": list(view.lights),
+            "lightNames": [repr(light).strip("<>") for light in scene.lights],
             "tonemap": self._tonemap(self.display),
             "exposure": self.display.exposure,
             "choices": {

@@ -25,7 +25,7 @@ SCENE_SIDE = 256  # of a scene, which is drawn in order to show it
 
 
 def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
-    """Encode uint8 (M, N, 3) as PNG, reduced to means of k x k pixels if its longer side exceeds `side`."""
+    """Encode uint8 (M, N, 3 or 4) as PNG, reduced to means of k x k pixels if its longer side exceeds `side`."""
     from PIL import Image
 
     factor = -(-max(pixels.shape[:2]) // side)
@@ -88,7 +88,8 @@ def plot_layers(frame: Frame) -> Any:
     from ..images.exr import flatten
     from ..images.layer_plots import plot_thumbnails
     from ..images.thumbnails import Thumbnail, thinned, thumbnails
+    from ..images.transparency import over_checkers
 
     pictures = thumbnails(flatten(frame.channels()))
-    pictures["RGB"] = Thumbnail(thinned(frame.to_png8()), f"tone map {default_tonemap(frame.scene)}")
+    pictures["RGB"] = Thumbnail(over_checkers(thinned(frame.to_png8())), f"tone map {default_tonemap(frame.scene)}")
     return plot_thumbnails(pictures)

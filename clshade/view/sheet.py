@@ -17,9 +17,11 @@ from ..base.json_values import plain
 from ..base.validation import flag, sequence, value_error
 from ..images import contact_sheet, drawing_marks, lettering, png
 from ..images.statistics import image_statistics
+from ..images.transparency import WHITE, over
 from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
+from ..scene.ground import objects_of
 from ..scene.settings import FrameOptions
 from ..scene.surface_facts import surface_facts
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
@@ -139,13 +141,13 @@ def draw_sheet(
     asked = options.pop("layers", ())
     options["layers"] = (*((asked,) if isinstance(asked, str) else asked), "id")
     layout, strip = _layout(next(iter(cameras.values())).resolution, len(cameras))
-    about = scene_facts(scene)
+    about = scene_facts(objects_of(scene))
     heading = _heading(about, layout)
     layout = replace(layout, head=round((1.2 + lettering.LINE * len(heading)) * layout.title_size))
     panels, facts = [], []
     for number, (name, camera) in enumerate(cameras.items()):
         frame = render(seen_by(scene, camera, fixed_lights=fixed_lights), device=device, **options)
-        pixels = frame.to_png8(tonemap, exposure)
+        pixels = over(frame.to_png8(tonemap, exposure), WHITE)
         found = view_facts(name, frame)
         panels.append(_panel(pixels, found, camera, layout, strip))
         x, y = layout.corner(number, pixels.shape[0] + strip)
@@ -189,9 +191,11 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
 def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     """Return what a view shows, for JSON. The frame has the layer id."""
     camera, ids = frame.scene.camera, frame["id"]
+    faces = objects_of(frame.scene).face_count
     seen = np.zeros(frame.scene.face_count + 1, bool)
     seen[ids] = True
-    covered = frame.alpha > 0.0
+    alpha = np.where(ids > faces, 0.0, frame.alpha)  # a ground is the last mesh
+    covered = alpha > 0.0
     rows, columns = (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
     box = None
     if len(rows):
@@ -217,9 +221,9 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
             "units_per_pixel": scale,
             "scale_holds": "everywhere" if camera.orthographic else "at the distance of the focal point",
             "scale_bar": {"length": length, "pixels": length / scale},
-            "coverage": float(frame.alpha.mean(dtype=np.float64)),
+            "coverage": float(alpha.mean(dtype=np.float64)),
             "covered_box": box,
-            "visible_faces": int(np.count_nonzero(seen[1:])),
+            "visible_faces": int(np.count_nonzero(seen[1 : faces + 1])),
             "triangles_in_view": frame.stats["visible"],
             "statistics": image_statistics(frame.rgb).stats(),
         }

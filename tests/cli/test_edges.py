@@ -29,7 +29,7 @@ def test_options_become_edges():
         (("--edge-width", "3"), "--edge-width: expected --edges with it"),
         (("--edges-only",), "--edges-only: expected --edges with it"),
         (("--edges", "all", "--edge-width", "65"), "Edges: width: expected pixels above 0, at most 64"),
-        (("--edges", "all", "--edge-color", "0,0,-1"), "Edges: color: expected three numbers from 0 on"),
+        (("--edges", "all", "--edge-color", "0,0,-1"), "--edge-color: expected a name such as white, #rrggbb"),
     ],
 )
 def test_refused_options(capsys, tmp_path, options, expected):

@@ -70,6 +70,7 @@ def drawn(saved_course, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_all_figures_are_written(drawn):
     names = sorted(path.name for path in drawn.iterdir())
     assert [int(name[6:8]) for name in names if name.endswith(".exr")] == list(range(1, 20))
@@ -80,6 +81,7 @@ def test_all_figures_are_written(drawn):
     assert all(image.shape == (64, 80, 3) for image in read(drawn).values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [1, 9])
 def test_the_figures_show_the_lights(drawn, first):
     figure = read(drawn)
@@ -95,6 +97,7 @@ def test_the_figures_show_the_lights(drawn, first):
     assert np.allclose((one + two + three)[covered], all_terms[covered], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_the_figures_are_render_object(drawn, saved_course):
     scene = clshade.load(saved_course / "h3.npy")
     figure = read(drawn)
@@ -108,6 +111,7 @@ def test_the_figures_are_render_object(drawn, saved_course):
     assert not (figure[19] == figure[18]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "panels"), [("demo.png", 20), ("demotmap.png", 4)])
 def test_the_sheets_show_every_figure(drawn, name, panels):
     """Each panel holds its figure, reduced, with dark text below."""
@@ -196,6 +200,7 @@ def test_a_map_needs_a_texture(saved_course, tmp_path):
     assert "--texture: expected an image" in done.stderr
 
 
+@pytest.mark.long
 def test_the_gallery(opened, tmp_path):
     """Eight panels with different colors; the image in the README has the same size."""
     done = run("gallery.py", tmp_path, "--out", "new/folder")
@@ -210,9 +215,31 @@ def test_the_gallery(opened, tmp_path):
     assert min(len(np.unique(panel.reshape(-1, 3), axis=0)) for panel in panels) >= 5
 
 
-def test_the_gallery_where_it_cannot_be_written(tmp_path):
+@pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py"])
+def test_a_gallery_where_it_cannot_be_written(tmp_path, script):
     (tmp_path / "file").write_text("")
-    done = run("gallery.py", tmp_path, "--out", "file")
+    done = run(script, tmp_path, "--out", "file")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("gallery.py: file")
+    assert done.stderr.startswith(f"{script}: file")
     assert done.stderr.count("\n") == 1
+
+
+def test_models_that_are_missing(tmp_path):
+    done = run("gltf_published.py", tmp_path, "--models", "none")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("gltf_published.py: none")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.long
+def test_models_beside_their_published_pictures(opened, data_folder, tmp_path):
+    """The helmet's silhouette is that of the published picture: it agrees to 99.4 %."""
+    done = run("gltf_published.py", tmp_path, "--models", str(data_folder / "gltf"))
+    assert done.returncode == 0, done.stderr
+    picture = png.read(tmp_path / "gltf_published.png").astype(int)
+    rows = (picture.shape[0] - 40) // 2
+    ours, theirs = (picture[top : top + 600, 10:630] for top in (70, 70 + rows))
+    found = [np.abs(panel - panel[5, 5]).max(axis=2) > 8 for panel in (ours, theirs)]
+    left, right = ([np.maximum.accumulate(each[:, ::step], axis=1)[:, ::step] for each in found] for step in (1, -1))
+    spans = [a & b for a, b in zip(left, right, strict=True)]  # of the rows: some of its grays are the background's
+    assert (spans[0] & spans[1]).sum() > 0.98 * (spans[0] | spans[1]).sum()

@@ -82,7 +82,7 @@ def test_other_kinds_of_png(path):
 
 @pytest.mark.parametrize(
     "codes",
-    [np.zeros((2, 2), np.uint8), np.zeros((2, 2, 4), np.uint8), np.zeros((2, 2, 3)), np.zeros((0, 2, 3), np.uint8)],
+    [np.zeros((2, 2), np.uint8), np.zeros((2, 2, 5), np.uint8), np.zeros((2, 2, 3)), np.zeros((0, 2, 3), np.uint8)],
 )
 def test_refused_arrays(path, codes):
     with pytest.raises(InputError, match=r"^png: rgb8: expected uint8 of shape"):

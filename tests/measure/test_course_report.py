@@ -59,6 +59,7 @@ def named(found, name):
 # The page
 
 
+@pytest.mark.long
 def test_the_figures_are_those_of_the_courses_functions(found):
     """Pixel by pixel: nothing is cut off what the page holds."""
     for number in range(1, 20):
@@ -74,6 +75,7 @@ def test_the_figures_are_those_of_the_courses_functions(found):
     assert np.array_equal(picture(image), tonemap(drawn[::-1].astype(np.float32), "none"))
 
 
+@pytest.mark.long
 def test_the_mesh_is_drawn_as_lines_on_white(found, gathered):
     """Magnified by a whole number, as part of the page; the lines are where the object is, or a pixel beside it."""
     (image,) = (each for each in found.all("img") if each.attributes["alt"] == "Edges of the mesh")
@@ -89,6 +91,7 @@ def test_the_mesh_is_drawn_as_lines_on_white(found, gathered):
     assert not (drawn & ~np.kron(near, np.ones((times, times), bool))).any()
 
 
+@pytest.mark.long
 def test_the_page_refers_to_nothing_outside_itself(found):
     for node in found.all():
         assert node.tag not in ("script", "link", "iframe", "object", "base", "form")
@@ -101,6 +104,7 @@ def test_the_page_refers_to_nothing_outside_itself(found):
     assert "@import" not in style.text
 
 
+@pytest.mark.long
 def test_every_entry_of_the_contents_leads_to_a_heading(found):
     names = {node.attributes["id"] for node in found.all() if "id" in node.attributes}
     entries = [node.attributes["href"] for node in found.all("nav")[0].all("a")]
@@ -110,6 +114,7 @@ def test_every_entry_of_the_contents_leads_to_a_heading(found):
     assert len(names) == sum("id" in node.attributes for node in found.all())
 
 
+@pytest.mark.long
 def test_the_tables_hold_what_was_measured(found, gathered):
     """The decompositions are those of `report`; times, settings and versions are there."""
     assert list(gathered.decompositions) == [16, 18]
@@ -125,11 +130,13 @@ def test_the_tables_hold_what_was_measured(found, gathered):
     assert "visibility painter" in rows["Figures"][0]
 
 
+@pytest.mark.long
 def test_the_parts_that_are_shown_hold_the_object(gathered):
     covered = render(gathered.scene, device=shared_device()).alpha > 0.0
     assert gathered.part.of(covered).sum() == covered.sum()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", [HOSTILE, "a" * 300])
 def test_names_are_escaped(gathered, found, word):
     hostile = with_texture(replace(small(), name=word), replace(small().meshes[0].material.texture, name=word))
@@ -159,6 +166,7 @@ def assert_left_out(found, lacks):
     assert [number for number in range(1, 20) if f"f{number}" not in ids] == [*numbers]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lacks", LEFT_OUT)
 def test_what_a_scene_lacks_is_left_out_and_named(gathered, lacks):
     scene = lacking(gathered.scene, lacks)
@@ -180,6 +188,7 @@ def test_a_scene_that_lacks_something_is_measured(opened, lacks):
     assert [each.settings.shader for each in gathered.decompositions.values()][:2] == ["gouraud", "phong"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seen", ["nothing", "one pixel"])
 def test_images_of_little(opened, monkeypatch, seen):
     monkeypatch.setattr(content, "DECOMPOSED", (16, 18))
@@ -204,6 +213,7 @@ def test_other_scenes_are_refused():
             content.check(scene)
 
 
+@pytest.mark.long
 def test_the_summary_names_causes_that_add_to_the_error(gathered):
     """Not one that makes up for others, nor one that is next to nothing."""
     whole = gathered.decompositions[18]
@@ -254,6 +264,7 @@ def tonemapped_apart(each):
     return each.images[0] / 255.0 - each.images[1] / 255.0
 
 
+@pytest.mark.long
 def test_comparisons_change_one_setting(gathered):
     for each in gathered.comparisons:
         for value, image in zip(each.approximation.values, each.images, strict=True):

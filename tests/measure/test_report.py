@@ -260,6 +260,12 @@ def test_the_figure_of_one_way(found, recwarn):
     assert not [each.message for each in recwarn if not issubclass(each.category, DeprecationWarning)]  # of others
 
 
+def test_axes_of_a_single_value(found):
+    axes = figures.blank(1.0, 1.0).add_subplot()
+    figure._limit(axes, found.measured[:1], [1e-7])
+    np.testing.assert_allclose(axes.get_ylim(), [0.5e-7, 2e-7])
+
+
 def test_the_figure_of_ways_with_the_same_error(found):
     """To the last bit but one, as of a scene without lights; the reference's own error is in sight, too."""
     error = 40.0 * found.reference.error
@@ -322,12 +328,12 @@ def test_the_options_named_draw_what_was_measured(device, name):
     for each in variants_for(scene, base, device):
         options = tables.render_options(each.settings(base), scene)
         arguments = parser.parse_args([name, *options])
-        kept = command._render_options(arguments)
+        kept = command._render_options(arguments, own)
         kept.pop("device")
         again, settings = effective_settings(own, **kept)
         assert settings == each.settings(base), each.name
         assert again.camera.resolution == (48, 36)
-    standard = [] if own.preset == "standard" else ["--preset", "standard"]
+    standard = ["--samples", "1"] if own.preset == "standard" else ["--preset", "standard"]
     assert tables.render_options(Settings(), scene)[2:] == standard
 
 

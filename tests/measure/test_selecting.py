@@ -339,10 +339,12 @@ def test_a_preset_stays(device, given):
     chosen = select(**given, budget=1e6, device=device, near=0.25)
     course = Settings.from_preset("course", near=0.25)
     assert chosen.settings == chosen.used.variant.settings(course)
-    for name in auto_settings.preset_fields():
+    fields = auto_settings.preset_fields("course")
+    for name in fields:
         assert getattr(chosen.settings, name) == getattr(chosen.reference.settings, name) == getattr(course, name)
-    assert auto_settings.preset_fields() == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
-    assert set(chosen.kept) == {*auto_settings.preset_fields(), "near"}
+    assert fields == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
+    assert set(chosen.kept) == {*fields, "near"}
+    assert auto_settings.preset_fields("pbr") == {"shader"}
     assert "unchanged" in outcomes(chosen)
     assert "gouraud" in outcomes(chosen)
     assert not {"course", "vertex-texture", BASE} & set(outcomes(chosen))

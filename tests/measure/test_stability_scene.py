@@ -20,7 +20,7 @@ from clshade.oracle import shade
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import render
 from clshade.scene.camera import Camera
-from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.model import DirectionalLight, Material, Mesh, PointLight, Scene, Settings, SpotLight, Texture
 
 STANDARD = Settings.from_preset("standard")
 CALM = Material(n=1.0)
@@ -436,3 +436,14 @@ def test_bad_input(capsys, tmp_path, monkeypatch, arguments, parts):
     monkeypatch.chdir(tmp_path)
     assert_refused(run(capsys, "stability", *arguments), *parts)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_cone_is_named_with_its_light(device):
+    """The edge of a cone without width amplifies by 2000; a light from infinitely far is nobody's cause."""
+    scene = light_on_the_surface()
+    lamp = SpotLight((0.0, 0.0, 3.0), (0.0, 0.0, -1.0), (1, 1, 1), 5.0, 5.0)
+    scene = replace(scene, lights=(DirectionalLight((0, 0, -1)), lamp))
+    worst = scene_study.study(scene, STANDARD, device).worst[0]
+    assert worst.cause == "light"
+    assert worst.why.startswith("light 1 is ")
+    assert "cone and attenuation amplify that " in worst.why

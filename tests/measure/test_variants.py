@@ -53,6 +53,8 @@ def test_unknown_variants(device):
         named(known, ["guro"])
     with pytest.raises(InputError, match=r"--only: .*found 'vertex-texture', which changes nothing of this scene"):
         named(known, ["vertex-texture"])
+    with pytest.raises(InputError, match=r"--only: .*found 'gouraud', which is another picture than shader pbr's"):
+        named(variants_for(sphere(), Settings(shader="pbr"), device), ["gouraud"])
     without = variants_for(sphere(), Settings(), replace(device, has_fp64=False))
     with pytest.raises(InputError, match=r"--only: .*found 'float64', which needs a device with float64"):
         named(without, ["float64"])

@@ -10,10 +10,10 @@ import pytest
 from clshade.errors import InputError
 from clshade.pipeline import features
 from clshade.scene.camera import Camera
-from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.model import DirectionalLight, Environment, Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))
-LIGHT = PointLight((1, 2, -3))
+LIGHT, SUN = PointLight((1, 2, -3)), DirectionalLight((0, -1, 0))
 TEXTURE = Texture(np.full((2, 2, 3), 0.5))
 PLAIN = Mesh(np.eye(3), [[0, 1, 2]])
 COLORED = replace(PLAIN, colors=np.full((3, 3), 0.5))
@@ -24,6 +24,7 @@ CUT_OUT = Texture(np.full((2, 2, 4), 0.5))
 COURSE = replace(TEXTURED, material=Material(texture=replace(TEXTURE, lookup="course")))
 CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(texture=CUT_OUT, alpha_cutoff=0.5))
 ONE_TEXEL = replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3)))))
+SKY, BLACK = Environment(np.ones((2, 4, 3))), Environment(np.zeros((2, 4, 3)))
 NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
 
@@ -60,6 +61,9 @@ CASES = [
     (scene(material(ks=0)), {}, "SPECULAR", "ks is 0"),
     (scene(material(ks=0)), {}, "POWER", "no specular term: ks is 0"),
     (scene(material(n=1)), {}, "POWER", "no exponent but 1"),
+    (scene(COLORED), {}, "LIGHT_SHAPES", "only points without attenuation shine"),
+    (scene(COLORED, lights=(SUN,)), {"shader": "nolight"}, "LIGHT_SHAPES", NOLIGHT),
+    (scene(material(kd=0, ks=0), lights=(SUN,)), {}, "LIGHT_SHAPES", "kd and ks are 0"),
     (scene(COLORED), {}, "MATERIALS", "a single material"),
     (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
     (scene(material(two_sided=True)), {"shader": "nolight"}, "TWO_SIDED", NOLIGHT),
@@ -74,8 +78,14 @@ CASES = [
     (scene(material(texture=TEXTURE)), TRILINEAR, "MIPMAPS", "no texture coordinates"),
     (scene(COURSE), TRILINEAR, "MIPMAPS", NO_LEVELS),
     (scene(ONE_TEXEL), TRILINEAR, "MIPMAPS", NO_LEVELS),
-    (scene(PLAIN), {}, "ALPHA_TEST", "no texture"),
-    (scene(material(texture=CUT_OUT, alpha_cutoff=0.5)), {}, "ALPHA_TEST", "no texture coordinates"),
+    (scene(PLAIN), {}, "ALPHA_TEST", "no alpha test"),
+    (scene(material(texture=CUT_OUT, alpha_cutoff=0.5)), {}, "ALPHA_TEST", "no alpha test"),
+    (scene(material(opacity=0.5)), {}, "ALPHA_TEST", "no alpha test"),
+    (scene(material(opacity=0.5)), {}, "BLEND", "nothing is transparent"),
+    (scene(material(blend=True)), {}, "BLEND", "nothing is transparent"),
+    (scene(material(texture=CUT_OUT, blend=True)), {}, "BLEND", "nothing is transparent"),
+    (scene(replace(PLAIN, alphas=[0.5, 1, 1])), {}, "VERTEX_ALPHA", "no alpha at vertices counts"),
+    (scene(material(opacity=0.5, blend=True)), {}, "VERTEX_ALPHA", "no alpha at vertices counts"),
     (scene(replace(TEXTURED, material=Material(texture=TEXTURE, alpha_cutoff=0.5))), {}, "ALPHA_TEST", "no alpha test"),
     (scene(replace(TEXTURED, material=Material(texture=CUT_OUT))), {}, "ALPHA_TEST", "no alpha test"),
     (scene(COLORED), {}, "SIDES", "both sides of every material are drawn"),
@@ -85,6 +95,9 @@ CASES = [
     (scene(COLORED, background=None), {}, "BACKGROUND", "no background"),
     (scene(COLORED), {}, "BACKGROUND", "the background is black"),
     (scene(COLORED), {}, "OWNERS", "no layer asked for"),
+    (scene(COLORED, environment=SKY), {}, "ENVIRONMENT", "shader phong"),
+    (scene(COLORED), {"shader": "pbr"}, "ENVIRONMENT", "no environment"),
+    (scene(COLORED, environment=BLACK), {"shader": "pbr"}, "ENVIRONMENT", "it is black"),
     (scene(MEASURED), {}, "SCALARS", "no scalars asked for"),
     (scene(COLORED), {"scalars": "data"}, "SCALARS", "no face has the scalars"),
 ]
@@ -101,7 +114,17 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
     ("given", "fields", "used"),
     [
         (scene(COLORED), {}, {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS"}),
+        (
+            scene(COLORED, lights=(LIGHT, SUN)),
+            {},
+            {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "VERTEX_COLORS"},
+        ),
         (scene(material(color=0.5)), {"shader": "nolight"}, {"VERTEX_COLORS"}),
+        (
+            scene(COLORED, lights=(), ambient=0, environment=SKY),
+            {"shader": "pbr"},
+            {"LIT", "DIFFUSE", "SPECULAR", "ENVIRONMENT", "VERTEX_COLORS"},
+        ),
         (scene(MEASURED), {"shader": "nolight", "scalars": "data"}, {"VERTEX_COLORS", "SCALARS"}),
         (scene(replace(PLAIN, material=Material(color=0.5))), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (scene(TEXTURED), {"shader": "nolight"}, {"VERTEX_COLORS", "TEXTURED"}),
@@ -119,6 +142,16 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
             scene(CUT, replace(PLAIN, material=Material(sides="front")), background=0.5),
             {"shader": "nolight"},
             {"TEXTURED", "UV_INDICES", "ALPHA_TEST", "MATERIALS", "SIDES", "BACKGROUND"},
+        ),
+        (
+            scene(replace(PLAIN, alphas=[0.5, 1, 1], material=Material(blend=True))),
+            {"shader": "nolight"},
+            {"BLEND", "VERTEX_ALPHA", "SORTED"},
+        ),
+        (
+            scene(replace(PLAIN, alphas=[0.5, 1, 1], material=Material(alpha_cutoff=0.5))),
+            {"shader": "nolight"},
+            {"ALPHA_TEST", "VERTEX_ALPHA"},
         ),
         (
             scene(CUT),
@@ -146,7 +179,8 @@ def test_one_feature_forced_is_one_left_out_less():
     lean = features.derive(scene(PLAIN), Settings(), double_positions=False)
     for name in features.OPTIONAL:
         found = features.derive(scene(PLAIN), Settings(), double_positions=False, forced={name})
-        assert dict(found.left_out) == {k: why for k, why in lean.left_out if k != name}
+        along = {"SORTED"} if name == "BLEND" else set()  # transparent triangles are looked for in sorted lists
+        assert dict(found.left_out) == {k: why for k, why in lean.left_out if k not in {name, *along}}
 
 
 def test_normals_that_are_read_keep_their_indices():

@@ -66,7 +66,7 @@ def test_planted_errors_are_found(tmp_path):
 
 @pytest.mark.parametrize("form", ["groups", "vectors"])
 def test_no_kernel_does_anything_undefined(tmp_path, form):
-    """Twelve scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
+    """Thirteen scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
     empty frame, edges; the images are correct too."""
     found, log = oclgrind(tmp_path, form)
     assert log.strip() == ""

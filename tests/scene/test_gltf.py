@@ -16,6 +16,7 @@ from clshade.images.decode import srgb_to_linear
 from clshade.scene.formats.gltf_materials import phong
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
+from clshade.scene.geometry import camera_axes
 
 RNG = np.random.default_rng(5)
 
@@ -38,7 +39,7 @@ def test_containers(tmp_path, form):
     scene, messages = told(path)
     (mesh,) = scene.meshes
     assert messages == []
-    assert (scene.preset, scene.name, scene.ignored) == ("standard", "a", ())
+    assert (scene.preset, scene.name, scene.ignored) == ("pbr", "a", ())
     assert (mesh.verts.dtype, mesh.verts.tolist()) == (np.float32, CORNERS.tolist())
     assert mesh.faces.tolist() == [[0, 1, 2]]
     assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]  # flat, as glTF requires
@@ -156,13 +157,32 @@ def test_materials_and_textures(tmp_path):
 
 
 def test_phong_of_metallic_roughness():
-    assert phong(0.0, math.sqrt(0.5), 1.0)[2] == pytest.approx((1 / 0.25 - 1) / 2)
-    assert phong(0.0, 1.0, 1.0)[2] == 1.0
+    assert phong(0.0, 0.4, 1.0)[2] == pytest.approx((1 / 0.4**4 - 1) / 2)
+    assert phong(0.0, 0.5, 1.0)[2] == phong(1.0, 1.0, 1.0)[2] == 12.0
     assert phong(0.0, 0.0, 1.0)[2] == pytest.approx(5000.0, rel=1e-3)
-    assert phong(0.0, 1.0, 0.5)[:2] == pytest.approx((1.0, 0.04 * 1.5 / 0.5))
     assert phong(1.0, 0.1, 0.5)[:2] == pytest.approx((0.4, 1.0 / 0.5))  # the peak, without the color, is clamped to 1
     exponents = [phong(0.0, roughness, 0.5)[2] for roughness in np.linspace(0, 1, 20)]
     assert exponents == sorted(exponents, reverse=True)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("base", [0.1, 0.5, 1.0])
+def test_a_wide_lobe_has_no_edge_and_keeps_peak_and_energy(metallic, base):
+    """At N.L = 0 a highlight jumps to ks * base * (-L.V)^n; where the light stands 135 degrees from the eye that was up to
+    0.7. Of a lobe with exponent m, (1 + ks) is the peak and 1/2 + ks/(m+2) the energy of light at normal incidence."""
+    for roughness in np.linspace(0.0, 1.0, 41):
+        kd, ks, n = phong(metallic, roughness, base)
+        assert ks * base * math.cos(math.radians(45.0)) ** n <= 1.0 / 64.0 + 1e-12
+        assert 0.0 <= kd <= 1.0
+        wide = (1.0 / max(roughness, 0.1) ** 4 - 1.0) / 2.0
+        peak = min((0.04 + metallic * (base - 0.04)) * (wide + 2.0) / 2.0, 1.0) / base
+        diffuse = kd - (1.0 - 0.6 * metallic)
+        if wide >= n:
+            assert (n, ks, diffuse) == (pytest.approx(wide), pytest.approx(peak), 0.0)
+        elif kd < 1.0:
+            assert diffuse + ks == pytest.approx(peak)
+            assert diffuse / 2.0 + ks / (n + 2.0) == pytest.approx(peak / (wide + 2.0))
+    assert phong(metallic, 1.0, base)[1] == 0.0
 
 
 def test_what_a_material_leaves_out(tmp_path):
@@ -171,7 +191,10 @@ def test_what_a_material_leaves_out(tmp_path):
     for reflection in ({}, {"metallicFactor": 7.0, "roughnessFactor": 1.5}):
         index = document.add("materials", {"pbrMetallicRoughness": reflection} if reflection else {})
         document.mesh({"POSITION": CORNERS}, INDICES, material=index)
-    for mesh in load(document.glb(tmp_path / "a.glb")).meshes:
+    with pytest.warns(UserWarning, match="Factor: expected numbers from 0 to 1, found .*: clamped") as warned:
+        scene = load(document.glb(tmp_path / "a.glb"))
+    assert len(warned) == 2
+    for mesh in scene.meshes:
         material = mesh.material
         kd, ks, n = phong(1.0, 1.0, 1.0)
         assert (material.color.tolist(), material.ka.tolist(), material.kd.tolist()) == ([1.0] * 3, [1.0] * 3, [kd] * 3)
@@ -191,16 +214,17 @@ def test_alpha_masks(tmp_path):
     factor = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.5]}}
     textured(document, pixels, {"alphaMode": "MASK", "alphaCutoff": 0.25, **factor})
     material = load(document.glb(tmp_path / "a.glb")).meshes[0].material
-    assert material.alpha_cutoff == 0.5  # of the texel, whose alpha the factor halves
+    assert (material.alpha_cutoff, material.opacity, material.blend) == (0.25, 0.5, False)
     assert material.texture.image[:, :, 3].tolist() == [[0, 1], [1, 1]]
     document.json["materials"][0].update(alphaMode="BLEND")
     scene, messages = told(document.glb(tmp_path / "a.glb"))
-    assert scene.ignored == ("blending (opaque where alpha is not 0)",)
-    assert len(messages) == 1
-    assert 0 < scene.meshes[0].material.alpha_cutoff < 0.01
-    factor["pbrMetallicRoughness"]["baseColorFactor"] = [1, 1, 1, 0]
-    document.json["materials"][0].update(alphaMode="MASK", **factor)
-    refusal(document.glb(tmp_path / "a.glb"), "meshes: expected at least one triangle")
+    assert (scene.ignored, messages) == ((), [])
+    material = scene.meshes[0].material
+    assert (material.alpha_cutoff, material.opacity, material.blend) == (None, 0.5, True)
+    document.json["materials"][0].update(alphaMode="OPAQUE")
+    assert not load(document.glb(tmp_path / "a.glb")).meshes[0].has_alpha
+    document.json["materials"][0].update(alphaMode="SHINE")
+    refusal(document.glb(tmp_path / "a.glb"), "materials[0].alphaMode: expected OPAQUE, MASK or BLEND")
 
 
 def test_texture_transforms_and_coordinate_sets(tmp_path):
@@ -214,7 +238,8 @@ def test_texture_transforms_and_coordinate_sets(tmp_path):
     np.testing.assert_allclose(uvs, [[0.25, 0.5], [0.25, -1.5], [3.25, 0.5]], atol=1e-12)
     info["extensions"].clear()
     document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].pop("extensions")
-    assert load(document.glb(tmp_path / "a.glb")).meshes[0].uvs is None  # there is no set 1
+    scene, _ = told(document.glb(tmp_path / "a.glb"))
+    assert scene.meshes[0].uvs is None  # there is no set 1
 
 
 def test_images_beside_missing_broken_and_in_data(tmp_path):
@@ -241,14 +266,13 @@ def test_images_beside_missing_broken_and_in_data(tmp_path):
 def test_what_is_not_rendered_is_told_once(tmp_path):
     document = triangle(material=0, targets=[{}])
     document.mesh({"POSITION": CORNERS}, INDICES, mode=1)
-    document.add("materials", {"normalTexture": {"index": 0}, "emissiveFactor": [1, 1, 1], "occlusionTexture": {}})
-    document.json["materials"][0]["pbrMetallicRoughness"] = {"metallicRoughnessTexture": {"index": 0}}
+    document.add("materials", {})
     document.add("animations", {})
     document.json["extensionsUsed"] = ["KHR_materials_clearcoat", "KHR_texture_transform"]
     scene, messages = told(document.glb(tmp_path / "a.glb"))
     assert set(scene.ignored) == {
-        *("KHR_materials_clearcoat", "animations", "normal maps", "emission", "occlusion maps"),
-        *("metallic-roughness textures", "morph targets", "points and lines"),
+        *("KHR_materials_clearcoat", "animations"),
+        *("morph targets", "points and lines"),
     }
     assert len(messages) == 1
     assert "a.glb: not rendered: " in messages[0]
@@ -265,6 +289,16 @@ def test_unlit_shows_the_color(tmp_path):
     assert scene.ambient[0] == AMBIENT
     assert not material.kd.any()
     assert not material.ks.any()
+
+
+def test_unlit_without_texture_coordinates_stays_unlit(tmp_path):
+    document = Gltf()
+    textured(document, np.zeros((1, 1, 3), np.uint8), {"extensions": {"KHR_materials_unlit": {}}}, texCoord=1)
+    with pytest.warns(UserWarning, match="textures of meshes without their texture coordinates"):
+        material = load(document.glb(tmp_path / "a.glb")).meshes[0].material
+    assert material.texture is None
+    assert not material.diffuse.any()
+    assert not material.microfacets.dielectric_f0.any()
 
 
 def test_cameras(tmp_path):
@@ -317,23 +351,6 @@ def test_lenses_at_their_limits(tmp_path):
     assert -1.0 < (camera.lookat - camera.eye)[2] < -0.1
 
 
-def test_lights(tmp_path):
-    document = triangle()
-    document.add("nodes", {"mesh": 0})
-    for index, place in enumerate(([0.5, 0.5, 10], [0.5, 20.5, 0], [0, 0, 0], [0, 0, 0])):
-        document.add("nodes", {"translation": place, "extensions": {"KHR_lights_punctual": {"light": index}}})
-    kinds = ({"intensity": 100}, {"intensity": 100, "color": [1, 0.5, 0]}, {"type": "directional"}, {"type": "spot"})
-    lights = [{"type": "point", **kind} for kind in kinds]
-    document.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
-    one, two, far = scene.lights
-    assert (one.position.tolist(), one.intensity.tolist()) == ([0.5, 0.5, 10], [1, 1, 1])
-    np.testing.assert_allclose(two.intensity, np.array([1, 0.5, 0]) / 4)  # twice as far
-    assert far.position[2] > 1e5
-    assert scene.ignored == ("spot lights",)
-    assert len(messages) == 1
-
-
 def test_options(tmp_path):
     path = triangle().glb(tmp_path / "a.glb")
     material = load(path, two_sided=True).meshes[0].material
@@ -355,15 +372,19 @@ def test_points_and_lines_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("alpha", "mode", "ignored"), [(128, "MASK", True), (255, "MASK", False), (128, "OPAQUE", False)]
+    ("alpha", "mode", "counts"), [(51, "MASK", True), (51, "BLEND", True), (255, "BLEND", False), (51, "OPAQUE", False)]
 )
-def test_the_alpha_of_vertex_colors_is_named_where_it_would_show(tmp_path, alpha, mode, ignored):
+def test_the_alpha_of_vertex_colors_is_read_where_it_counts(tmp_path, alpha, mode, counts):
     document = Gltf()
     document.add("materials", {"alphaMode": mode})
     colors = np.array([[255, 255, 255, 255]] * 2 + [[255, 255, 255, alpha]], np.uint8)
     color = document.accessor(colors, normalized=True)
     document.mesh({"POSITION": CORNERS, "COLOR_0": color}, INDICES, material=0)
-    assert load(document.glb(tmp_path / "a.glb")).ignored == (("alpha of vertex colors",) if ignored else ())
+    scene = load(document.glb(tmp_path / "a.glb"))
+    assert scene.ignored == ()
+    assert (scene.meshes[0].alphas is not None) == counts
+    if counts:
+        np.testing.assert_allclose(scene.meshes[0].alphas, [1, 1, 0.2], atol=1e-6)
 
 
 def test_indices_are_whole_numbers_whatever_normalized_says(tmp_path):
@@ -390,6 +411,32 @@ def test_chunks_of_a_glb(tmp_path):
     assert "GLB length" not in refusal(path, "GLB chunk 0")
 
 
+@pytest.mark.parametrize("roll", [0.0, 0.1, math.pi])
+def test_what_is_up_for_a_camera_that_looks_down(tmp_path, roll):
+    """From above and the side, by angles that float32 rounds: +y, with the image of the camera's own axes; not if it is
+    rolled."""
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
+    around, down, twist = (
+        np.append(np.sin(angle / 2) * np.array(axis), np.cos(angle / 2))
+        for angle, axis in ((0.7, (0, 1, 0)), (-1.2, (1, 0, 0)), (roll, (0, 0, 1)))
+    )
+
+    def product(a, b):
+        return np.append(a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3]), a[3] * b[3] - a[:3] @ b[:3])
+
+    rotation = np.float32(product(product(around, down), twist)).tolist()
+    document.add("nodes", {"camera": 0, "translation": [1, 5, 2], "rotation": rotation})
+    camera = load(document.glb(tmp_path / "a.glb")).camera
+    level = roll == 0.0
+    assert (camera.up.tolist() == [0, 1, 0]) is level
+    right, up, forward = camera_axes(camera)
+    assert forward == pytest.approx([-math.cos(1.2) * math.sin(0.7), -math.sin(1.2), -math.cos(1.2) * math.cos(0.7)])
+    assert right[1] == pytest.approx(math.cos(1.2) * math.sin(roll), abs=1e-6)
+    assert up[1] == pytest.approx(math.cos(1.2) * math.cos(roll), abs=1e-6)
+
+
 def test_of_several_cameras_the_first_is_taken(tmp_path):
     document = triangle()
     for fov in (0.5, 1.0):
@@ -408,3 +455,14 @@ def test_a_sampler_that_says_nothing_repeats(tmp_path):
     document.json["textures"][0]["sampler"] = document.add("samplers", {})
     (mesh,) = load(document.glb(tmp_path / "a.glb")).meshes
     assert mesh.material.texture.wrap == ("repeat", "repeat")
+    assert mesh.material.texture.filter == "linear"
+
+
+@pytest.mark.parametrize(("key", "expected"), [("magFilter", "nearest"), ("minFilter", "linear")])
+def test_the_filter_is_that_of_magnification(tmp_path, key, expected):
+    document = Gltf()
+    textured(document, RNG.integers(0, 256, (2, 2, 3), dtype=np.uint8), {})
+    document.json["textures"][0]["sampler"] = document.add("samplers", {key: 9728})
+    scene = load(document.glb(tmp_path / "a.glb"))
+    assert scene.meshes[0].material.texture.filter == expected
+    assert scene.ignored == ()

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 from scene_files import TRIANGLE, refusal, write
 
+from clshade.errors import InputError
 from clshade.images.decode import decode_image, read_image
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
@@ -87,7 +88,7 @@ def test_masks(tmp_path):
     for text in ("map_Kd c.png\nmap_d m.png\n", "map_Kd both.png\nmap_d both.png\n"):
         mesh, scene, messages = material_of(tmp_path, text)
         assert messages == []
-        assert mesh.material.alpha_cutoff == 0.5
+        assert (mesh.material.alpha_cutoff, mesh.material.blend, mesh.blends) == (None, True, True)
         assert np.array_equal(mesh.material.texture.image[:, :, :3], plain)
         np.testing.assert_allclose(mesh.material.texture.image[:, :, 3], mask / 255, atol=1e-6)
     mesh, _, _ = material_of(tmp_path, "map_d m.png\n")
@@ -95,9 +96,36 @@ def test_masks(tmp_path):
     Image.fromarray(np.dstack([colors, mask])[:1]).save(tmp_path / "small.png")
     mesh, scene, _ = material_of(tmp_path, "map_Kd c.png\nmap_d small.png\n")
     assert scene.ignored == ("map_d of another size than map_Kd",)
-    assert mesh.material.alpha_cutoff is None
+    assert not mesh.blends
     _, _, messages = material_of(tmp_path, "map_Kd both.png\n")
     assert [message.split("/")[-1] for message in messages] == ["both.png: image: its alpha channel is left out"]
+
+
+@pytest.mark.parametrize(
+    ("text", "opacity"),
+    [
+        ("d 0.25", 0.25),
+        ("Tr 0.25", 0.75),
+        ("d -halo 0.5", 0.5),
+        ("d 1", 1.0),
+        ("Tr 0", 1.0),
+        ("d -3", 0.0),
+        ("d 7", 1.0),
+    ],
+)
+def test_opacity(tmp_path, text, opacity):
+    mesh, scene, messages = material_of(tmp_path, text + "\n")
+    assert (mesh.material.opacity, mesh.material.blend) == (opacity, opacity < 1.0)
+    assert (scene.ignored, messages) == ((), [])
+
+
+@pytest.mark.parametrize("text", ["d", "d half", "Tr nan", "d 0.5 0.5"])
+def test_an_opacity_that_is_no_number_is_refused(tmp_path, text):
+    if text == "d":
+        assert material_of(tmp_path, "d\n")[0].material.opacity == 1.0
+        return
+    with pytest.raises(InputError, match=r"a\.mtl: line \d+: (d|Tr): expected a number, found"):
+        material_of(tmp_path, text + "\n")
 
 
 def test_models_of_illumination(tmp_path):
@@ -114,11 +142,11 @@ def test_models_of_illumination(tmp_path):
 
 
 def test_what_is_not_rendered_is_told_once(tmp_path):
-    text = "d 0.5\nTr 0.5\nKe 1 1 1\nmap_Bump -bm 2 b.png\nbump b.png\nmap_Ks k.png\n"
+    text = "Tf 0.5 1 1\nKe 1 1 1\nmap_Bump -bm 2 b.png\nbump b.png\nmap_Ks k.png\n"
     _, scene, messages = material_of(tmp_path, text)
-    assert scene.ignored == ("transparency", "emission", "normal maps", "maps of Ka, Ks and Ns")
+    assert scene.ignored == ("transmission", "emission", "normal maps", "maps of Ka, Ks and Ns")
     assert len(messages) == 1
-    assert "a.obj: not rendered: transparency, emission" in messages[0]
+    assert "a.obj: not rendered: transmission, emission" in messages[0]
     assert material_of(tmp_path, "d 1.0\nTr 0\nKe 0 0 0\nNi 1.5\nPs 0\nPc 0.0\naniso 0\n")[2] == []
     _, scene, _ = material_of(tmp_path, "Pm 1\nPc 0.5\n")
     assert scene.ignored == ("metallic-roughness", "sheen, clearcoat and anisotropy")

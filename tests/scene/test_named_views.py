@@ -10,8 +10,9 @@ import pytest
 import clshade
 from clshade.errors import InputError
 from clshade.scene import geometry
+from clshade.scene.fitting import FILL
 from clshade.scene.model import Mesh, PointLight, Scene
-from clshade.scene.views import MARGIN, VIEWS, named_cameras, seen_by, towards_eye, units_per_pixel, up_of
+from clshade.scene.views import VIEWS, named_cameras, seen_by, towards_eye, units_per_pixel, up_of
 
 NAMED = VIEWS[:-1]
 
@@ -55,11 +56,11 @@ def test_the_whole_scene_fits_at_one_scale(size, resolution):
     low, high = geometry.bounding_box(scene)
     fill = 0.0
     for each in cameras.values():
-        half = np.abs(geometry.camera_axes(each)[:2]) @ (high - low) / 2.0
+        half = np.abs(geometry.camera_axes(each)[:2] @ (scene.meshes[0].verts - each.lookat).T).max(axis=1)
         assert (half <= np.array(each.plane[::-1]) / 2.0).all()
         fill = max(fill, *(2.0 * half / each.plane[::-1]))
         assert np.linalg.norm(each.eye - each.lookat) > np.linalg.norm(high - low) / 2.0
-    assert fill == pytest.approx(1.0 / MARGIN if (high > low).any() else 0.0)
+    assert fill == pytest.approx(FILL if (high > low).any() else 0.0)
 
 
 def test_the_scenes_own_camera_and_another_resolution():

@@ -126,3 +126,35 @@ def stl_text(triangles: Any) -> str:
         corners = [f"      vertex {x!r} {y!r} {z!r}" for x, y, z in facet]
         lines += ["  facet normal 0 0 0", "    outer loop", *corners, "    endloop", "  endfacet"]
     return "\n".join([*lines, "endsolid a name of facets", ""])
+
+
+def spheres(path) -> str:
+    """Write a .glb of small spheres, metallic upwards and rough to the right, as Khronos' metal-rough spheres are, one of
+    them with maps of base color and of metallic and roughness."""
+    document, nodes = Gltf(), []
+    across, up = 7, 5
+    phi, theta = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, across), np.linspace(0, np.pi, up)))
+    normals = np.stack([np.sin(theta) * np.cos(phi), -np.cos(theta), np.sin(theta) * np.sin(phi)], 1)
+    uvs = np.stack([phi / (2 * np.pi), theta / np.pi], 1)
+    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).reshape(-1)
+    faces = np.concatenate(
+        [np.stack([first, first + across, first + 1], 1), np.stack([first + 1, first + across, first + across + 1], 1)]
+    )
+    shape = {
+        "POSITION": document.accessor((0.45 * normals).astype(np.float32)),
+        "NORMAL": document.accessor(normals.astype(np.float32)),
+        "TEXCOORD_0": document.accessor(uvs.astype(np.float32)),
+    }
+    pixels = np.random.default_rng(5).integers(0, 256, (4, 6, 3)).astype(np.uint8)
+    document.add("images", {"bufferView": document.view(png(pixels)), "mimeType": "image/png"})
+    document.add("textures", {"source": 0})
+    for row, column in np.ndindex(2, 3):
+        worn: dict[str, Any] = {"metallicFactor": float(row), "roughnessFactor": 0.1 + 0.4 * column}
+        worn["baseColorFactor"] = [0.9, 0.6, 0.3, 1.0]
+        if (row, column) == (1, 2):
+            worn |= {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}}
+        material = document.add("materials", {"pbrMetallicRoughness": worn, "emissiveFactor": [0.0, 0.0, 0.1 * column]})
+        mesh = document.mesh(shape, faces.astype(np.uint16).reshape(-1), material=material)
+        nodes.append(document.add("nodes", {"mesh": mesh, "translation": [column, row, 0]}))
+    document.json["scenes"], document.json["scene"] = [{"nodes": nodes}], 0
+    return document.glb(path)

@@ -113,6 +113,7 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
         (unlit, {"shader": "phong"}),
         (plain, {"shader": "nolight", "interpolation": "affine", "cull": True}),
         (replace(both, camera=flat), {"shader": "phong", "visibility": "painter"}),
+        (both, {"shader": "pbr"}),
         (lit.scene_of(camera=camera, meshes=()), {"shader": "phong"}),
         (both, {"shader": "phong", "edges": Edges("all", width=2.5)}),
         (replace(plain, camera=flat), {"shader": "gouraud", "edges": Edges("all"), "samples": 4}),

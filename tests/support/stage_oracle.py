@@ -218,6 +218,8 @@ def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[st
         "conditions": np.ones((*shape, 4)),
         "jump": np.zeros((*shape, 3)),
         "exponent": np.ones(shape),
+        "alpha_error": np.zeros(shape),
+        "unsure": np.zeros(shape, bool),
     }
     for name, values in found.items():
         whole[name][at] = values

@@ -135,5 +135,5 @@ def test_options_that_commands_repeat():
     expected = ("--scalars=q", "--colormap=jet", "--nan-color=red", "--clim=-1.0,2.0", "--colorbar")
     assert source_of("teapot", *colored).options == expected
     lines = ("--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0", "--edges-only")
-    expected = ("--edge-width=2.0", "--edges=feature,silhouette", "--edge-color=1.0,0.0,0.0", "--edges-only")
+    expected = ("--edge-width=2.0", "--edge-color=1,0,0", "--edges=feature,silhouette", "--edges-only")
     assert source_of("teapot", *lines).options == expected

@@ -26,6 +26,14 @@ from clshade.view.live_stats import LiveStats
 pytestmark = needs_device
 
 
+def test_each_light_has_a_name_that_says_what_it_is():
+    session, _ = session_of(*SMALL)
+    assert session.description()["lightNames"] == [
+        "PointLight at 1 1 0, intensity 1 1 1",
+        "PointLight at -2 0.5 0, intensity 0.6 0.3 0.2",
+    ]
+
+
 def test_the_pictures_of_a_still_view_and_their_order():
     session, clock = session_of(*SMALL, "--samples", "16", "--layers", "Z,id")
     drawings = all_drawings(session, clock)
@@ -174,9 +182,11 @@ def test_the_probe_has_every_layer_of_the_final_picture():
 
 OPTIONS = [
     ("quads", "--samples", "4", "--half", "--light-intensity", "0.7"),
+    ("icosphere", "--fit", "--orthographic", "--camera-azimuth-angle", "30", "--ground", "--background", "none"),
     *(
         pytest.param(options, marks=pytest.mark.long)
         for options in (
+            ("icosphere", "--fit", "--camera-view-angle", "50", "--background", "#336699"),
             ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
             ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),

@@ -13,6 +13,7 @@ from clshade.errors import InputError
 from clshade.images import drawing_marks, exr, png
 from clshade.images.crops import Crop, magnified, marked
 from clshade.pipeline.frame import Frame
+from clshade.scene.ground import with_ground
 from clshade.scene.model import Mesh, Scene
 from clshade.scene.views import named_cameras
 from clshade.view import sheet as module
@@ -102,6 +103,16 @@ def test_facts(sheet):
         clshade.render(Scene(box().meshes, again), shader="nolight", layers="id").alpha.mean(dtype=np.float64)
         == found["iso"]["coverage"]
     )
+
+
+def test_facts_leave_out_a_ground():
+    scene = with_ground(box((4, 2)))
+    ids = np.array([[0, 1, 7, 13], [13, 12, 200, 14]], np.uint32)
+    rgba = np.ones((2, 4, 4), np.float32)
+    rgba[0, 1, 3] = 0.5
+    frame = Frame(rgba * (ids > 0)[..., None], {"id": ids}, scene, clshade.Settings(), lambda: {"visible": 5})
+    found = module.view_facts("front", frame)
+    assert (found["visible_faces"], found["covered_box"], found["coverage"]) == (3, [1, 0, 2, 2], 2.5 / 8)
 
 
 def test_titles_do_not_overlap(sheet):

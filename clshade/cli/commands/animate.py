@@ -6,7 +6,7 @@ import argparse
 
 from ...errors import InputError
 from .farm_options import draw, output_options, worker_options
-from .scene_options import camera_options, load_scene, scene_options, setting_options
+from .scene_options import SAMPLES_HELP, camera_options, load_scene, scene_options, setting_options
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
     camera_options(parser)
-    setting_options(parser)
+    setting_options(parser, SAMPLES_HELP)
     output_options(parser)
     worker_options(parser)
 

@@ -49,6 +49,22 @@ def numbers(kind: type, count: int | None, form: str, separators: str = ",") -> 
 resolution = numbers(int, 2, "two whole numbers such as 800,600 or 800x600", ",xX×")
 
 
+def color(text: str) -> str:
+    """Check a color, see `images.colors.linear_rgb`, and return it as it was given."""
+    from ...images.colors import linear_rgb
+
+    try:
+        linear_rgb("", "", text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix(": : ")) from None
+    return text
+
+
+def background(text: str) -> str:
+    """Check a background: a color, `none`, `scene` or `environment`."""
+    return text if text in ("none", "scene", "environment") else color(text)
+
+
 def names(allowed: Sequence[str], **others: Any) -> Any:
     """Return an option type: names separated by commas. others: further names known to `spelling.hint`."""
 

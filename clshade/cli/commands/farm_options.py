@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from . import DONE
 from .arguments import device_option, output_name, seconds
-from .scene_options import chosen_saving, chosen_settings, picture_options
+from .saving_options import chosen_saving, saving_options
+from .scene_options import picture_settings
 
 FPS = 30  # view.film.FPS, whose import loads NumPy
 CONNECT_SECONDS = 10.0  # timeout to reach a scheduler, and for it to have workers
@@ -37,7 +38,7 @@ def output_options(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--bit-depth", type=int, metavar="8|10", help="of an .mp4: bits per channel (default: 8)")
     output.add_argument("--keep-frames", action="store_true", help="of a film, in the folder OUT.mp4.frames")
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
-    picture_options(output)
+    saving_options(output)
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -80,7 +81,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Came
         "device": arguments.device,
         "saving": chosen_saving(arguments),
         "preset": arguments.preset,
-        **chosen_settings(arguments),
+        **picture_settings(arguments, scene),
     }
     found: Run | Film
     if is_film(arguments.output):

@@ -1,4 +1,4 @@
-"""`inspect`: the contents of an image file, or the meshes and scalars of a scene file."""
+"""`inspect`: the contents of an image file, or the meshes, scalars and lights of a scene file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file",
         metavar="FILE",
-        help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene file: its meshes, and the "
-        "scalars that `render --scalars` can show, with their ranges",
+        help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene file: its meshes, the "
+        "scalars that `render --scalars` can show, with their ranges, and its lights",
     )
     parser.add_argument(
         "--pixel",

@@ -14,10 +14,10 @@ from ...base import console
 from ...errors import InputError
 from ...scene.camera import checked_resolution
 from .arguments import device_option
+from .saving_options import chosen_saving
 from .scene_options import (
     camera_options,
     chosen_camera,
-    chosen_saving,
     chosen_settings,
     load_scene,
     scene_changes,
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
 # Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
 _WITH_VALUES = (
+    *("environment", "environment_rotation", "environment_intensity"),
     *("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device"),
-    *("scalars", "colormap", "nan_color", "edge_angle", "edge_width"),
+    *("scalars", "colormap", "nan_color", "edge_angle", "edge_width", "edge_color"),
 )
-_LISTS = ("lights", "components", "resolution", "clim", "edges", "edge_color")
-_FLAGS = ("flat", "orthographic", "half", "crop", "deterministic", "colorbar", "edges_only")
+_LISTS = ("lights", "components", "resolution", "clim", "edges")
+_FLAGS = ("fit", "ground", "flat", "orthographic", "half", "crop", "deterministic", "colorbar", "edges_only")
 
 
 def is_scene(name: str) -> bool:
@@ -52,7 +53,7 @@ def live_options(parser: argparse.ArgumentParser) -> list[str]:
     before = {action.dest for action in parser._actions}
     scene_changes(parser.add_argument_group("scene"))
     camera_options(parser)
-    setting_options(parser)
+    setting_options(parser, f"{SAMPLES}, when the view rests")
     served = parser.add_argument_group("live view")
     served.add_argument("--port", type=int, metavar="N", help="of 127.0.0.1 (default: a free one)")
     served.add_argument("--open", action="store_true", help="open the browser")
@@ -119,6 +120,7 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
         load=_loader(arguments, name),
         files=(name,) if os.path.exists(name) else (),
         camera=chosen_camera(arguments),
+        fit=arguments.fit,
         settings=settings,
         lights=arguments.light_intensity or (1.0,),
         device=arguments.device,

@@ -14,12 +14,13 @@ from ...errors import ClshadeError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
+from .saving_options import chosen_saving, saving_options
 from .scene_options import (
+    SAMPLES_HELP,
     camera_options,
-    chosen_saving,
     chosen_settings,
     load_scene,
-    picture_options,
+    picture_settings,
     scene_options,
     setting_options,
 )
@@ -50,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, several=True)
     camera_options(parser)
     view_options(parser)
-    setting_options(parser)
+    setting_options(parser, SAMPLES_HELP)
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o",
@@ -60,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="writes OUT.exr and OUT.png (default: out); of several scenes, or with a slash at its end, it is a folder, "
         "made where there is none, with files named after the scenes (default: the current one)",
     )
-    picture_options(output)
+    saving_options(output)
     output.add_argument(
         "--json",
         "--stats",
@@ -129,8 +130,8 @@ def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thr
 
 def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thread) -> tuple[int, dict[str, Any]]:
     """Load, render and save one scene; return the exit code and all figures."""
-    options = _render_options(arguments)
     scene = load_scene(arguments, name)
+    options = _render_options(arguments, scene)
     check_crops(scene, arguments)
     if arguments.sheet:
         warming.join()
@@ -181,9 +182,10 @@ def _draw(
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
 
 
-def _render_options(arguments: argparse.Namespace) -> dict[str, Any]:
+def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Return the keyword arguments of `clshade.render`."""
-    chosen = chosen_settings(arguments)
+    limited = arguments.budget is not None or arguments.tolerance is not None  # which choose the samples
+    chosen = chosen_settings(arguments) if limited else picture_settings(arguments, scene)
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
     return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from ...base.spelling import hint
 from ...errors import InputError
-from .arguments import names, numbers, resolution
+from .arguments import background, color, names, numbers, resolution
 
 if TYPE_CHECKING:
-    from ...pipeline.frame_files import SavingOptions
-    from ...scene.model import Scalars, Scene
+    from ...scene.model import Scalars, Scene, Settings
 
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")  # arguments of clshade.scene.formats.load.load
+# Arguments of clshade.scene.formats.load.load; besides `fit`, which built-in scenes have, too.
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")
+SAMPLES_HELP = "4, or 1 for scenes of the course, in Python 1"  # `picture_settings`, in words
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
 
@@ -74,10 +75,26 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
         help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
     )
     group.add_argument(
+        "--environment",
+        metavar="FILE|studio|none",
+        help="light from all around, of shader pbr: an image in latitude and longitude, .exr .hdr .png, or the built-in "
+        "studio (default: the studio for scenes without lights; none: the default lights)",
+    )
+    group.add_argument(
+        "--environment-rotation",
+        type=float,
+        metavar="DEG",
+        help="turn it counterclockwise seen from above (default: 0)",
+    )
+    group.add_argument("--environment-intensity", type=float, metavar="F", help="factor of its radiance (default: 1)")
+    group.add_argument(
         "--components",
         type=names(tuple(COMPONENTS)),
         metavar="NAME,...",
         help=f"use these only, of {','.join(COMPONENTS)} (default: all)",
+    )
+    group.add_argument(
+        "--ground", action="store_true", help="a round matte floor below the scene, which fades into the background"
     )
     group.add_argument(
         "--resolution",
@@ -89,7 +106,12 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
 
 def camera_options(parser: argparse.ArgumentParser) -> None:
     point = numbers(float, 3, "three numbers such as 1,2,3")
-    group = parser.add_argument_group("camera (default: the scene's, or chosen from its size)")
+    group = parser.add_argument_group("camera (default: the scene's, or one that shows all of it)")
+    group.add_argument(
+        "--fit",
+        action="store_true",
+        help="show all of the scene, from three quarters or as said below, and ignore its camera",
+    )
     group.add_argument("--camera-position", type=point, metavar="X,Y,Z", help="the eye, scene units")
     group.add_argument("--camera-focal-point", type=point, metavar="X,Y,Z", help="what is looked at, scene units")
     group.add_argument("--camera-view-up", type=point, metavar="X,Y,Z", help="what points up in the image")
@@ -101,14 +123,17 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--orthographic", action="store_true", help="parallel projection")
 
 
-def setting_options(parser: argparse.ArgumentParser) -> None:
+def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its center") -> None:
+    """Add the fields of Settings. samples: how many by default, for the help."""
     from ...images.layer_words import LAYER_WORDS
     from ...scene import settings
 
     group = parser.add_argument_group("settings (default: those of the preset)")
-    group.add_argument("--preset", choices=settings.PRESETS, help="course for course files, else standard")
+    group.add_argument(
+        "--preset", choices=settings.PRESETS, help="course for course files, pbr for glTF files, else standard"
+    )
     for name, allowed, about in (
-        ("shader", settings.SHADERS, "lit at vertices, at pixels, or not"),
+        ("shader", settings.SHADERS, "Phong's model at vertices or pixels, no light, or metallic-roughness"),
         ("visibility", settings.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
         ("lighting-at", settings.LIGHTING_AT, "where lights and eye are seen from"),
         ("interpolation", settings.INTERPOLATIONS, "of colors and normals over a triangle"),
@@ -130,9 +155,15 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
     )
     group.add_argument(
-        "--samples", type=int, metavar="1..64", help="places of each pixel that are looked at (default: 1, its center)"
+        "--samples", type=int, metavar="1..64", help=f"places of each pixel that are looked at (default: {samples})"
     )
     group.add_argument("--sample-shading", action="store_true", default=None, help="light every sample")
+    group.add_argument(
+        "--layer-alpha",
+        type=float,
+        metavar="A",
+        help="layers show the nearest surface whose alpha is at least A, 0 to 1 (default: 0.5)",
+    )
     group.add_argument(
         "--resolve", choices=settings.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
     )
@@ -140,6 +171,13 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         "--precision",
         choices=settings.PRECISIONS,
         help="of the arithmetic (default: float32, the same bits everywhere)",
+    )
+    group.add_argument(
+        "--background",
+        type=background,
+        metavar="none|environment|COLOR",
+        help="behind the surfaces: none, which makes the PNG transparent; environment, what lights the scene from all "
+        "around; a name or #rrggbb, sRGB; or R,G,B, linear (default: the scene's)",
     )
     group.add_argument("--scalars", metavar="NAME", help="data on the meshes to color them by, with a color map")
     group.add_argument(
@@ -151,7 +189,7 @@ def setting_options(parser: argparse.ArgumentParser) -> None:
         metavar="LOW,HIGH",
         help="values of the color map's ends (default: the least and largest in the scene)",
     )
-    group.add_argument("--nan-color", metavar="COLOR", help="of faces without a number (default: darkgray)")
+    group.add_argument("--nan-color", type=color, metavar="COLOR", help="of faces without a number (default: darkgray)")
     _edge_options(parser)
 
 
@@ -172,49 +210,20 @@ def _edge_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--edge-color",
-        type=numbers(float, 3, "three numbers such as 1,0.5,0"),
-        metavar="R,G,B",
-        help="of the lines, linear (default: 0,0,0)",
+        type=color,
+        metavar="COLOR",
+        help="of the lines: a name, #rrggbb, or R,G,B, linear (default: black)",
     )
     group.add_argument(
         "--edges-only", action="store_true", default=None, help="the lines alone, on white, hidden by the surfaces"
     )
 
 
-def picture_options(group: argparse._ArgumentGroup) -> list[str]:
-    """Add the options for writing images; return their names, the keyword arguments of `Frame.save`."""
-    from ...images.exr import COMPRESSIONS
-    from ...images.tonemap import OPERATORS
+def picture_settings(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """Return the fields of Settings that were given, and the samples of a picture for people."""
+    from ...scene.settings import picture_samples
 
-    group.add_argument(
-        "--tonemap",
-        choices=OPERATORS,
-        help="of the PNG (default: none for course scenes, else srgb)",
-    )
-    group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
-    group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
-    group.add_argument(
-        "--compression", default="zip", metavar="NAME", help=f"of the EXR: {', '.join(COMPRESSIONS)} (default: zip)"
-    )
-    group.add_argument(
-        "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
-    )
-    group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
-    group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
-    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar"]
-
-
-def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
-    """Return the keyword arguments of `Frame.save`."""
-    return {
-        "tonemap": arguments.tonemap,
-        "exposure": arguments.exposure,
-        "half": arguments.half,
-        "compression": arguments.compression,
-        "crop": arguments.crop,
-        "deterministic": arguments.deterministic,
-        "colorbar": arguments.colorbar,
-    }
+    return {"samples": picture_samples(scene.preset, arguments.preset), **chosen_settings(arguments)}
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -224,7 +233,8 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     given = {f.name: getattr(arguments, f.name, None) for f in fields(Settings)}
     given["scalars"] = _chosen_scalars(arguments)
     given["edges"] = _chosen_edges(arguments)
-    return {name: value for name, value in given.items() if value is not None}
+    found = {name: value for name, value in given.items() if value is not None}
+    return found | ({"background": None} if found.get("background") == "none" else {})
 
 
 def _chosen_scalars(arguments: argparse.Namespace) -> Scalars | None:
@@ -259,10 +269,14 @@ def _chosen_edges(arguments: argparse.Namespace) -> Any:
     return Edges(kinds, **given)
 
 
-def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
-    """Load the scene of the command line, or of this name: a file, or a built-in scene if no such file exists."""
+def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turning: bool = False) -> Scene:
+    """Load the scene of the command line, or of this name: a file, or a built-in scene if no such file exists.
+
+    turning: its camera will go round what it looks at; one that is chosen here shows all of the scene all the time.
+    """
     from ...base import console
-    from ...scene import adjust_camera, adjust_lights
+    from ...base.atomic_files import shown
+    from ...scene import adjust_camera, adjust_lights, framing
     from ...scene.builtin import scenes
 
     start = time.perf_counter()
@@ -273,26 +287,87 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None) -> Scene:
             flag = option.replace("_", "-")
             raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
         scene = scenes.builtin(name)
+        scene = adjust_camera.refitted(scene, arguments.resolution) if arguments.fit else scene
     else:
         from ...scene.formats import load
 
         if not Path(name).suffix and not os.path.exists(name):
             near = hint(name, scenes.BUILTINS)
             raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
-        scene = load.load(name, resolution=arguments.resolution, **options)
+        scene = load.load(name, resolution=arguments.resolution, fit=arguments.fit, **options)
+        if not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
+            console.note(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
+    if scene.light_scale != 1.0:
+        console.note(
+            f"{shown(name)}: lights: intensities (candela, lux) times {scene.light_scale:.4g}, so that the strongest has 1 "
+            "at the center; --light-intensity changes that"
+        )
     if arguments.lights is not None:
         scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
     if arguments.light_intensity is not None:
         scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
-    if arguments.components is not None:
-        scene = _with_components(scene, arguments.components)
-    return replace(scene, camera=adjust_camera.adjusted(scene.camera, **chosen_camera(arguments)))
+    scene = _with_environment(scene, arguments)
+    if arguments.light_intensity is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
+        raise InputError(
+            "--light-intensity: expected lights to multiply, found none: the environment lights the scene, see "
+            "--environment-intensity"
+        )
+    up = arguments.up or framing.up_of(scene.camera)
+    camera = adjust_camera.camera_of(scene, chosen_camera(arguments), fit=arguments.fit, turning=turning)
+    scene = replace(scene, camera=camera)
+    scene = _with_ground(scene, arguments, up) if arguments.ground else scene
+    return scene if arguments.components is None else _with_components(scene, arguments.components)
+
+
+def _as_drawn(scene: Scene, arguments: argparse.Namespace) -> tuple[Scene, Settings]:
+    """Return the scene as its settings show it, and these."""
+    from ...pipeline.effective_settings import effective_settings
+
+    return effective_settings(scene, getattr(arguments, "preset", None), **chosen_settings(arguments))
+
+
+def _with_ground(scene: Scene, arguments: argparse.Namespace, up: Any) -> Scene:
+    """Return the scene with a ground for the settings that will draw it."""
+    from ...scene.ground import with_ground
+
+    if getattr(arguments, "edges", None):
+        raise InputError("--ground: expected none with --edges, which would draw its edges too, found one")
+    return with_ground(scene, up, _as_drawn(scene, arguments)[1])
+
+
+def _with_environment(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """Return the scene with the environment that was asked for, and with preset pbr unless another look was."""
+    from ...scene.builtin.studio import studio_for
+
+    name = arguments.environment
+    changes = {"rotation": arguments.environment_rotation, "intensity": arguments.environment_intensity}
+    changes = {field: value for field, value in changes.items() if value is not None}
+    if name is None or name == "none":
+        for field in changes if name == "none" or scene.own_lights else ():
+            raise InputError(f"--environment-{field}: expected --environment FILE or studio with it, found none")
+        if name is None and not changes:
+            return scene
+    if name == "none":
+        return replace(scene, environment=None, own_lights=True)
+    if name is None or (name == "studio" and not os.path.exists(name)):
+        environment = studio_for(scene)
+    else:
+        from ...scene.environment import nearest_axis
+        from ...scene.formats.environment import load_environment
+
+        environment = load_environment(name, up=nearest_axis(scene.camera.up))
+    try:
+        environment = replace(environment, **changes) if changes else environment
+    except InputError as error:
+        raise InputError(f"--environment-{str(error).removeprefix('Environment: ')}") from None
+    look = getattr(arguments, "preset", None) or getattr(arguments, "shader", None)
+    return replace(scene, environment=environment, preset="pbr" if not look else scene.preset)
 
 
 def chosen_camera(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the keyword arguments of `adjust_camera.adjusted`."""
+    """Return the changes of `adjust_camera.camera_of`."""
     return {
         "position": arguments.camera_position,
         "focal_point": arguments.camera_focal_point,

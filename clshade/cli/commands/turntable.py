@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...base import console
 from .farm_options import draw, output_options, worker_options
-from .scene_options import camera_options, load_scene, scene_options, setting_options
+from .scene_options import SAMPLES_HELP, camera_options, load_scene, scene_options, setting_options
 
 if TYPE_CHECKING:
     from ...farm.frames import Frames
@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--degrees", type=float, default=360.0, metavar="DEG", help="to the right; below 0: to the left (default: 360)"
     )
     camera_options(parser)
-    setting_options(parser)
+    setting_options(parser, SAMPLES_HELP)
     output_options(parser)
     worker_options(parser)
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     frames = _frames(arguments)
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
     degrees = number("turntable", "--degrees", arguments.degrees)
-    scene = load_scene(arguments)
+    scene = load_scene(arguments, turning=True)
     if arguments.resolution is not None:
         scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
     return draw(arguments, scene, orbit(scene.camera, frames.numbers, turn, degrees))

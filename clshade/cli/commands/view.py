@@ -12,7 +12,7 @@ from ...errors import InputError
 from . import DONE
 from .arguments import check_output_file, output_name
 from .live_view import is_scene, live_options, refuse_live_options, run_live
-from .scene_options import picture_options
+from .saving_options import saving_options
 
 if TYPE_CHECKING:
     from ...images.image_file import Picture
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="of images: the page, which needs no other file and no network (default: FILE.html here); of a scene: the "
         "name of snapshots, OUT-1.exr and OUT-1.png and so on (default: the scene's, here)",
     )
-    saving = picture_options(output)
+    saving = saving_options(output)
     refused = [*live_options(parser), *(name for name in saving if name not in ("tonemap", "exposure"))]
     parser.set_defaults(only_scenes=refused)
 

@@ -137,8 +137,9 @@ def write_crops(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[
     from ...base import atomic_files
     from ...images import png
     from ...images.crops import magnified, marked
+    from ...images.transparency import over_checkers
 
-    pixels = frame.to_png8(arguments.tonemap, arguments.exposure)
+    pixels = over_checkers(frame.to_png8(arguments.tonemap, arguments.exposure))
     paths = [*crop_paths(stem, arguments.crop_zoom), _beside(stem, "marked")]
     with atomic_files.replacing_all(*paths) as files:
         pictures = (*(magnified(pixels, crop) for crop in arguments.crop_zoom), marked(pixels, arguments.crop_zoom))

@@ -31,6 +31,7 @@ from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ...scene.camera import Camera
 from ...scene.geometry import camera_axes, vertex_normals
+from ...scene.lights import plain_lights
 from ...scene.model import Scene
 from ...scene.settings import SHADERS, Shader
 
@@ -135,7 +136,7 @@ def render(scene: Scene, shader: str = "phong") -> Array:
     positions, depths = project(verts, camera)
     if depths.min(initial=1.0) <= 0.0:
         raise value_error(owner, "verts", "positions before the eye", f"depth {depths.min():g}")
-    lights = [(source.position, source.intensity) for source in scene.lights]
+    lights = [(source.position, source.intensity) for source in plain_lights("bench", scene.lights)]
     light_arguments = (camera.eye, material.ka * scene.ambient, material.kd, material.ks, material.n, lights)
     columns, rows = camera.resolution
     image = np.tile(scene.background, (rows, columns, 1))

@@ -133,9 +133,10 @@ class Comparison:
         scene, settings, where = frame.scene, frame.settings, (rows, columns)
         self.frame, self.rows, self.columns, self.oracle = frame, rows, columns, expected
         rgb, alpha = frame.rgb[where], frame.alpha[where]
-        self.wrong = (alpha != expected.alpha.astype(alpha.dtype)) | ~np.isfinite(rgb).all(axis=-1)
         precision = settings.precision
         self.allowed = oracle_bounds.allowed(scene, settings)
+        differs = oracle_bounds.alpha_differs(alpha, expected, self.allowed, precision)
+        self.wrong = differs | ~np.isfinite(rgb).all(axis=-1)
         absolute, ratio = oracle_bounds.color_errors(np.nan_to_num(rgb), expected, precision)
         self.ties = np.zeros(len(rows), bool)
         if "id" in frame.layers:
@@ -146,6 +147,7 @@ class Comparison:
         if "id" not in frame.layers or settings.samples > 1:
             suspects = (ratio > self.allowed) & ~gates & (expected.alpha > 0.0)
             self.ties |= oracle_bounds.depth_ties(scene, settings, suspects, where)
+        self.ties |= expected.unsure & (ratio > self.allowed) & ~gates
         compared = ~self.wrong & ~self.ties
         self.error = np.where(compared, ratio, 0.0)
         self.gates = compared & gates

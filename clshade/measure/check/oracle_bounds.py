@@ -14,6 +14,7 @@ import numpy as np
 from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import usable_uvs
+from ...scene.metallic_roughness import TEXTURES
 from ...scene.model import Mesh, Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -104,7 +105,17 @@ def different_ids(
     depths = [depth_at(scene, settings, face, *pixels) for face in faces]
     unproven = np.zeros_like(different)
     unproven[at] = ~tied(depths[0], depths[1])
+    unproven &= ~oracle.unsure
     return different, unproven
+
+
+def alpha_differs(alpha: Array, oracle: OracleFrame, factor: float, precision: str) -> Array:
+    """Return where alphas (M, N) are not the oracle's: exactly, but where transparent surfaces show. factor: the bounds
+    allowed. Of surfaces whose order is unsure the alpha is the same."""
+    exact: Array = alpha != oracle.alpha.astype(alpha.dtype)
+    unit = 1e-12 if precision == "float64" else HALF_ULP
+    most = np.minimum(factor * unit * oracle.alpha_error, 1.0)
+    return exact & ~(np.abs(alpha.astype(np.float64) - oracle.alpha) <= most)
 
 
 def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[Array, Array] | None = None) -> Array:
@@ -139,7 +150,7 @@ def assert_same_ids(
     assert_array("id", ids, expected.shape, np.uint32)
     assert_array("alpha", frame.alpha, expected.shape, dtype)
     different, unproven = different_ids(ids, oracle, scene, settings)
-    bad = frame.alpha != oracle.alpha.astype(dtype)
+    bad = alpha_differs(frame.alpha, oracle, allowed(scene, settings), settings.precision)
     if skip is not None:
         different, unproven, bad = different | skip, unproven & ~skip, bad & ~skip
     if unproven.any():
@@ -159,15 +170,18 @@ def allowed(scene: Scene, settings: Settings) -> float:
     of_textures = 0.0
     for mesh in scene.meshes:
         if mesh.uvs is not None and texture_side(mesh):
-            reach = np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)
+            reach = max(np.abs(usable_uvs(uvs)).max(initial=0.0) for uvs in (mesh.uvs, *mesh.more_uvs))
             of_textures = max(of_textures, float(texture_bounds(texture_side(mesh), reach, precision)))
     return ALLOWED[precision] + of_samples + of_textures
 
 
 def texture_side(mesh: Mesh) -> int:
-    """Return the texels along the larger side of a mesh's texture; 0 if none is looked up."""
-    texture = mesh.material.texture
-    return max(texture.image.shape[:2]) if texture is not None and mesh.uvs is not None else 0
+    """Return the texels along the larger side of a mesh's textures; 0 if none is looked up."""
+    if mesh.uvs is None:
+        return 0
+    facets = mesh.material.microfacets
+    textures = [mesh.material.texture, *(getattr(facets, name) for name in TEXTURES)]
+    return max((max(texture.image.shape[:2]) for texture in textures if texture is not None), default=0)
 
 
 def texture_bounds(side: Array | int, reach: Array | float, precision: str) -> Floats:
@@ -321,8 +335,9 @@ def assert_frame(
     factor = allowed(scene, settings) if factor is None else factor
     ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
     assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
     if settings.samples > 1:
         off = color_errors(frame.rgb, oracle, precision)[1] > factor
         ties = ties | depth_ties(scene, settings, off & ~ties)
-    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
+    ties = ties | (oracle.unsure & (color_errors(frame.rgb, oracle, precision)[1] > factor))
     return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)

@@ -18,6 +18,7 @@ from ...course import figures
 from ...course.demo import TEXTURE, with_texture
 from ...course.figures import Figure, Missing
 from ...errors import InputError
+from ...images.tonemap import tonemap
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.formats.course_npy import only_mesh
@@ -150,7 +151,7 @@ def _wireframe(scene: Scene, device: Device, part: Part) -> Bytes:
         edges=Edges(width=LINE_WIDTH, only=True),
         device=device,
     )
-    return Part(*(times * each for each in part)).of(frame.to_png8("srgb"))
+    return Part(*(times * each for each in part)).of(tonemap(frame.rgb, "srgb"))
 
 
 def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:

@@ -9,6 +9,7 @@ from ...base.arrays import Bytes
 from ...base.markup import Content as Markup
 from ...base.markup import element
 from ...images import png
+from ...scene.lights import plain_lights
 from ...scene.model import Scene
 from . import pictures
 from .comparisons import Comparison, Place
@@ -29,7 +30,9 @@ def captioned(scene: Scene, drawn: Drawn) -> Element:
     if figure.mapped:
         what = " Without light" if figure.shader == "nolight" else f" {figure.shader.capitalize()} shading"
     elif len(figure.lights) == 1 and "light" in figure.what and len(scene.lights) > 1:
-        at = element("span", vector(scene.lights[figure.lights[0]].position), class_="unbroken")
+        at = element(
+            "span", vector(plain_lights(scene.name, scene.lights)[figure.lights[0]].position), class_="unbroken"
+        )
         what = [f" {sentence(figure.what)}, at ", at]
     took = element("span", f"{drawn.first:.1f} ms", class_="soft unbroken")
     caption = element("figcaption", element("b", f"Figure {figure.number}."), what, ". ", took)

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 from ...base.atomic_files import shown
 from ...base.markup import Content as Markup
 from ...base.markup import element, table
+from ...scene.lights import plain_lights
 from ...scene.model import Scene, Settings
 from ..report.decomposition import Decomposition
 from .content import ROUNDS, Content
@@ -53,7 +54,8 @@ def lights(scene: Scene) -> Element | None:
     """Return a table of the lights, None without any."""
     if not scene.lights:
         return None
-    rows = [(str(k), vector(each.position), vector(each.intensity)) for k, each in enumerate(scene.lights, start=1)]
+    points = plain_lights(scene.name, scene.lights)
+    rows = [(str(k), vector(each.position), vector(each.intensity)) for k, each in enumerate(points, start=1)]
     return table(("Light", "position", "intensity"), rows, class_="lights")
 
 

@@ -11,6 +11,7 @@ from ...base.arrays import Floats, Integers, UInt32s
 from ...oracle import transform
 from ...oracle.corners import gather
 from ...oracle.vectors import dot, unit
+from ...scene.lights import plain_lights
 from ...scene.model import Scene
 
 
@@ -35,7 +36,7 @@ def measured(scene: Scene, ids: UInt32s) -> Triangles:
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     depths = transform.to_camera(corners.world, camera.eye, axes)[..., 2]
     world = corners.world[seen]
-    points = np.stack([camera.eye, *(light.position for light in scene.lights)])
+    points = np.stack([camera.eye, *(light.position for light in plain_lights(scene.name, scene.lights))])
     return Triangles(
         depths=depths[seen],
         mean_depths=transform.painter_depth(depths),

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...images.image_file import read_picture
+from ...scene.formats.environment import load_environment
 from ...scene.formats.load import load
 from ...scene.model import Scene
-from .seed_files import Sample, pack_glb, png_chunk, samples
+from .seed_files import IMAGES, Sample, pack_glb, png_chunk, samples
 
 SECONDS = 5.0  # of CPU time, for a file of a few KB
 MEMORY = 1 << 30  # bytes that loading may add to the peak memory of the process
@@ -239,6 +239,7 @@ _BY_EXTENSION = {
     ".gltf": (*_TEXTS, _json, _json, _json),
     ".glb": (*_ANY, _glb, _glb, _glb, _glb, _glb),
     ".exr": (*_ANY, _word, _window, _window, _window),
+    ".hdr": _TEXTS,
     ".npy": (*_ANY, _pickle, _pickle, _pickle),
     ".png": (*_ANY, _png, _png, _png, _png),
 }
@@ -313,7 +314,7 @@ def flaw(scene: Any) -> str:
 
 
 def load_problem(folder: Path, sample: Sample) -> str:
-    """Write the files of a sample to `folder`, load them with `load` or `read_picture`, and return what went wrong; ""
+    """Write the files of a sample to `folder`, load them with `load` or `load_environment`, and return what went wrong; ""
     if nothing."""
     for name, data in sample.files.items():
         (folder / name).write_bytes(data)
@@ -326,8 +327,8 @@ def load_problem(folder: Path, sample: Sample) -> str:
         warnings.simplefilter("always", UserWarning)
         try:
             first = folder / next(iter(sample.files))
-            if first.suffix == ".exr":
-                read_picture(first)
+            if first.suffix in IMAGES:
+                load_environment(first)
             else:
                 found = flaw(load(first, **options))
         except InputError as error:

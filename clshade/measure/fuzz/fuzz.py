@@ -103,8 +103,10 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
         meshes = []
         for mesh in scene.meshes:
             cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
-            if cutoff is not None and texture is not None and mesh.uvs is not None:
-                reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
+            if cutoff is not None and mesh.tests_alpha:
+                reach = 0.0
+                if texture is not None and mesh.uvs is not None:
+                    reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
                 margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
                 material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
             meshes.append(replace(mesh, material=material))

@@ -14,7 +14,8 @@ import numpy as np
 
 from ...base.arrays import Floats
 from ...oracle.transform import world_vertices
-from ...scene.model import Mesh, PointLight, Scene
+from ...scene.lights import DirectionalLight
+from ...scene.model import Light, Mesh, Scene
 from .random_shapes import Random
 
 SHARE = 0.3  # fraction of the scenes that get each extreme
@@ -117,7 +118,9 @@ def _thin(rng: Random, scene: Scene, _: bool) -> Scene:
 def _lights(rng: Random, scene: Scene, _: bool) -> Scene:
     """Put lights at the eye, at a vertex, and 1e-9 to 0.3 of a face's size away from the face."""
 
-    def moved(light: PointLight) -> PointLight:
+    def moved(light: Light) -> Light:
+        if isinstance(light, DirectionalLight):
+            return light
         where = rng.random()
         if where < 0.3:
             return replace(light, position=scene.camera.eye.copy())

@@ -14,7 +14,7 @@ import numpy as np
 from ...base.arrays import Array
 from ...scene.camera import Camera
 from ...scene.edges import EDGE_KINDS, MAX_WIDTH, Edges
-from ...scene.model import WRAPS, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
+from ...scene.model import WRAPS, Light, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
 from ...scene.settings import (
     AMBIENTS,
     INTERPOLATIONS,
@@ -24,7 +24,11 @@ from ...scene.settings import (
     VISIBILITIES,
     Preset,
 )
+from .random_environments import random_environment
 from .random_extremes import stiffened
+from .random_facets import with_facets
+from .random_lights import shaped
+from .random_maps import with_maps, with_nearest
 from .random_scalars import random_map, random_scalars
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
 
@@ -45,6 +49,11 @@ class Kind:
     device's default. other_lanes: another number, for scenes that are drawn again to compare the bits. sampled: whether
     pixels have several samples. bright: whether colors exceed 1; with shader phong they otherwise do not.
     scalars: whether a color map shows scalars of one more mesh, of its "vertices" or of its faces' "corners".
+    nearest: whether the first texture has that filter. maps: whether the shader is pbr, with maps. around:
+    whether it is pbr, in an environment. shaped: whether lights have directions, cones or attenuation.
+    transparent: whether materials blend, with alphas at vertices. facets: whether the shader is pbr, with parameters of its
+    own rather than those that follow from Phong's.
+    transparent: whether materials blend, with alphas at vertices. backdrop: whether an environment is the background.
     """
 
     settings: Settings
@@ -71,11 +80,18 @@ class Kind:
     bright: bool = False
     scalars: str = ""
     lines: bool = False
+    around: bool = False
+    nearest: bool = False
+    maps: bool = False
+    shaped: bool = False
+    transparent: bool = False
+    facets: bool = False
+    backdrop: bool = False
 
     @property
     def dim(self) -> bool:
         """Whether no color may exceed 1."""
-        return self.settings.shader == "phong" and not self.bright
+        return self.settings.shader in ("phong", "pbr") and not self.bright
 
 
 @dataclass(frozen=True)
@@ -151,11 +167,23 @@ def kind_of(seed: int, block: int) -> Kind:
     if scalars:
         finer |= {"scalars": "data", "layers": "all"}
     kind = replace(kind, settings=replace(settings, **finer), other_lanes=other, bright=bright, scalars=scalars)
-    if not often(0.15):
-        return kind
-    only = often(0.3)
-    lined = replace(kind.settings, edges=Edges("all", only=only))
-    return replace(kind, settings=lined, lines=True, background=kind.background or only)
+    if often(0.15):
+        only = often(0.3)
+        lined = replace(kind.settings, edges=Edges("all", only=only))
+        kind = replace(kind, settings=lined, lines=True, background=kind.background or only)
+    nearest = textured and often(0.3)
+    maps = textured and settings.shader == "phong" and often(0.3)
+    around = settings.shader == "phong" and often(0.2)
+    if maps or around:
+        kind = replace(kind, settings=replace(kind.settings, shader="pbr"), maps=maps, around=around)
+    kind = replace(kind, nearest=nearest, shaped=lit and often(0.4))
+    kind = replace(kind, transparent=often(0.3))
+    if kind.settings.shader in ("phong", "pbr") and often(0.3):
+        kind = replace(kind, settings=replace(kind.settings, shader="pbr"), facets=True)
+    if often(0.15):
+        shown = replace(kind.settings, background="environment")
+        kind = replace(kind, settings=shown, backdrop=True, background=False)
+    return kind
 
 
 def scene_of(number: int, seed: int = 0) -> RandomScene:
@@ -180,7 +208,10 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         shape = blob if k == 0 else SHAPES[rng.integers(len(SHAPES))]
         meshes.append(_mesh(rng, kind, material, shape(rng, camera)))
     scale, shift = _extremes(rng, kind)
-    lights = _lights(rng, kind, meshes)
+    points = [replace(light, position=light.position * scale + shift) for light in _lights(rng, kind, meshes)]
+    lights: tuple[Light, ...] = tuple(points)
+    if kind.shaped:
+        lights = shaped(np.random.default_rng([seed, number, 5]), points, scale, camera.lookat * scale + shift)
     scene = Scene(
         tuple(_moved_mesh(mesh, scale, shift, kind.double) for mesh in meshes),
         replace(
@@ -189,7 +220,7 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
             lookat=camera.lookat * scale + shift,
             plane=tuple((scale if kind.orthographic else 1.0) * np.array(camera.plane)),
         ),
-        tuple(replace(light, position=light.position * scale + shift) for light in lights),
+        lights,
         rng.uniform(0.05, 1.0, 3) if kind.ambient else np.zeros(3),
         rng.choice((0.1, 1.0, 1e4)) * rng.uniform(0.1, 1.0, 3) if kind.background else _nothing(rng),
         kind.preset,
@@ -210,6 +241,14 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         )
         scene = replace(scene, meshes=(*scene.meshes, mesh))
         settings = replace(settings, scalars=random_map(own, kind.scalars, mesh.scalars["data"]))
+    if kind.nearest:
+        scene = with_nearest(np.random.default_rng([seed, number, 5]), scene)
+    if kind.maps:
+        scene = with_maps(np.random.default_rng([seed, number, 6]), scene, kind.nearest)
+    if kind.facets:
+        scene = with_facets(np.random.default_rng([seed, number, 8]), scene)
+    if kind.around or kind.backdrop:
+        scene = replace(scene, environment=random_environment(np.random.default_rng([seed, number, 7])))
     if kind.lines:
         settings = replace(settings, edges=_edges(np.random.default_rng([seed, number, 4]), kind))
     return RandomScene(number, kind, scene, settings, again=number // 2 % 4 == 0)
@@ -340,6 +379,8 @@ def _material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
         sides="front" if (kind.front and all_of_it) or (kind.front and rng.random() < 0.3) else "both",
         two_sided=kind.two_sided and (all_of_it or rng.random() < 0.5),
         alpha_cutoff=rng.uniform(0.1, 0.9) if kind.alpha and (all_of_it or rng.random() < 0.6) else None,
+        blend=kind.transparent and (all_of_it or rng.random() < 0.6),
+        opacity=float(rng.choice((1.0, 0.5, 0.25, 1e-7, rng.uniform(0.1, 1)))) if kind.transparent else 1.0,
     )
 
 
@@ -402,6 +443,8 @@ def _mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_of_it: 
         fields["uvs"] = _coordinates(rng, len(verts) + 3)
         if kind.uv_faces and (all_of_it or rng.random() < 0.5):
             fields["uv_faces"] = rng.integers(0, len(verts) + 3, faces.shape)
+    if kind.transparent and (all_of_it or rng.random() < 0.5):
+        fields["alphas"] = rng.uniform(0, 1, len(verts)) * (rng.random(len(verts)) < 0.8)
     if not all_of_it:
         fields["instances"] = _placements(rng, kind.double)
     return Mesh(verts, faces, material=material, **fields)

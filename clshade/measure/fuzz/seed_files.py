@@ -17,10 +17,12 @@ from PIL import Image
 from ...base.arrays import Array
 from ...images import exr
 
+IMAGES = (".exr", ".hdr")
+
 
 @dataclass(frozen=True)
 class Sample:
-    """Files by name; the first is passed to `load`, or, if it is an image (.exr), to `read_picture`.
+    """Files by name; the first is passed to `load`, or, if it is an image (of IMAGES), to `load_environment`.
 
     texture: name of the file passed as option `texture`.
     """
@@ -33,7 +35,7 @@ class Sample:
 @cache
 def samples() -> tuple[Sample, ...]:
     """Return all samples. Each loads without error."""
-    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr()]
+    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr(), *_hdr()]
     return tuple(made)
 
 
@@ -278,6 +280,21 @@ def _exr() -> list[Sample]:
     return [Sample({"a.exr": data}) for data in files]
 
 
+# Radiance HDR
+
+
+def _hdr() -> list[Sample]:
+    codes = np.random.default_rng(6).integers(3, 256, (3, 9, 4), np.uint8)
+    codes[:, :4] = codes[:, :1]
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 3 +X 9\n"
+    rows = (b"".join(bytes([132, plane[0], 5]) + plane[4:].tobytes() for plane in row.T) for row in codes)
+    pixel_by_pixel = codes[0, 0].tobytes() + b"\1\1\1\3" + codes.tobytes()[16:]
+    return [
+        Sample({"a.hdr": head + b"".join(b"\2\2\0\x09" + row for row in rows)}),
+        Sample({"a.hdr": head + pixel_by_pixel}),
+    ]
+
+
 # glTF
 
 
@@ -346,8 +363,9 @@ def _document() -> _Document:
         {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0.2, 1]}, "doubleSided": True},
     ]
     d.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5}}]
-    light = {"type": "point", "color": [1, 1, 0.5], "intensity": 30}
-    d.json["extensions"] = {"KHR_lights_punctual": {"lights": [light, {"type": "directional"}]}}
+    light = {"type": "point", "color": [1, 1, 0.5], "intensity": 30, "range": 20}
+    spot = {"type": "spot", "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}}
+    d.json["extensions"] = {"KHR_lights_punctual": {"lights": [light, {"type": "directional"}, spot]}}
     d.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_texture_transform", "KHR_mesh_quantization"]
     d.json["nodes"] = [
         {"mesh": 0, "translation": [0, 1, 0], "rotation": [0, 0, 0, 1], "scale": [1, -1, 1], "children": [1]},
@@ -355,8 +373,9 @@ def _document() -> _Document:
         {"camera": 0, "translation": [0, 0, 6]},
         {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [1, 2, 3]},
         {"extensions": {"KHR_lights_punctual": {"light": 1}}},
+        {"extensions": {"KHR_lights_punctual": {"light": 2}}, "translation": [0, 3, 1]},
     ]
-    d.json.update(scenes=[{"nodes": [0, 2, 3, 4]}], scene=0)
+    d.json.update(scenes=[{"nodes": [0, 2, 3, 4, 5]}], scene=0)
     return d
 
 

@@ -10,7 +10,7 @@ from ...base import console, text_tables
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
 from ...scene.model import Scene, Settings
-from ...scene.settings import PRESETS, Preset
+from ...scene.settings import Preset
 from .reference_image import Reference
 from .short_study import Candidate, Limit, ShortStudy, row
 from .thinned_image import Thinned
@@ -111,7 +111,9 @@ def select(
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
     scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
-    fixed = set(fields) | (preset_fields() if preset is not None or scene.preset != BASE else set())
+    fixed = set(fields) | (
+        preset_fields(preset or scene.preset) if preset is not None or scene.preset != BASE else set()
+    )
     variants = [
         each for each in variants_for(scene, base, opened) if each.name in SHORT and not fixed & set(each.changes)
     ]
@@ -146,7 +148,8 @@ def busy_doubt(share: float) -> str:
     return f"other programs kept this one waiting for {share:.0%} of the time" if share > BUSY else ""
 
 
-def preset_fields() -> set[str]:
-    """Return the fields of Settings that differ between the presets."""
-    first, second = (vars(Settings.from_preset(preset)) for preset in PRESETS)
+def preset_fields(preset: Preset) -> set[str]:
+    """Return the fields of Settings in which a preset differs from `standard`, and that one from `course`."""
+    other: Preset = "course" if preset == "standard" else "standard"
+    first, second = (vars(Settings.from_preset(each)) for each in (preset, other))
     return {name for name, value in first.items() if second[name] != value}

@@ -28,6 +28,9 @@ WORK = {
     "DIFFUSE": "diffuse light",
     "SPECULAR": "highlights",
     "POWER": "power of highlights",
+    "EMISSION": "emission",
+    "ENVIRONMENT": "image-based light",
+    "LIGHT_SHAPES": "directions, cones and attenuation of lights",
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",
@@ -36,10 +39,19 @@ WORK = {
     "UV_INDICES": "indices of texture coordinates",
     "MIPMAPS": "mip-map levels",
     "ALPHA_TEST": "alpha test",
+    "NEAREST": "nearest texels",
+    "NORMAL_MAP": "normal maps",
+    "OCCLUSION_MAP": "occlusion maps",
+    "ROUGHNESS_MAP": "metallic-roughness maps",
+    "EMISSION_MAP": "emission maps",
+    "UV_SETS": "further texture coordinates",
+    "BLEND": "transparent surfaces, in exact order",
+    "VERTEX_ALPHA": "alpha at vertices",
     "MATERIALS": "material per face",
     "SIDES": "side of each material that is drawn",
     "DOUBLE_POSITIONS": "positions in float64",
     "BACKGROUND": "color of the background",
+    "BACKDROP": "environment as the background",
     "OWNERS": "owner of each pixel",
     "SORTED": "depth sort",
 }
@@ -164,6 +176,7 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         renderers = [opening(())]
         first = renderers[0].render()
         left_out = dict(renderers[0].features.left_out)
+        chosen = ("BACKDROP",) if renderers[0].features["BACKDROP"] else ()
         if left_out:
             renderers += [opening(OPTIONAL), *(opening((name,)) for name in left_out if each)]
         others = [renderer.render() for renderer in renderers[1:]]
@@ -174,7 +187,7 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
     sides = [_side(timed or [(first.stats["times_ms"],)], k, size) for k, size in enumerate(sizes)]
     return Explanation(
-        needed=tuple(name for name in OPTIONAL if name not in left_out),
+        needed=tuple(name for name in OPTIONAL if name not in left_out) + chosen,
         left_out=left_out,
         unneeded=_unneeded(first),
         frames=len(timed),

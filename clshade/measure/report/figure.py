@@ -204,7 +204,8 @@ def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], *other
     times = [ms for each in ways for ms in each.quartiles]
     for values, more, set_limits in ((times, (), axes.set_xlim), (errors, others, axes.set_ylim)):
         if max(values) < 1.1 * min(values):
-            set_limits(min(*values, *more) / 2.0, max(*values, *more) * 2.0)
+            shown = (*values, *more)
+            set_limits(min(shown) / 2.0, max(shown) * 2.0)
 
 
 # The causes of the error

@@ -16,7 +16,7 @@ from ...base.arrays import Array
 from ...errors import OutputError
 from ...images import exr, png
 from ...images.metrics import rmse
-from ...images.tonemap import Operator, radiance
+from ...images.tonemap import Operator, radiance, tonemap
 from ...pipeline.frame import Frame
 from ...scene.model import default_tonemap
 from ..timing import Spread, in_turns, spread
@@ -55,7 +55,7 @@ def formats(frame: Frame) -> list[Kept]:
     operator = default_tonemap(frame.scene)
 
     def write_png(path: Path) -> None:
-        png.write(path, frame.to_png8(operator))
+        png.write(path, tonemap(image, operator))
 
     writers: dict[str, Callable[[Path], Any]] = {
         **{name: partial(_write_exr, image, options) for name, options in EXR.items()},
@@ -74,7 +74,7 @@ def formats(frame: Frame) -> list[Kept]:
 def png_radiance(frame: Frame) -> Array:
     """Return the image as its PNG holds it, (M, N, 3) float64."""
     operator = default_tonemap(frame.scene)
-    return radiance(frame.to_png8(operator), operator)
+    return radiance(tonemap(frame.rgb, operator), operator)
 
 
 def _write_exr(image: Array, options: dict[str, Any], path: Path) -> None:

@@ -103,7 +103,7 @@ def _fits(pixels: int, scale: int, samples: int) -> bool:
 
 def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -> Settings:
     kept = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
-    kept.setdefault("shader", "nolight" if base.shader == "nolight" else "phong")
+    kept.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
     precision: Precision = "float64" if device.has_fp64 else "float32"
     return Settings.from_preset("standard", precision=precision, sample_shading=True, **kept)
 

@@ -19,6 +19,7 @@ from .format_errors import Kept, formats
 from .measure import Measured, measure
 from .model_errors import ModelErrors
 from .pareto import front, ties
+from .prefiltering import Prefiltering, prefiltering
 from .reference_image import Reference, reference
 from .sizes import Growth
 from .tessellation import Tessellation, tessellation
@@ -43,6 +44,7 @@ class Study:
     kept: tuple[Kept, ...]
     decomposition: Decomposition
     growths: tuple[Growth, ...] = ()
+    prefiltering: tuple[Prefiltering, ...] = ()  # of the environment, if shader pbr shows one
 
     @property
     def front(self) -> list[Measured]:
@@ -81,6 +83,7 @@ class Study:
             "families": [each.stats() for each in self.families],
             "decomposition": self.decomposition.stats(),
             "tessellation": self.tessellation.stats(),
+            "environment_prefiltering": [each.stats() for each in self.prefiltering],
             "sizes": [each.stats() for each in self.growths],
             "formats": [each.stats() for each in self.kept],
         }
@@ -92,7 +95,9 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
     converged = reference(scene, base, device)
     models = ModelErrors(scene, converged.settings, device)
     measured = measure(scene, variants, base, device, converged, models, frames=frames)
-    kept = formats(render(scene, settings=base, device=device))
+    drawn = render(scene, settings=base, device=device)
+    environment = drawn.scene.environment if base.shader == "pbr" else None
+    kept = formats(drawn)
     return Study(
         scene,
         device.title,
@@ -103,6 +108,7 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
         tessellation(device),
         tuple(kept),
         decompose(scene, Settings.from_preset(scene.preset), device, converged, models),
+        prefiltering=() if environment is None else prefiltering(environment),
     )
 
 

@@ -11,7 +11,7 @@ from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
 from ...images.metrics import has_flip
 from ...scene.model import Scene, Settings
-from ...scene.settings import PRESETS, Preset
+from ...scene.settings import PRESETS, Preset, picture_samples
 from . import csv_table, sizes
 from .families import ABOUT, Family
 from .measure import Measured
@@ -61,6 +61,11 @@ def _variant(each: Measured, mark: str) -> text_tables.Row:
     )
 
 
+PREFILTERING = (
+    "What image-based light is off by, for white metal and a white dielectric of a roughness: RMSE against quadrature over "
+    "the environment itself, and relative to what the metal sends on average."
+)
+PREFILTERED = ("roughness", "RMSE of metal", "of its light", "RMSE of dielectric")
 CAUSES = ("cause", "RMSE", "share", "of the PNG's")
 WHERE_FROM = (
     "Error of the image that `render` draws, by cause: RMSE of each alone; share of the total's mean square, negative where "
@@ -119,6 +124,19 @@ def _families(study: Study) -> Section:
     found = study.families
     notes = [f"{each.name} ({ABOUT[each.name]}): {expected(each.by_size(), each.law)}" for each in found]
     return Section("Work and precision", WORK_PRECISION, FAMILIES, [_family(each) for each in found], notes)
+
+
+def _prefiltering(study: Study) -> Section:
+    rows = [
+        (
+            f"{each.roughness:g}",
+            digits(each.metal),
+            f"{each.metal / each.mean:.1%}" if each.mean > 0.0 else "-",
+            digits(each.dielectric),
+        )
+        for each in study.prefiltering
+    ]
+    return Section("Environment's prefiltering", PREFILTERING, PREFILTERED, rows)
 
 
 def _tessellation(study: Study) -> Section:
@@ -188,6 +206,8 @@ def sections(study: Study) -> list[Section]:
         Section("Ways", "", VARIANTS, _variants(study), _notes(study)),
         Section("Where the error comes from", WHERE_FROM, CAUSES, _causes(study), study.decomposition.lines()),
     ]
+    if study.prefiltering:
+        found.append(_prefiltering(study))
     if study.families:
         found.append(_families(study))
     found += [_tessellation(study), Section("Output formats", "", FORMATS, _formats(study))]
@@ -237,11 +257,13 @@ def used_line(used: Measured, scene: Scene) -> str:
 
 
 def render_options(settings: Settings, scene: Scene) -> list[str]:
-    """Return the options for the image's size and for the settings, relative to the scene's preset or a nearer one."""
+    """Return the options of `render` for the image's size and for the settings, relative to the scene's preset or a nearer
+    one, and to the samples of its pictures."""
     columns, rows = scene.camera.resolution
 
     def options(preset: Preset) -> list[str]:
-        before = vars(Settings.from_preset(preset))
+        usual = picture_samples(scene.preset, None if preset == scene.preset else preset)
+        before = vars(Settings.from_preset(preset, samples=usual))
         changes = {name: value for name, value in vars(settings).items() if value != before[name]}
         parts = [] if preset == scene.preset else ["--preset", preset]
         for name, value in changes.items():

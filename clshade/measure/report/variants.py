@@ -41,7 +41,7 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
 VARIANTS = (
-    Variant(BASE, "phong, float32, all at the pixel's own point", {}),
+    Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
     Variant("float64", "double precision", {"precision": "float64"}),
     *(Variant(f"samples-{n}", f"{n} samples, shaded once", _samples(n)) for n in (4, 16, 64)),
@@ -75,12 +75,16 @@ SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene) -> Settings:
-    """Return the preset `standard` with the scene's own ambient term, which approximates no other."""
-    return Settings.from_preset("standard", ambient=Settings.from_preset(scene.preset).ambient)
+    """Return the preset `standard` with the scene's own ambient term and model of reflection, which approximate no
+    other."""
+    own = Settings.from_preset(scene.preset)
+    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader)
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
     """Return whether the changes are valid for the base, and the device can draw the result."""
+    if base.shader == "pbr" and "shader" in changes:  # no approximation, but another picture
+        return False
     if changes.get("precision") == "float64" and not device.has_fp64:
         return False
     try:
@@ -119,5 +123,8 @@ def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
 
 def _left_out(variant: Variant) -> str:
     """Return why `variants_for` leaves it out."""
-    needs_float64 = variant.changes.get("precision") == "float64"
-    return "needs a device with float64" if needs_float64 else "changes nothing of this scene"
+    if variant.changes.get("precision") == "float64":
+        return "needs a device with float64"
+    if "shader" in variant.changes:
+        return "is another picture than shader pbr's"
+    return "changes nothing of this scene"

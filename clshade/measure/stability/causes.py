@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.arrays import Array, Floats, Integers
+from ...oracle import shade
 from ...oracle.corners import Corners, gather
 from ...oracle.pixels import scene_lights
 from ...oracle.shade import CONDITIONS
@@ -164,16 +165,21 @@ def why(cause: str, pixel: Pixel) -> str:
 
 
 def _light(pixel: Pixel) -> str:
-    lights = scene_lights(pixel.scene).positions
-    positions = lights + pixel.scene.camera.eye
-    s = np.maximum(pixel.extent, np.abs(lights).max(axis=1))
-    with np.errstate(divide="ignore"):
-        nearest = int((s / length(positions - pixel.point)).argmax())
-        away = s[nearest] / pixel.terms[2]
+    lights = scene_lights(pixel.scene)
+    point, one = pixel.point - pixel.scene.camera.eye, np.ones(())
+    around = point, pixel.extent * one, one, np.zeros(3)
+    each = zip(lights.positions, lights.shapes, strict=True)
+    terms = [float(shade.conditions(*around, position[None], shapes=[shape])[2]) for position, shape in each]
+    nearest = int(np.argmax(terms))
+    position, shape = lights.positions[nearest], lights.shapes[nearest]
     number = [k for k, light in enumerate(pixel.scene.lights) if light.intensity.any()][nearest]
+    size, away = max(pixel.extent, float(np.abs(position).max())), float(length(position - point))
+    shaped = shape.attenuates or shape.axis is not None
+    also = f"; cone and attenuation amplify that {terms[nearest] * away / max(size, away):.3g} times"
     return (
-        f"light {number} is {away:.3g} from the surface, and coordinates relative to the eye reach {s[nearest]:.3g}: "
+        f"light {number} is {away:.3g} from the surface, and coordinates relative to the eye reach {size:.3g}: "
         "the direction to it turns by their rounding"
+        f"{also if shaped and away > 0.0 else ''}"
     )
 
 

@@ -251,7 +251,7 @@ def alternatives(settings: Settings, device: Device) -> tuple[dict[str, Settings
     base = replace(settings, layers=("Z", "id"))
     standard = Settings.from_preset("standard")
     pieces = ["visibility", "lighting_at", "interpolation", "texture_at"]
-    if base.shader != "nolight":  # no approximation, but another picture
+    if base.shader not in ("nolight", "pbr"):  # no approximation, but another picture
         pieces.append("shader")
     if base.precision == "fast":
         found["float32"] = replace(base, precision="float32")

@@ -29,7 +29,7 @@ LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a proce
 LOCK, SEAL, MARK = "lock", "seal", "in-use"
 _OWN = {LOCK, SEAL, MARK}
 _CHANGING = "last_accessed"  # in which PoCL notes when it used a program
-_UNFINISHED = "tempfile"  # prefix of files that PoCL is writing
+UNFINISHED = "tempfile"  # prefix of files that are being written, PoCL's among them
 _DIED = "a run that began to use it ended abruptly"
 
 
@@ -37,7 +37,8 @@ _DIED = "a run that began to use it ended abruptly"
 class Slot:
     """A cache folder that only this process uses while it lives.
 
-    folder: holds `pocl` (PoCL's kernel cache) and `binaries` (programs that other runtimes built).
+    folder: holds `pocl` (PoCL's kernel cache) and `binaries` (programs that other runtimes built, or which of PoCL's
+        folders hold a program).
     lock: descriptor of the locked file; None for a temporary folder, which needs neither seal nor mark.
     emptied: why what an earlier process had left was removed, a clause; "" if it was not.
     """
@@ -91,7 +92,7 @@ class Slot:
         with self._guard, contextlib.suppress(OSError):
             known, self._sealed = self._sealed, {}
             for name, status in _files(self.folder):
-                if os.path.basename(name).startswith(_UNFINISHED):
+                if os.path.basename(name).startswith(UNFINISHED):
                     continue
                 before = known.get(name)
                 if before is None or before[1:] != (status.st_size, status.st_mtime_ns):
@@ -137,7 +138,7 @@ class Slot:
     def _fault(self) -> str:
         if os.path.lexists(self.folder / MARK):
             return _DIED
-        expected = _read_seal(self.folder)
+        expected = read_seal(self.folder)
         if expected is None:
             return f"{SEAL} is damaged"
         try:
@@ -204,7 +205,7 @@ def _write_seal(folder: Path, digests: dict[str, str]) -> None:
     os.replace(made, folder / SEAL)
 
 
-def _read_seal(folder: Path) -> dict[str, str] | None:
+def read_seal(folder: Path) -> dict[str, str] | None:
     """Read the seal: name -> digest; empty if there is none yet; None if it is damaged."""
     try:
         digest, body = (folder / SEAL).read_bytes().split(b"\n", 1)

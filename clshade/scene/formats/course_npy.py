@@ -14,6 +14,7 @@ from ...base.atomic_files import Path, shown, write_bytes
 from ...base.input_files import file_error, read_file
 from ...base.validation import coefficient, number, value_error
 from ..camera import Camera
+from ..lights import plain_lights
 from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
 from . import safe_pickle
@@ -122,7 +123,8 @@ def save_course(scene: Scene, path: Path) -> None:
     ------
     InputError
         The format cannot hold the scene: another preset, several meshes or instances, a placement,
-        given normals, a texture (its image is a separate file), no background.
+        given normals, a texture (its image is a separate file), no background, lights other than
+        points without attenuation.
     OutputError
         The file cannot be written.
 
@@ -152,8 +154,9 @@ def save_course(scene: Scene, path: Path) -> None:
         channels = getattr(material, name)
         content[name] = float(channels[0]) if len({value.tobytes() for value in channels}) == 1 else channels
     content["n"] = int(material.n) if material.n.is_integer() and material.n > 0 else material.n
-    content["light_positions"] = [light.position for light in scene.lights]
-    content["light_intensities"] = [light.intensity for light in scene.lights]
+    lights = plain_lights(owner, scene.lights)
+    content["light_positions"] = [light.position for light in lights]
+    content["light_intensities"] = [light.intensity for light in lights]
     columns, count_rows = camera.resolution
     height, width = camera.plane
     content.update(Ia=scene.ambient, M=count_rows, N=columns, W=width, H=height)

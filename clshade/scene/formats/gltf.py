@@ -1,6 +1,6 @@
 """Scenes from glTF 2.0 files, .gltf and .glb.
 
-Own code on NumPy, because trimesh 5.2 loses wrap modes, texture transforms, alpha masks, double-sidedness, vertex
+Own code on NumPy, because trimesh 5.2 loses wrap modes, texture transforms, alpha masks, blending, double-sidedness, vertex
 colors next to a texture, cameras and lights, and the order of the file; and it accepts indices out of range and
 infinite positions.
 """
@@ -16,19 +16,23 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted
-from .. import framing
+from .. import fitting, framing
 from ..model import MAX_FACES, Mesh, Scene
 from ..normals import crease_normals
 from ..triangulate import single_fan, strips
 from .gltf_accessors import Buffers, open_gltf
 from .gltf_json import Item
-from .gltf_materials import Materials, Surface
-from .gltf_nodes import MAX_NODES, Placed, camera_of, lights_of, placed
+from .gltf_lights import lights_of
+from .gltf_materials import Materials, Surface, transformed, with_coordinates
+from .gltf_nodes import MAX_NODES, Placed, camera_of, placed
 from .options import Options, warn_ignored
 
 # Extensions that are rendered, and those that a renderer may ignore.
 RENDERED = (
     "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
@@ -39,14 +43,15 @@ _SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
 
 
 def read_gltf(path: Path, options: Options) -> Scene:
-    """Read a glTF file. Every triangle primitive of a mesh becomes a Mesh with all its placements.
+    """Read a glTF file, a scene of preset pbr. Every triangle primitive of a mesh becomes a Mesh with all its placements.
 
     Rendered: node transforms, base color (factor, texture, vertex colors, which are linear), metallic and roughness
-    factors (see gltf_materials.phong), KHR_materials_unlit, alpha masks, double-sidedness (two-sided materials are lit
-    on both sides), wrap modes, KHR_texture_transform, strips, fans and sparse accessors, the first camera, point and
-    directional lights. Attributes of the application's own with one number per vertex, `_NAME`, become Mesh.scalars, NAME.
-    Faces without normals are flat, as glTF specifies, unless options.crease is given. Other
-    features of the file are listed in Scene.ignored and in one warning.
+    factors (for Phong's model see gltf_materials.phong), with shader pbr also metallic-roughness maps, normal maps,
+    occlusion, emission, KHR_materials_ior and _specular; KHR_materials_unlit, alpha masks, double-sidedness (two-sided
+    materials are lit on both sides), wrap modes and filters, KHR_texture_transform, strips, fans and sparse accessors, the
+    first camera, lights (see gltf_lights.lights_of). Attributes of the application's own with one number per vertex,
+    `_NAME`, become Mesh.scalars, NAME. Faces without normals are flat, as glTF specifies, unless options.crease is given.
+    Other features of the file are listed in Scene.ignored and in one warning.
 
     Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
     """
@@ -60,20 +65,21 @@ def read_gltf(path: Path, options: Options) -> Scene:
         raise file_error(owner, "meshes", "at least one triangle in the scene", "none")
     if options.texture is not None and all(mesh.uvs is None for mesh in meshes):
         raise file_error(owner, "TEXCOORD_0", "texture coordinates for the texture", "none")
-    sphere = framing.bounding_sphere(meshes)
-    camera = camera_of(document, nodes, sphere, options.resolution)
-    if len(nodes.cameras) > 1:
+    sphere = fitting.bounding_sphere(meshes)
+    camera = None if options.fit else camera_of(document, nodes, sphere, options.resolution)
+    if len(nodes.cameras) > 1 and not options.fit:
         ignored.append("cameras but the first")
+    lights, light_scale = lights_of(nodes.lights, sphere, ignored)
     scene = framing.framed(
         meshes,
         os.path.splitext(os.path.basename(os.fspath(path)))[0],
         options.resolution,
         up=options.up or "y",
         camera=camera,
-        lights=lights_of(nodes, sphere, ignored),
+        lights=lights,
         sphere=sphere,
     )
-    return warn_ignored(scene, owner, ignored)
+    return warn_ignored(replace(scene, preset="pbr", light_scale=light_scale), owner, ignored)
 
 
 def _check_asset(document: Item) -> list[str]:
@@ -154,7 +160,7 @@ class _Builder:
             return None
         verts = self._attribute(attributes, "POSITION", 3)
         surface = self.materials.surface(item.reference("material", "materials"))
-        if verts is None or not surface.visible:
+        if verts is None:
             return None
         faces = self._triangles(item, len(verts))
         if not len(faces):
@@ -172,22 +178,36 @@ class _Builder:
             return values if used is None or values is None else values[used]
 
         normals, colors = rows("NORMAL", 3), rows("COLOR_0", 3, 4)
-        uvs = rows(f"TEXCOORD_{surface.coordinates}", 2) if surface.material.texture is not None else None
-        if uvs is not None and surface.transform is not None:
-            uvs = uvs.astype(np.float64) @ surface.transform[:, :2].T + surface.transform[:, 2]
-        if colors is not None and colors.shape[1] == 4:
-            if surface.alpha_counts and (colors[:, 3] < 1.0).any():
-                self.ignored.append("alpha of vertex colors")
+        uvs = [transformed(rows(f"TEXCOORD_{number}", 2), transform) for number, transform in surface.coordinates]
+        if any(each is None for each in uvs):
+            self.ignored.append("textures of meshes without their texture coordinates")
+        if colors is not None and not surface.alpha_counts:
             colors = colors[:, :3]
         own = verts if used is None else verts[used]
         normal_faces = None
         if normals is None:
             normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
-        material = self.options.lit(surface.material, by_file=True)
+        material = self.options.lit(with_coordinates(surface.material, uvs), by_file=True)
+        any_uvs = next((each for each in uvs if each is not None), None)
+        all_uvs = [] if any_uvs is None else [np.zeros_like(any_uvs) if each is None else each for each in uvs]
+        tangents = None
+        if normal_faces is None and material.microfacets.normal_texture is not None:
+            tangents = rows("TANGENT", 4)
         scalars = {
             name: values if used is None else values[used] for name, values in self._scalars(attributes, len(verts))
         }
-        return Mesh(own, faces, colors, normals, normal_faces, uvs, material=material, scalars=scalars)
+        return Mesh(
+            own,
+            faces,
+            colors,
+            normals,
+            normal_faces,
+            all_uvs[0] if all_uvs else None,
+            material=material,
+            scalars=scalars,
+            tangents=tangents,
+            more_uvs=all_uvs[1:],
+        )
 
     def _scalars(self, attributes: Item, count: int) -> Iterator[tuple[str, Array]]:
         """Yield the application's own attributes with one number per vertex, (V,), by name without the underscore."""

@@ -6,6 +6,7 @@ import math
 import os
 import warnings
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,32 +16,30 @@ from ...base.input_files import file_error, quoted, read_file
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
-from ..model import Material, Texture, Wrap
+from ..metallic_roughness import MOST_SCALE, TEXTURES
+from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
 from .gltf_accessors import Buffers
 from .gltf_json import Item
 from .mtl import MAX_PIXELS
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_SMALLEST_ALPHA = 1.0 / 512.0  # the least that is visible with blending
-_MAPS = {
-    "normalTexture": "normal maps",
-    "occlusionTexture": "occlusion maps",
-    "emissiveTexture": "emission",
-}
+_MOST_EMISSION = float(np.finfo(np.float32).max)
+_NEAREST, _LINEAR = 9728, 9729
+SHARPEST_WIDE = 12.0  # the exponent from which on lobes stay as they are
+
+Coordinates: TypeAlias = tuple[int, tuple[float, ...] | None]  # number of the attribute, rows of the transform
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A material, and the texture coordinates of its texture.
+    """A material, and the texture coordinates of its textures.
 
-    coordinates: the number of the TEXCOORD set. transform: (2, 3) for (u, v, 1), or None. visible: False if its alpha
-    is too low everywhere. alpha_counts: whether alpha decides where it is seen.
+    coordinates: for each set that its textures look up, the number of the TEXCOORD attribute and the transform, (2, 3) for
+    (u, v, 1), or None. alpha_counts: whether alpha counts, that of vertices too.
     """
 
     material: Material
-    coordinates: int
-    transform: Array | None
-    visible: bool
+    coordinates: tuple[Coordinates, ...]
     alpha_counts: bool
 
 
@@ -52,18 +51,26 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
 
     The microfacet model of glTF 2.0 (appendix B) has alpha = roughness^2, and 2/alpha^2 - 2 is the exponent of the
     half vector whose lobe is as wide (Blinn's form of Beckmann's distribution). The mirrored direction moves twice as
-    fast as the half vector, so Phong's exponent is a quarter of that: n = (1/alpha^2 - 1) / 2, at least 1 and, as a
-    roughness below 0.1 counts as 0.1, at most 4999.5. A normalized lobe beside a diffuse term of 1/pi has the peak
-    F0 * (n+2)/2 with F0 = 0.04 + metallic * (base - 0.04); it is limited to 1, the brightness of a white diffuse
+    fast as the half vector, so Phong's exponent is a quarter of that: m = (1/alpha^2 - 1) / 2, at most 4999.5, as a
+    roughness below 0.1 counts as 0.1. A normalized lobe beside a diffuse term of 1/pi has the peak
+    F0 * (m+2)/2 with F0 = 0.04 + metallic * (base - 0.04); it is limited to 1, the brightness of a white diffuse
     surface.
     Diffuse is 1 - metallic of the base color; metals keep 0.4 of it, for the environment that they would reflect and
     that a scene of point lights lacks.
+
+    A wide lobe (m below SHARPEST_WIDE) would end at N.L = 0 with a bright edge, for Phong's highlight is not weighted
+    by N.L. It becomes a lobe with that exponent and diffuse light, which together have its peak and its energy, see
+    README.md; diffuse light is at most 1 then, as more than all cannot be reflected.
     """
     alpha = max(roughness * roughness, 1e-2)
-    exponent = max((1.0 / (alpha * alpha) - 1.0) / 2.0, 1.0)
+    wide = (1.0 / (alpha * alpha) - 1.0) / 2.0
     reflectance = 0.04 + metallic * (base - 0.04)
-    peak = min(reflectance * (exponent + 2.0) / 2.0, 1.0)
-    return 1.0 - 0.6 * metallic, peak / max(base, 0.04), exponent
+    peak = min(reflectance * (wide + 2.0) / 2.0, 1.0)
+    diffuse, exponent = 1.0 - 0.6 * metallic, max(wide, SHARPEST_WIDE)
+    if wide < SHARPEST_WIDE:
+        whole, peak = peak, peak * (wide / (wide + 2.0)) * ((SHARPEST_WIDE + 2.0) / SHARPEST_WIDE)
+        diffuse = min(diffuse + (whole - peak) / max(base, 0.04), 1.0)
+    return diffuse, peak / max(base, 0.04), exponent
 
 
 class Materials:
@@ -76,8 +83,8 @@ class Materials:
     def __init__(self, document: Item, buffers: Buffers, own: Texture | None, ignored: list[str]) -> None:
         self.document, self.buffers, self.own, self.ignored = document, buffers, own, ignored
         self._surfaces: dict[int | None, Surface] = {}
-        self._images: dict[int, Array | None] = {}
-        self._textures: dict[tuple[int, bool], Texture | None] = {}
+        self._images: dict[tuple[int, bool], Array | None] = {}
+        self._textures: dict[tuple[int, bool, bool, int], Texture | None] = {}
         self._pixels = 0
 
     def surface(self, index: int | None) -> Surface:
@@ -91,11 +98,11 @@ class Materials:
     def _surface(self, item: Item) -> Surface:
         reflection = item.item("pbrMetallicRoughness") or Item({}, item.where, item.root, item.owner)
         *color, opacity = reflection.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)).tolist()
-        metallic = min(reflection.number("metallicFactor", 1.0, least=0.0), 1.0)
-        roughness = min(reflection.number("roughnessFactor", 1.0, least=0.0), 1.0)
-        self._note_maps(item, reflection)
-        cutoff = self._cutoff(item)
-        texture, coordinates, transform = self._texture(reflection.item("baseColorTexture"), cutoff is not None)
+        metallic, roughness = _factor(reflection, "metallicFactor"), _factor(reflection, "roughnessFactor")
+        blend, cutoff = self._alpha_mode(item)
+        alpha_counts = blend or cutoff is not None
+        sets: list[Coordinates] = []
+        texture = self._color_texture(reflection.item("baseColorTexture"), alpha_counts, sets)
         base = float(np.mean(color))
         if texture is not None:
             with np.errstate(over="ignore"):
@@ -103,102 +110,134 @@ class Materials:
         kd, ks, n = phong(metallic, roughness, base)
         double = item.value.get("doubleSided") is True
         material = Material(
-            **{"ka": 1.0, "kd": kd, "ks": ks, "n": n},
+            ka=1.0,
+            kd=kd,
+            ks=ks,
+            n=n,
             color=color,
             texture=texture,
             name=item.text("name"),
             sides="both" if double else "front",
             two_sided=double,
+            alpha_cutoff=cutoff,
+            pbr=MetallicRoughness(metallic, roughness, **self._maps(item, reflection, sets)),
+            blend=blend,
+            opacity=_held(reflection, "baseColorFactor", opacity, 0.0, 1.0) if alpha_counts else 1.0,
         )
         if item.extension("KHR_materials_unlit") is not None:  # the color itself, independent of the lights
-            material = replace(material, ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
-        visible, alpha_counts = True, cutoff is not None and cutoff > 0.0
-        if cutoff is not None and cutoff > 0.0:
-            visible = opacity > 0.0 and (texture is not None or opacity >= cutoff)
-            if visible and texture is not None and texture.image.shape[2] == 4:
-                material = replace(material, alpha_cutoff=cutoff / opacity)
-        return Surface(material, coordinates, transform, visible, alpha_counts)
+            material = replace(material, ka=1.0 / AMBIENT, kd=0.0, ks=0.0, pbr=None)
+        return Surface(material, tuple(sets), alpha_counts)
 
-    def _note_maps(self, item: Item, reflection: Item) -> None:
-        for key, words in _MAPS.items():
-            if key in item.value:
-                self.ignored.append(words)
-        if item.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)).any():
-            self.ignored.append("emission")
-        if "metallicRoughnessTexture" in reflection.value:
-            self.ignored.append("metallic-roughness textures")
+    def _maps(self, item: Item, reflection: Item, sets: list[Coordinates]) -> dict[str, Any]:
+        """Return the fields of MetallicRoughness that are maps, emission and those of extensions."""
+        found: dict[str, Any] = self._dielectric(item)
+        worn = reflection.item("metallicRoughnessTexture")
+        if worn is not None:
+            found["metallic_roughness_texture"] = self._texture(worn, False, sets)
+        normal, occlusion, emission = (item.item(f"{name}Texture") for name in ("normal", "occlusion", "emissive"))
+        if normal is not None:
+            found["normal_texture"] = self._texture(normal, False, sets)
+            found["normal_scale"] = _held(normal, "scale", normal.number("scale", 1.0), -MOST_SCALE, MOST_SCALE)
+        if occlusion is not None:
+            found["occlusion_texture"] = self._texture(occlusion, False, sets)
+            found["occlusion_strength"] = _factor(occlusion, "strength")
+        color = _held(item, "emissiveFactor", item.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)), 0.0, _MOST_EMISSION)
+        strength = item.extension("KHR_materials_emissive_strength")
+        scale = 1.0 if strength is None else strength.number("emissiveStrength", 1.0, least=0.0)
+        found["emission"] = _held(strength or item, "emissiveStrength", color * min(scale, 1e200), 0.0, _MOST_EMISSION)
+        if emission is not None and color.any():
+            found["emission_texture"] = self._texture(emission, True, sets)
+        return found
 
-    def _cutoff(self, item: Item) -> float | None:
-        """Return the alpha below which nothing is drawn, or None for an opaque material."""
+    def _dielectric(self, item: Item) -> dict[str, Any]:
+        """Return the fields of KHR_materials_ior and KHR_materials_specular."""
+        found: dict[str, Any] = {}
+        ior, specular = item.extension("KHR_materials_ior"), item.extension("KHR_materials_specular")
+        if ior is not None:
+            index = ior.number("ior", 1.5, least=0.0)
+            found["ior"] = _held(ior, "ior", index, 1.0, math.inf) if index else 0.0
+        if specular is not None:
+            found["specular"] = _factor(specular, "specularFactor")
+            color = specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))
+            found["specular_color"] = _held(specular, "specularColorFactor", color, 0.0, math.inf)
+            if "specularTexture" in specular.value or "specularColorTexture" in specular.value:
+                self.ignored.append("maps of KHR_materials_specular")
+        return found
+
+    def _alpha_mode(self, item: Item) -> tuple[bool, float | None]:
+        """Return whether alpha is composited, and the alpha below which nothing is drawn, None if there is none."""
         mode = item.text("alphaMode", "OPAQUE")
-        if mode == "OPAQUE":
-            return None
-        if mode == "BLEND":
-            self.ignored.append("blending (opaque where alpha is not 0)")
-            return _SMALLEST_ALPHA
-        if mode != "MASK":
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
             raise item.error("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
-        return item.number("alphaCutoff", 0.5)
+        cutoff = item.number("alphaCutoff", 0.5) if mode == "MASK" else None
+        return mode == "BLEND", cutoff if cutoff is not None and cutoff > 0.0 else None
 
-    def _texture(self, item: Item | None, alpha: bool) -> tuple[Texture | None, int, Array | None]:
-        """Return a texture, the number of its coordinates and their transform. alpha: whether to keep that channel."""
+    def _color_texture(self, item: Item | None, alpha: bool, sets: list[Coordinates]) -> Texture | None:
+        """Return the texture of the base color, whose coordinates are the first set. alpha: whether to keep that channel."""
         if self.own is not None:
-            return self.own, 0 if item is None else item.integer("texCoord", 0), None
-        if item is None:
-            return None, 0, None
+            sets.append((0 if item is None else item.integer("texCoord", 0), None))
+            return self.own
+        return None if item is None else self._texture(item, True, sets, alpha)
+
+    def _texture(self, item: Item, srgb: bool, sets: list[Coordinates], alpha: bool = False) -> Texture | None:
+        """Return a texture; its coordinates are added to `sets`. srgb: whether its colors are; else numbers."""
         index = item.reference("index", "textures")
         if index is None:
             raise item.error("index", "an index", "none")
-        coordinates, transform = item.integer("texCoord", 0), None
+        coordinates: Coordinates = item.integer("texCoord", 0), None
         moved = item.extension("KHR_texture_transform")
         if moved is not None:
-            coordinates = moved.integer("texCoord", coordinates)
-            transform = _transform(moved)
-        if (index, alpha) not in self._textures:
-            self._textures[index, alpha] = self._loaded(self.document.entry("textures", index), alpha)
-        return self._textures[index, alpha], coordinates, transform
+            coordinates = moved.integer("texCoord", coordinates[0]), _transform(moved)
+        if coordinates not in sets:
+            sets.append(coordinates)
+        key = index, srgb, alpha, sets.index(coordinates)
+        if key not in self._textures:
+            self._textures[key] = self._loaded(self.document.entry("textures", index), *key[1:])
+        return self._textures[key]
 
-    def _loaded(self, entry: Item, alpha: bool) -> Texture | None:
+    def _loaded(self, entry: Item, srgb: bool, alpha: bool, coordinates: int) -> Texture | None:
         webp = entry.extension("EXT_texture_webp")
         source = (webp or entry).reference("source", "images")
-        image = None if source is None else self._image(source)
+        image = None if source is None else self._image(source, srgb)
         if image is None:
             return None
-        return Texture(image if alpha else image[:, :, :3], wrap=self._wraps(entry), name=self._name(entry, source))
+        wraps, filter = self._sampler(entry)
+        name = self._name(entry, source)
+        rgb = image if alpha else image[:, :, :3]
+        return Texture(rgb, wrap=wraps, name=name, filter=filter, coordinates=coordinates)
 
     def _name(self, entry: Item, source: int | None) -> str:
         return entry.text("name") or ("" if source is None else self.document.entry("images", source).text("name"))
 
-    def _wraps(self, entry: Item) -> tuple[Wrap, Wrap]:
+    def _sampler(self, entry: Item) -> tuple[tuple[Wrap, Wrap], Filter]:
+        """Return wrap modes and filter. The filter is that of magnification: how textures are made smaller is a setting."""
         index = entry.reference("sampler", "samplers")
         if index is None:
-            return "repeat", "repeat"
+            return ("repeat", "repeat"), "linear"
         sampler, found = self.document.entry("samplers", index), []
         for key in ("wrapS", "wrapT"):
             mode = sampler.integer(key, 10497)
             if mode not in _WRAPS:
                 raise sampler.error(key, "one of " + ", ".join(map(str, _WRAPS)), str(mode))
             found.append(_WRAPS[mode])
-        if 9728 in (sampler.value.get("magFilter"), sampler.value.get("minFilter")):
-            self.ignored.append("nearest filters (bilinear)")
-        return found[0], found[1]
+        return (found[0], found[1]), "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
 
-    def _image(self, index: int) -> Array | None:
-        """Return (h, w, 3 or 4) float32, linear, row 0 at the top; None, with a warning, if there is no such file."""
-        if index not in self._images:
-            image = self._decoded(self.document.entry("images", index))
+    def _image(self, index: int, srgb: bool) -> Array | None:
+        """Return (h, w, 3 or 4) float32, row 0 at the top, colors linear; None, with a warning, if there is no such file."""
+        if (index, srgb) not in self._images:
+            image = self._decoded(self.document.entry("images", index), srgb)
             self._pixels += 0 if image is None else image.shape[0] * image.shape[1]
             if self._pixels > MAX_PIXELS:
                 expected = f"images of at most {MAX_PIXELS} pixels in all"
                 raise file_error(self.document.owner, "images", expected, "more")
-            self._images[index] = image
-        return self._images[index]
+            self._images[index, srgb] = image
+        return self._images[index, srgb]
 
-    def _decoded(self, item: Item) -> Array | None:
+    def _decoded(self, item: Item, srgb: bool) -> Array | None:
         owner = f"{item.owner}: {item.where}"
         view = item.reference("bufferView", "bufferViews")
         if view is not None:
-            return decode_image(self.buffers.view(view)[0], owner, srgb=True)
+            return decode_image(self.buffers.view(view)[0], owner, srgb=srgb)
         text = item.text("uri")
         if not text:
             raise item.error("uri", "a file, data or a bufferView", "none")
@@ -208,14 +247,56 @@ class Materials:
             return None
         if isinstance(found, str):
             owner = f"{item.owner}: {shown(os.path.basename(found))}"
-            return decode_image(read_file(found, MAX_IMAGE_BYTES), owner, srgb=True)
-        return decode_image(found, owner, srgb=True)
+            return decode_image(read_file(found, MAX_IMAGE_BYTES), owner, srgb=srgb)
+        return decode_image(found, owner, srgb=srgb)
 
 
-def _transform(item: Item) -> Array | None:
-    """Return (2, 3) of a KHR_texture_transform: scale, then rotation, then offset; None for the identity."""
+def _held(item: Item, key: str, given: Any, least: float, most: float) -> Any:
+    """Return a number or an array, clamped to what the specification allows, with a warning where that changes it."""
+    clamped = np.clip(given, least, most)
+    if (clamped != given).any():
+        words = f"from {least:g} to {most:g}" if most < math.inf else f"from {least:g} on"
+        found = " ".join(f"{number:g}" for number in np.ravel(given)[np.ravel(clamped != given)])
+        warnings.warn(
+            f"{item.owner}: {item.where}.{key}: expected numbers {words}, found {found}: clamped", stacklevel=2
+        )
+    return clamped if np.ndim(given) else float(clamped)
+
+
+def _factor(item: Item, key: str) -> float:
+    """Return a factor from 0 to 1, by default 1. Raises InputError if it is below 0."""
+    factor: float = _held(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0)
+    return factor
+
+
+def _transform(item: Item) -> tuple[float, ...] | None:
+    """Return the rows of (2, 3) of a KHR_texture_transform: scale, then rotation, then offset; None for the identity."""
     (su, sv), (du, dv) = item.numbers("scale", 2, (1.0, 1.0)), item.numbers("offset", 2, (0.0, 0.0))
     angle = item.number("rotation", 0.0)
     cosine, sine = math.cos(angle), math.sin(angle)
     matrix = np.array([[cosine * su, sine * sv, du], [-sine * su, cosine * sv, dv]])
-    return None if (matrix == np.eye(2, 3)).all() else matrix
+    return None if (matrix == np.eye(2, 3)).all() else tuple(matrix.ravel().tolist())
+
+
+def transformed(uvs: Array | None, rows: tuple[float, ...] | None) -> Array | None:
+    """Return texture coordinates (V, 2) after a transform given by its rows."""
+    if uvs is None or rows is None:
+        return uvs
+    matrix = np.reshape(rows, (2, 3))
+    moved: Array = uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2]
+    return moved
+
+
+def with_coordinates(material: Material, uvs: list[Array | None]) -> Material:
+    """Return the material without the textures whose coordinates, one set after the other, are missing."""
+    if all(each is not None for each in uvs):
+        return material
+
+    def kept(texture: Texture | None) -> Texture | None:
+        return None if texture is None or uvs[texture.coordinates] is None else texture
+
+    facets = material.pbr
+    if facets is not None:
+        maps: dict[str, Any] = {name: kept(getattr(facets, name)) for name in TEXTURES}
+        facets = replace(facets, **maps)
+    return replace(material, texture=kept(material.texture), pbr=facets)

@@ -10,11 +10,10 @@ import numpy as np
 from ...base.arrays import Array, Floats
 from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
-from ..model import PointLight
 from .gltf_json import Item
 
 MAX_NODES = 1 << 16
-_FAR = 1e6  # distance of a directional light, in bounding radii
+_LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and moves no pixel
 
 
 @dataclass
@@ -159,35 +158,13 @@ def camera_of(
     away = float((center - eye) @ forward)
     away = away if away > 1e-3 * radius else radius
     plane = (height, height * resolution[0] / resolution[1])
-    return Camera(eye, eye + forward * away, up, 1.0, plane, resolution, orthographic=flat)
+    return Camera(eye, eye + forward * away, _upward(forward, up), 1.0, plane, resolution, orthographic=flat)
 
 
-def lights_of(found: Placed, sphere: tuple[Array, float], ignored: list[str]) -> tuple[PointLight, ...]:
-    """Return the point and directional lights of the scene (KHR_lights_punctual); spot lights are added to `ignored`.
-
-    sphere: center and radius of the meshes. A clshade scene has no exposure and its lights no attenuation: each light
-    gets its color times its illuminance at the center (intensity / distance^2, the distance at least the radius), and
-    all are scaled so that the strongest one has 1. A directional light becomes a point far away.
-    """
-    center, radius = sphere
-    places, strengths = [], []
-    for item, matrix in found.lights:
-        kind = item.text("type")
-        if kind not in ("point", "directional"):
-            ignored.append("spot lights" if kind == "spot" else "lights of an unknown type")
-            continue
-        color = item.numbers("color", 3, (1.0, 1.0, 1.0)) * item.number("intensity", 1.0, least=0.0)
-        place = matrix[:3, 3]
-        if kind == "directional":
-            towards = _unit(matrix[:3, 2])
-            if towards is None:
-                continue
-            place = center + towards * (_FAR * radius)
-        else:
-            color = color / max(float(np.linalg.norm(place - center)), radius) ** 2
-        places.append(place)
-        strengths.append(color)
-    strongest = max((float(np.abs(strength).max()) for strength in strengths), default=0.0)
-    if not 0.0 < strongest < math.inf:
-        return ()
-    return tuple(PointLight(place, strength / strongest) for place, strength in zip(places, strengths, strict=True))
+def _upward(forward: Array, up: Array) -> Array:
+    """Return what points up for a camera with these axes, unit each: +y, which is up in glTF, unless it is rolled or
+    upside down or sees it end on. The image is the same, but what goes round `up` goes round the scene's own axis."""
+    y = np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, up)
+    level = abs(right[1]) <= _LEVEL * np.linalg.norm(np.cross(forward, y))
+    return y if level and up[1] > 0.0 else up

@@ -18,6 +18,7 @@ from ...base.input_files import file_error, quoted, size_of
 from ...base.validation import flag, integer, value_error
 from ...base.validation import path as checked_path
 from ...errors import InputError
+from ..adjust_camera import refitted
 from ..camera import MAX_RESOLUTION
 from ..framing import Up
 from ..model import Scene, Texture
@@ -47,11 +48,12 @@ def load(
     flat: bool = False,
     up: Up | None = None,
     two_sided: bool | None = None,
+    fit: bool = False,
 ) -> Scene:
     """Load a scene from a file.
 
     A .npy file is a course scene (preset `course`); .obj, .gltf, .glb, .ply and .stl files are
-    meshes (preset `standard`).
+    meshes (preset `pbr` of glTF files, `standard` of the others).
 
     Parameters
     ----------
@@ -82,6 +84,9 @@ def load(
     two_sided : bool, optional
         Light surfaces seen from behind like those seen from the front. Default: as the glTF file
         says; True for OBJ, PLY and STL, which cannot say.
+    fit : bool, default False
+        Ignore the camera of the file, and choose one that shows all of the scene, as for a mesh
+        without one.
 
     Returns
     -------
@@ -101,10 +106,11 @@ def load(
 
     Notes
     -----
-    A mesh gets a camera and lights chosen from its bounding box (`clshade.scene.framing.framed`),
-    unless a glTF file has its own. Materials and images are opened only inside the file's own
-    folder. Code in a file is never run, and nothing is fetched. A file that takes more than a
-    second to load is announced by a line on stderr.
+    A mesh gets a camera that shows all of its vertices (`clshade.scene.fitting.fitted`) and lights
+    around it, unless a glTF file has its own; `Scene.fitted` says whether it got the camera.
+    Materials and images are opened only inside the file's own folder. Code in a file is never run,
+    and nothing is fetched. A file that takes more than a second to load is announced by a line on
+    stderr.
 
     Examples
     --------
@@ -119,6 +125,7 @@ def load(
         resolution = _resolution(resolution)
     flat = flag("load", "flat", flat)
     two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
+    fit = flag("load", "fit", fit)
     if flat and crease is not None:
         raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
     try:
@@ -128,11 +135,12 @@ def load(
                     raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
                 scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
                 scene = scene if two_sided is None else _lit(scene, two_sided)
+                scene = refitted(scene) if fit else scene
             elif focal is not None:
                 raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
             else:
                 own = None if texture is None else as_texture(texture, srgb=True)
-                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided)
+                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit)
                 scene = _read_mesh(path, extension, options)
     except InputError as error:
         raise _named(error, owner) from None

@@ -34,7 +34,7 @@ DEFAULTS = {"kd": 0.8, "ks": 0.0, "n": 20.0}
 _IGNORED = {
     **dict.fromkeys(("bump", "map_bump", "norm", "map_kn"), "normal maps"),
     **dict.fromkeys(("ke", "map_ke"), "emission"),
-    **dict.fromkeys(("d", "tr", "tf"), "transparency"),
+    "tf": "transmission",
     **dict.fromkeys(("map_ka", "map_ks", "map_ns"), "maps of Ka, Ks and Ns"),
     **dict.fromkeys(("map_pr", "map_pm", "pr", "pm"), "metallic-roughness"),
     **dict.fromkeys(("map_ps", "ps", "pc", "aniso"), "sheen, clearcoat and anisotropy"),
@@ -122,6 +122,9 @@ class Library:
             material.values[_COLORS[keyword]] = _color(rest, owner, where)
         elif keyword == "ns":
             material.values["n"] = _exponent(rest, owner, where)
+        elif keyword in ("d", "tr"):
+            opacity = _opacity(rest, owner, where)
+            material.values["opacity"] = opacity if keyword == "d" else 1.0 - opacity
         elif keyword == "illum":
             (value,) = _floats(rest, owner, where, (1,), "a number")
             material.model = int(min(max(value, 0.0), 99.0))
@@ -153,6 +156,7 @@ class Library:
             return None
         self.ignored += found.ignored
         values = {"ka": found.values["kd"], **found.values}
+        values["blend"] = values.get("opacity", 1.0) < 1.0
         if found.model == 1:
             values["ks"] = 0.0
         if found.model == 0:
@@ -166,7 +170,7 @@ class Library:
                 self.textures[key] = self._texture(found)
             texture, masked = self.textures[key]
         moved = np.array([source.scale, source.offset])
-        material = Material(**values, texture=texture, name=name, alpha_cutoff=0.5 if masked else None)
+        material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name)
         return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
 
     def _texture(self, found: _Found) -> tuple[Texture, bool]:
@@ -204,9 +208,7 @@ class Library:
 
 def _is_default(keyword: str, rest: str) -> bool:
     """Return whether a statement that is not rendered has its default value."""
-    value = {"d": 1.0, "tr": 0.0, "ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}.get(
-        keyword
-    )
+    value = {"ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}.get(keyword)
     words = rest.split("#", 1)[0].split()
     return value is not None and all(_NUMBER.fullmatch(word) is not None and float(word) == value for word in words)
 
@@ -253,6 +255,12 @@ def _color(text: str, owner: str, where: str) -> list[float]:
     """Return three channels from three numbers or one; spectral and xyz colors are not supported."""
     values = _floats(text, owner, where, (1, 3), "one or three finite numbers")
     return values * 3 if len(values) == 1 else values
+
+
+def _opacity(text: str, owner: str, where: str) -> float:
+    """Return the number of a d or Tr, clamped to [0, 1]; d's option -halo, opaque where seen from the front, is left out."""
+    (value,) = _floats(text.removeprefix("-halo"), owner, where, (1,), "a number")
+    return min(max(value, 0.0), 1.0)
 
 
 def _exponent(text: str, owner: str, where: str) -> float:

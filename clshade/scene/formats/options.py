@@ -18,7 +18,8 @@ class Options:
     """Options of `clshade.scene.formats.load.load` for mesh files, checked on construction.
 
     texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for the
-    format's default. up: one of framing.UPS, or None. two_sided: True, False, or None for what the file asks for.
+    format's default. up: one of framing.UPS, or None. two_sided: True, False, or None for what the file asks for. fit:
+    whether to ignore the file's camera.
     """
 
     texture: Texture | None = None
@@ -26,6 +27,7 @@ class Options:
     crease: float | None = None
     up: Up | None = None
     two_sided: bool | None = None
+    fit: bool = False
 
     def __post_init__(self) -> None:
         if self.crease is not None:

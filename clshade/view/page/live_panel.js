@@ -3,7 +3,7 @@
 
 const SAMPLE_COUNTS = [1, 4, 16, 64];
 const BRIGHTEST_LIGHT = 4; // factor of a light's intensity at the end of its slider
-const SHADER_NAMES = { phong: "Phong", gouraud: "Gouraud", nolight: "No light" };
+const SHADER_NAMES = { phong: "Phong", gouraud: "Gouraud", nolight: "No light", pbr: "Metallic-roughness" };
 
 class LivePanel {
   /** send: a function of a message. */
@@ -42,9 +42,10 @@ class LivePanel {
   }
 
   /** Take over what the server said about the scene. */
-  describe({ settings, layers, lights, choices }) {
+  describe({ settings, layers, lights, lightNames, choices }) {
     this.choices = choices;
     this.state = { ...settings, layers, lights };
+    this.lightNames = lightNames;
     this.offLights = lights.map((factor) => factor || 1);
     this.update();
     this.buildLights();
@@ -72,7 +73,7 @@ class LivePanel {
   /** A light: on or off, and its intensity as a factor of the scene's. */
   light(factor, k) {
     const name = `Light ${k + 1}`;
-    const on = create("input", { type: "checkbox", checked: factor > 0, title: `${name} on or off`, ariaLabel: name });
+    const on = create("input", { type: "checkbox", checked: factor > 0, title: `${name} on or off: ${this.lightNames[k]}`, ariaLabel: name });
     const most = Math.max(BRIGHTEST_LIGHT, factor);
     const slider = create("input", { type: "range", min: 0, max: most, step: 0.01, value: this.offLights[k], ariaLabel: `Intensity of light ${k + 1}` });
     const number = createNumber(`Intensity of light ${k + 1}`, 0.1, (value) => change(Math.max(0, value)));

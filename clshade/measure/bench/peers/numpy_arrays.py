@@ -15,6 +15,7 @@ import numpy as np
 from ....base.arrays import Array, Floats32
 from ....errors import InputError
 from ....scene.camera import Camera
+from ....scene.lights import plain_lights
 from ....scene.model import Scene
 from .arrays import depths, mesh_arrays, view_axes
 
@@ -157,7 +158,7 @@ class Vectorized:
         )
         normal, to_eye = _unit(normal), _unit(_float32(camera.eye)[:, None] - position)
         total = np.repeat(self._ambient[:, None], len(pixels), axis=1)
-        for light in self.scene.lights:
+        for light in plain_lights("bench", self.scene.lights):
             to_light = _unit(_float32(light.position)[:, None] - position)
             cosine = _dot(normal, to_light)
             towards = np.maximum(_dot(2.0 * cosine * normal - to_light, to_eye), 0.0)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ....base.arrays import Array
 from ....scene.camera import Camera
+from ....scene.lights import plain_lights
 from ....scene.model import Scene
 from .arrays import depths, mesh_arrays, view_axes
 from .peer import MissingPeer
@@ -147,7 +148,8 @@ class OpenGL:
         program["n"].value = material.n
         for name, part in (("light_position", "position"), ("light_intensity", "intensity")):
             if self.scene.lights:
-                table = np.array([getattr(light, part) for light in self.scene.lights], np.float32)
+                lights = plain_lights("bench", self.scene.lights)
+                table = np.array([getattr(light, part) for light in lights], np.float32)
                 program[name].write(table.tobytes())
         return program
 

@@ -14,7 +14,34 @@ __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
-    from . import coverage, edges, extremes, files, light, order, surfaces
+    from . import (
+        around,
+        coverage,
+        edges,
+        extremes,
+        files,
+        light,
+        lights,
+        maps,
+        microfacets,
+        order,
+        surfaces,
+        transparency,
+    )
 
-    found = [case for module in (coverage, extremes, order, light, surfaces, files, edges) for case in module.CASES]
+    modules = (
+        coverage,
+        extremes,
+        order,
+        light,
+        lights,
+        microfacets,
+        around,
+        surfaces,
+        maps,
+        files,
+        edges,
+        transparency,
+    )
+    found = [case for module in modules for case in module.CASES]
     return tuple(sorted(found, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))

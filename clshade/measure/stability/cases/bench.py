@@ -179,7 +179,11 @@ def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors:
     if expected is None:
         expected = oracle.render(frame.scene, frame.settings)
     different, unproven = oracle_bounds.different_ids(frame["id"], expected, frame.scene, frame.settings)
-    bad = unproven | (frame.alpha != expected.alpha) | ~np.isfinite(frame.rgb).all(axis=-1)
+    bad = (
+        unproven
+        | oracle_bounds.alpha_differs(frame.alpha, expected, BOUNDS, frame.settings.precision)
+        | ~np.isfinite(frame.rgb).all(axis=-1)
+    )
     bad |= ~different & ~(oracle_bounds.depth_errors(frame["Z"], expected) <= oracle_bounds.DEPTH_ROUNDINGS)
     if not colors:
         return Outcome(int(bad.sum()), pictures=(frame["id"], expected.id))
@@ -225,4 +229,6 @@ def expected_light(
         jump=ks
         * shade.jumps(p, m, np.abs(p).max(axis=1), np.ones(count), np.float64(n), eye, positions, intensities)[None],
         exponent=np.full((1, count), n),
+        alpha_error=np.zeros((1, count)),
+        unsure=np.zeros((1, count), bool),
     )

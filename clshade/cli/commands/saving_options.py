@@ -1,0 +1,45 @@
+"""Options for writing images, and the keyword arguments of `Frame.save` that they mean."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ...pipeline.frame_files import SavingOptions
+
+
+def saving_options(group: argparse._ArgumentGroup) -> list[str]:
+    """Add the options; return their names, the keyword arguments of `Frame.save`."""
+    from ...images.exr import COMPRESSIONS
+    from ...images.tonemap import OPERATORS
+
+    group.add_argument(
+        "--tonemap",
+        choices=OPERATORS,
+        help="of the PNG (default: by the preset: none for course, neutral for pbr, srgb for standard)",
+    )
+    group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
+    group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
+    group.add_argument(
+        "--compression", default="zip", metavar="NAME", help=f"of the EXR: {', '.join(COMPRESSIONS)} (default: zip)"
+    )
+    group.add_argument(
+        "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"
+    )
+    group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
+    group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
+    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar"]
+
+
+def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
+    """Return the keyword arguments of `Frame.save`."""
+    return {
+        "tonemap": arguments.tonemap,
+        "exposure": arguments.exposure,
+        "half": arguments.half,
+        "compression": arguments.compression,
+        "crop": arguments.crop,
+        "deterministic": arguments.deterministic,
+        "colorbar": arguments.colorbar,
+    }

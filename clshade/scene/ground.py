@@ -1,0 +1,161 @@
+"""A ground: a round matte floor below a scene, which fades into the background."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..base.arrays import Array, Floats
+from ..base.validation import choice, value_error
+from .builtin.studio import studio, without_stand_ins
+from .fitting import sphere_of_box
+from .framing import UPS, Up, up_of
+from .geometry import bounding_box
+from .image_light.irradiance import irradiance_at
+from .image_light.light import image_light
+from .lights import NARROWEST_EDGE, DirectionalLight, Light, SpotLight, attenuates, unit_direction
+from .model import Material, Mesh, Scene, Settings
+
+GRAY = (0.2, 0.6)  # linear, of the middle: from dark to bright backgrounds
+_OF_BACKGROUND = 0.6  # in between
+MATERIAL = Material(ka=1.0, kd=1.0, ks=0.0, sides="front", name="clshade ground")  # whose name a ground is known by
+_RADIUS = 9.0  # bounding radii of the scene
+_CLEAR, _HALF = 0.7, 3.0  # radii within which the ground has its own color, and about which it fades
+_BELOW = 1e-3  # gap to the lowest point, bounding radii: surfaces that touch the ground are not cut by it
+_RINGS, _SECTORS = 24, 96
+
+
+def with_ground(scene: Scene, up: Up | None = None, settings: Settings | None = None) -> Scene:
+    """Return the scene with a ground below it, its last mesh.
+
+    Parameters
+    ----------
+    scene : Scene
+        What stands on it.
+    up : {"x", "y", "z", "-x", "-y", "-z"}, optional
+        Axis that points up. Default: the one nearest to the camera's.
+    settings : Settings, optional
+        How it will be drawn, for the color towards its edge. Default: as the scene's preset says.
+
+    Returns
+    -------
+    Scene
+        A ground just below the lowest point, neutral and matte, seen from above alone. Towards its
+        edge, nine bounding radii from the middle, it takes the color that the scene's lights, or its
+        environment, need to give the background's; over nothing or an environment it keeps its own.
+
+    Raises
+    ------
+    InputError
+        The axis is unknown, or a position leaves the range of float64.
+
+    Notes
+    -----
+    Cameras and named views that fit a scene leave its ground out. Where shader `pbr` lights the scene
+    by the studio, that becomes its environment, with the ceiling above the ground in every view.
+    """
+    up = up_of(scene.camera) if up is None else up
+    choice("with_ground", "up", up, tuple(UPS))
+    settings = Settings.from_preset(scene.preset) if settings is None else settings
+    if not isinstance(settings, Settings):
+        raise value_error("with_ground", "settings", "a Settings", settings)
+    axes = np.array(UPS[up], np.float64)
+    if settings.shader == "pbr" and not scene.own_lights and scene.environment is None:
+        scene = replace(scene, environment=studio(tuple(axes[1].tolist())))
+    low, high = bounding_box(objects_of(scene))
+    center, radius = sphere_of_box(low, high)
+    foot = float(np.abs(axes[1]) @ (high / 2 - low / 2))
+    with np.errstate(over="ignore", invalid="ignore"):  # Mesh refuses an overflow
+        middle = center - axes[1] * (foot + _BELOW * radius)
+        rings = _RADIUS * np.linspace(0.0, 1.0, _RINGS + 1)[1:] ** 1.5
+        turns = np.linspace(0.0, 2.0 * np.pi, _SECTORS, endpoint=False)
+        across = np.stack([np.cos(turns), -np.sin(turns)], axis=1) @ axes[[0, 2]]
+        verts = np.vstack([[middle], (middle + radius * rings[:, None, None] * across).reshape(-1, 3)])
+    share = np.repeat(np.r_[0.0, _fading(rings)], [1, *[_SECTORS] * _RINGS])
+    meshes = objects_of(scene).meshes
+    with np.errstate(over="ignore"):
+        # In float64 it would make the kernels keep all positions so.
+        verts = verts.astype(np.result_type(np.float32, *(mesh.verts.dtype for mesh in meshes)))
+    faces = _disc()
+    ground = Mesh(verts, faces, None, axes[1:2], np.zeros_like(faces), material=MATERIAL, name="ground")
+    colors = _colors(replace(scene, meshes=(*meshes, ground)), settings, axes[1], share)
+    return replace(scene, meshes=(*meshes, replace(ground, colors=colors)))
+
+
+def objects_of(scene: Scene) -> Scene:
+    """Return the scene without its ground."""
+    meshes = tuple(mesh for mesh in scene.meshes if mesh.material.name != MATERIAL.name)
+    return scene if len(meshes) == len(scene.meshes) else replace(scene, meshes=meshes)
+
+
+def _fading(radii: Floats) -> Floats:
+    """Return the share of the background: 0 to _CLEAR, then a smooth step to 1 at _RADIUS, even as perspective shows it."""
+    x, start, end = (r / (r + _HALF) for r in (np.maximum(radii, _CLEAR), _CLEAR, _RADIUS))
+    x = (x - start) / (end - start)
+    return np.asarray(x * x * x * (x * (6.0 * x - 15.0) + 10.0))
+
+
+def _colors(scene: Scene, settings: Settings, up: Floats, share: Floats) -> Floats:
+    """Return the colors at the vertices of the ground, the scene's last mesh: a gray, and by the share (V,) those with which
+    it looks like the background."""
+    background = scene.background if settings.background == "scene" else settings.background
+    verts = scene.meshes[-1].verts.astype(np.float64)
+    if background is None or isinstance(background, str):  # an environment, which is no color
+        return np.full(verts.shape, GRAY[0])
+    gray = float(np.clip(_OF_BACKGROUND * np.mean(background), *GRAY))
+    tinted, plain = _light(scene, settings, verts, up)
+    shown = (1.0 - share[:, None]) * gray * tinted + share[:, None] * np.maximum(background - plain, 0.0)
+    with np.errstate(over="ignore"):
+        colors = np.divide(shown, tinted, out=np.full(verts.shape, gray), where=tinted > 0.0)
+    return np.asarray(np.minimum(colors, np.finfo(np.float32).max))
+
+
+def _light(scene: Scene, settings: Settings, verts: Floats, up: Floats) -> tuple[Floats, Floats]:
+    """Return the light that a white ground sends, the scene's last mesh: what its color multiplies, (V, 3), and what that
+    leaves as it is, (3,)."""
+    nothing = np.zeros(3)
+    if settings.shader == "nolight":
+        return np.ones(verts.shape), nothing
+    scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
+    ambient = scene.meshes[-1].material.ka * scene.ambient
+    light = np.tile(ambient if settings.ambient == "tinted" else nothing, (len(verts), 1))
+    for each in scene.lights:
+        light += _arriving(each, verts, up)[:, None] * each.intensity
+    if settings.shader == "pbr" and scene.environment is not None:
+        light += irradiance_at(image_light(scene.environment).irradiance, up)
+    return light, nothing if settings.ambient == "tinted" else ambient
+
+
+def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
+    """Return what part (V,) of a light's intensity the ground receives."""
+    if isinstance(light, DirectionalLight):
+        return np.full(len(verts), max(float(-unit_direction(light) @ up), 0.0))
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # of what Mesh refuses
+        towards = light.position - verts
+        scale = np.frexp(np.abs(towards).max())[1]
+        scaled = np.ldexp(towards, -scale)  # squares neither overflow nor vanish
+        length = np.linalg.norm(scaled, axis=1)
+        towards = scaled / np.where(length > 0.0, length, 1.0)[:, None]
+        arriving = np.maximum(towards @ up, 0.0)
+        if isinstance(light, SpotLight):
+            inner, outer = np.cos(np.radians([light.inner_cone, light.outer_cone]))
+            ramp = (-towards @ unit_direction(light) - outer) / max(inner - outer, NARROWEST_EDGE)
+            arriving = arriving * np.clip(ramp, 0.0, 1.0) ** 2
+        if attenuates(light):
+            distance = np.ldexp(length, scale)
+            window = 1.0 if light.range is None else np.clip(1.0 - (distance / light.range) ** 4, 0.0, 1.0)
+            arriving = arriving * np.where(distance > 0.0, window / distance**2, 0.0)
+    return np.asarray(arriving)
+
+
+def _disc() -> Array:
+    """Return the faces of rings of vertices around vertex 0, counter-clockwise seen from above."""
+    sector = np.arange(_SECTORS)
+    following = (sector + 1) % _SECTORS
+    inner = [np.stack([np.zeros_like(sector), 1 + sector, 1 + following], axis=1)]
+    for ring in range(_RINGS - 1):
+        a, b = 1 + ring * _SECTORS + sector, 1 + ring * _SECTORS + following
+        c, d = a + _SECTORS, b + _SECTORS
+        inner += [np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)]
+    return np.concatenate(inner).astype(np.int32)

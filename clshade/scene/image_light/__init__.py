@@ -1,0 +1,1 @@
+"""What shading with an environment needs of it, computed once per environment."""

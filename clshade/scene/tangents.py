@@ -1,0 +1,242 @@
+"""Tangents of meshes for normal mapping, equal to those of MikkTSpace; vectorized.
+
+M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008), describes the tangents that tools for baking normal maps
+agree on. A normal map shows what its author saw only with the same tangents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..base.arrays import Array, Bools, Faces, Floats
+from ..base.components import connected_components
+from .geometry import vertex_normals
+from .model import Mesh
+from .normals import welded
+
+MOST_UV = 2.0**40  # as of texture coordinates in general: see model.Mesh
+
+_computed: WeakKeyDictionary[Mesh, dict[int, tuple[Floats, Faces]]] = WeakKeyDictionary()
+
+
+def mesh_tangents(mesh: Mesh, coordinates: int = 0) -> tuple[Array, Faces]:
+    """Return the tangents (K, 4) of a mesh and their indices (F, 3), in object space, for a normal map at its texture
+    coordinates of that number: the mesh's own, else those of `corner_tangents`, kept as long as the mesh lives.
+
+    Rows of 0 are corners without a direction. Raises nothing: a mesh without texture coordinates has none.
+    """
+    if mesh.tangents is not None:
+        return mesh.tangents, mesh.faces if mesh.tangent_faces is None else mesh.tangent_faces
+    if mesh.uvs is None:
+        return np.zeros((1, 4)), np.zeros_like(mesh.faces)
+    kept = _computed.setdefault(mesh, {})
+    if coordinates not in kept:
+        normals, normal_faces = mesh.normals, mesh.faces if mesh.normal_faces is None else mesh.normal_faces
+        if normals is None:
+            normals = vertex_normals(mesh.verts, mesh.faces)
+        uvs = (mesh.uvs, *mesh.more_uvs)[coordinates]
+        uv_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
+        unit = _unit(np.asarray(normals, np.float64))
+        kept[coordinates] = corner_tangents(mesh.verts, mesh.faces, unit, normal_faces, uvs, uv_faces)
+    return kept[coordinates]
+
+
+def corner_tangents(
+    verts: Array, faces: Array, normals: Array, normal_faces: Array, uvs: Array, uv_faces: Array
+) -> tuple[Floats, Faces]:
+    """Return the tangents at the corners of a mesh, as MikkTSpace computes them.
+
+    verts: (V, 3) finite positions. normals: (K, 3), unit or 0. uvs: (T, 2), with v = 0 at the top row of the image. faces,
+    normal_faces, uv_faces: (F, 3) indices into them.
+    Returns tangents (G, 4) float64 and tangent_faces (F, 3) int32 indices into them. The first three components are a
+    unit vector, perpendicular to the normal, along which u grows; the fourth, 1 or -1, is the side of the bitangent
+    w * cross(normal, tangent), along which v falls (glTF 2.0, section 3.7.2.1). Row 0 is 0: it belongs to corners
+    without a direction, of faces whose texture coordinates have no area and whose neighbors give none.
+
+    Corners with the same position, normal and texture coordinates count as one vertex. Its faces form groups: those
+    connected by edges around it whose texture coordinates wind the same way. A group's tangent is the sum of its faces'
+    directions of u, each projected onto the plane of the normal, normalized, and weighted by the face's angle there.
+    MikkTSpace's default threshold of 180 degrees is used: nothing else separates directions.
+    """
+    corners = _vertices(verts, faces, normals, normal_faces, uvs, uv_faces)
+    points = _scaled(np.asarray(verts, np.float64))[faces]
+    directions = _directions(points, uvs, uv_faces)
+    real = _apart(points)
+    labels, preserving = _groups(corners, real, directions)
+    ordinary = real & ~directions.free
+    counts = np.repeat(ordinary, 3)
+    kept = np.flatnonzero(labels >= 0)
+    number = np.zeros(len(labels) + 1, np.int32)
+    first = np.unique(labels[kept])
+    number[first] = np.arange(1, len(first) + 1, dtype=np.int32)
+    tangent_faces = np.zeros(len(labels), np.int32)
+    tangent_faces[kept] = number[labels[kept]]
+    across = np.asarray(normals, np.float64)[normal_faces].reshape(-1, 3)
+    shares = _shares(points, across, directions.along, counts)
+    sums: Floats = np.stack(
+        [np.bincount(tangent_faces[counts], column, len(first) + 1) for column in shares[counts].T], axis=1
+    )
+    tangents = np.zeros((len(first) + 1, 4))
+    tangents[1:, :3] = _unit(sums)[1:]
+    tangents[1:, 3] = np.where(preserving[first], -1.0, 1.0)  # v grows downward in the image, the bitangent upward
+    tangents[~tangents[:, :3].any(axis=1), 3] = 0.0
+    return tangents, tangent_faces.reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Directions:
+    """Per face: along (F, 3) the unit direction of u in space, or 0; preserving (F,) whether its texture coordinates are
+    counter-clockwise; free (F,) whether they give no directions, so that the face joins its neighbors' groups."""
+
+    along: Floats
+    preserving: Bools
+    free: Bools
+
+
+def _scaled(points: Array) -> Floats:
+    """Return the points over a power of two that keeps their products within range."""
+    most = np.abs(points).max(initial=0.0)
+    scaled: Floats = np.ldexp(points, -int(np.frexp(most)[1]))
+    return scaled
+
+
+def _unit(vectors: Floats) -> Floats:
+    most = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
+    scaled = np.ldexp(vectors, -np.frexp(most)[1])
+    length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
+    unit: Floats = scaled / np.where(length > 0.0, length, 1.0)
+    return unit
+
+
+def _vertices(verts: Array, faces: Array, normals: Array, normal_faces: Array, uvs: Array, uv_faces: Array) -> Array:
+    """Return (F, 3) numbers of vertices: equal for corners with the same position, normal and texture coordinates."""
+    index = [welded(np.ascontiguousarray(rows))[1][at] for rows, at in ((verts, faces), (normals, normal_faces))]
+    index.append(welded(_usable(uvs))[1][uv_faces])
+    flat = np.stack([part.reshape(-1) for part in index], axis=1).astype(np.int64)
+    sizes = flat.max(axis=0, initial=0) + 1
+    pair = flat[:, 0] * sizes[1] + flat[:, 1]
+    if float(sizes[0]) * float(sizes[1]) * float(sizes[2]) < 2.0**62:
+        keys = pair * sizes[2] + flat[:, 2]
+    else:
+        keys = np.unique(pair, return_inverse=True)[1].reshape(-1) * sizes[2] + flat[:, 2]
+    return np.unique(keys, return_inverse=True)[1].reshape(faces.shape)
+
+
+def _usable(uvs: Array) -> Array:
+    """Return finite float32 texture coordinates; the reference computes in float32, which decides what has no area."""
+    return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float32)
+
+
+def _directions(points: Floats, uvs: Array, uv_faces: Array) -> _Directions:
+    """Return the directions of u. points: (F, 3, 3)."""
+    t = _usable(uvs)[uv_faces]
+    (x1, y1), (x2, y2) = (t[:, 1] - t[:, 0]).T, (t[:, 2] - t[:, 0]).T
+    area = x1 * y2 - y1 * x2
+    d1, d2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    along = y2[:, None].astype(np.float64) * d1 - y1[:, None].astype(np.float64) * d2
+    down = x1[:, None].astype(np.float64) * d2 - x2[:, None].astype(np.float64) * d1
+    preserving = area > 0.0
+    free = (area == 0.0) | ~along.any(axis=1) | ~down.any(axis=1)
+    return _Directions(np.where(preserving, 1.0, -1.0)[:, None] * _unit(along), preserving, free)
+
+
+def _apart(points: Floats) -> Bools:
+    """Return (F,) bool: the faces with three different positions; the others are never seen."""
+    a, b, c = points[:, 0], points[:, 1], points[:, 2]
+    apart: Bools = (a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)
+    return apart
+
+
+def _opposite_edges(corners: Array, real: Bools) -> tuple[Array, Array]:
+    """Return pairs of edges (numbered 3 * face + corner that they begin at) that two faces share in opposite directions. If
+    several faces share one, the k-th of each direction form a pair."""
+    start = corners.reshape(-1).astype(np.int64)
+    end = np.roll(corners, -1, axis=1).reshape(-1).astype(np.int64)
+    edges = np.flatnonzero(np.repeat(real, 3))
+    low, high = np.minimum(start[edges], end[edges]), np.maximum(start[edges], end[edges])
+    backward = start[edges] > end[edges]
+    key = (low * (int(corners.max(initial=0)) + 1) + high) * 2 + backward
+    order = np.argsort(key, kind="stable")
+    key, edges = key[order], edges[order]
+    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
+    sizes = np.diff(np.append(first, len(key)))
+    rank = np.arange(len(key)) - np.repeat(first, sizes)
+    code = (key >> 1) * (int(sizes.max(initial=0)) + 1) + rank
+    if len(code) and float(key[-1] >> 1) * float(sizes.max() + 1) >= 2.0**62:  # number the edges anew
+        code = np.unique(key >> 1, return_inverse=True)[1].reshape(-1) * (int(sizes.max()) + 1) + rank
+    is_back = (key & 1).astype(bool)
+    _, there, back = np.intersect1d(code[~is_back], code[is_back], assume_unique=True, return_indices=True)
+    return edges[~is_back][there], edges[is_back][back]
+
+
+def _after(corner: Array) -> Array:
+    """Return the next corners of the same faces."""
+    return np.where(corner % 3 == 2, corner - 2, corner + 1)
+
+
+def _groups(corners: Array, real: Bools, directions: _Directions) -> tuple[Array, Bools]:
+    """Return labels (3F,) of the corners' groups, each a corner of the group, -1 for none; and (3F,) bool whether a
+    corner's face is counter-clockwise in the texture, as its group is."""
+    one, two = _opposite_edges(corners, real)
+    first, second = np.concatenate([one, _after(one)]), np.concatenate([_after(two), two])
+    preserving, free = np.repeat(directions.preserving, 3), np.repeat(directions.free, 3)
+    alike = (preserving[first] == preserving[second]) & ~free[first] & ~free[second]
+    labels = connected_components(3 * len(corners), first[alike], second[alike]).astype(np.int64)
+    labels[free | np.repeat(~real, 3)] = -1
+    if (directions.free & real).any():
+        _join_free(labels, preserving, free, first, second)
+    return labels, preserving
+
+
+def _join_free(labels: Array, preserving: Bools, free: Bools, first: Array, second: Array) -> None:
+    """Let faces without directions join the groups around them, in place: face by face, corner by corner, as the order
+    decides which side of the texture such a face takes. Only fans with both kinds of faces are visited."""
+    fans = connected_components(len(labels), first, second)
+    mixed = np.zeros(len(labels), bool)
+    mixed[np.intersect1d(fans[free], fans[~free & (labels >= 0)])] = True
+    visited = np.flatnonzero(mixed[fans])
+    near: dict[int, list[int]] = {corner: [] for corner in visited.tolist()}
+    for a, b in zip(first.tolist(), second.tolist(), strict=True):
+        if a in near:
+            near[a].append(b)
+            near[b].append(a)
+    labels[visited] = -1
+    settled: set[int] = set()  # faces without directions that have a side
+    for start in visited.tolist():
+        if free[start] or labels[start] >= 0:
+            continue
+        side, stack = bool(preserving[start]), [start]
+        while stack:
+            corner = stack.pop()
+            face = corner // 3
+            if labels[corner] >= 0:
+                continue
+            if free[corner] and face not in settled:
+                settled.add(face)
+                preserving[3 * face : 3 * face + 3] = side
+            if preserving[corner] == side:
+                labels[corner] = start
+                stack += near[corner]
+
+
+def _shares(points: Floats, normals: Floats, along: Floats, counts: Bools) -> Floats:
+    """Return (3F, 3) what corners add to their groups: the direction of u in the plane of the normal, normalized, times the
+    corner's angle there. counts: (3F,) the corners that do."""
+    shares = np.zeros((len(normals), 3))
+    for corner in range(3):
+        mine = counts[corner::3]
+        normal, here = normals[corner::3][mine], points[mine, corner]
+        before = _unit(_in_plane(points[mine, corner - 1] - here, normal))
+        after = _unit(_in_plane(points[mine, (corner + 1) % 3] - here, normal))
+        angle = np.arccos(np.clip((before * after).sum(axis=1), -1.0, 1.0))
+        rows = np.flatnonzero(mine) * 3 + corner
+        shares[rows] = _unit(_in_plane(along[mine], normal)) * angle[:, None]
+    return shares
+
+
+def _in_plane(vectors: Floats, normal: Floats) -> Floats:
+    part: Floats = vectors - (vectors * normal).sum(axis=1, keepdims=True) * normal
+    return part

@@ -1,0 +1,215 @@
+"""Image-based light of shader pbr: frames against the oracle, the same bits everywhere, closed forms and stiff cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from golden import digest
+
+import clshade
+from clshade import oracle
+from clshade.measure.check import oracle_bounds
+from clshade.oracle import environment as around
+from clshade.oracle import microfacet
+from clshade.pipeline.features import OPTIONAL, ignored
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.environment import Environment
+from clshade.scene.image_light import octahedral
+from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+
+BALL = clshade.builtin("icosphere", level=3).meshes[0]
+CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (0.6, 0.6), (48, 48))
+IMAGE = np.random.default_rng(3).random((12, 24, 3)) ** 3
+WHITE = Environment(np.ones((2, 4, 3)))
+
+
+def ball(roughness: float, metallic: float, environment: Environment | None, color=(0.9, 0.6, 0.3), **fields) -> Scene:
+    material = Material(color=color, pbr=MetallicRoughness(metallic, roughness))
+    mesh = replace(BALL, colors=None, material=material)
+    return Scene(mesh, CAMERA, **{"ambient": 0.0, "environment": environment, "preset": "pbr", **fields})
+
+
+def draw(device, scene: Scene, **options) -> Frame:
+    """Draw with all features on, for which one program is built, unless `options` say otherwise."""
+    given = {"layers": ("Z", "id"), "forced": OPTIONAL, **options}
+    with Renderer(scene, device=device, **given) as renderer:
+        return renderer.render()
+
+
+def assert_agrees(frame: Frame) -> None:
+    expected = oracle.render(frame.scene, frame.settings)
+    oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+
+
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    "precision", ["float32", pytest.param("fast", marks=LONG), pytest.param("float64", marks=LONG)]
+)
+def test_frames_against_the_oracle(device, precision):
+    if precision == "float64":
+        needs_float64(device)
+    lamp = PointLight((2, 3, 4), (0.5, 0.4, 0.3))
+    environment = Environment(IMAGE, rotation=25, intensity=1.5, up=(0.1, 1, 0.3))
+    scenes = [ball(r, m, environment) for r, m in ((0.0, 1.0), (0.06, 0.3), (1.0, 0.0))]
+    scenes.append(ball(0.4, 0.5, environment, lights=lamp, ambient=0.2))
+    for scene in scenes:
+        frame = draw(device, scene, precision=precision)
+        assert frame.alpha.any()
+        assert_agrees(frame)
+
+
+def test_occlusion_maps_keep_the_environment_away(device):
+    scene = ball(0.3, 0.5, Environment(IMAGE))
+    (mesh,), frames = scene.meshes, []
+    for texel in (0.0, 0.4, 1.0):
+        facets = replace(mesh.material.pbr, occlusion_texture=Texture(np.full((2, 2, 3), texel)))
+        material = replace(mesh.material, pbr=facets)
+        uvs = np.abs(mesh.verts[:, :2])
+        frames.append(draw(device, replace(scene, meshes=replace(mesh, uvs=uvs, material=material)), forced=()))
+        assert_agrees(frames[-1])
+    dark, half, full = (frame.rgb for frame in frames)
+    assert not dark.any()
+    np.testing.assert_allclose(half, 0.4 * full, rtol=1e-5)
+    np.testing.assert_array_equal(full, draw(device, scene).rgb)
+
+
+@pytest.mark.long
+def test_materials_of_different_roughness_and_an_orthographic_camera(device):
+    meshes = []
+    for number in range(6):
+        placed = np.eye(4)
+        placed[:3, 3] = (number % 3 - 1) * 0.6, number // 3 * 0.8 - 0.4, 0.1 * number
+        placed[:3, :3] *= 0.5
+        material = Material(color=0.8, two_sided=True, pbr=MetallicRoughness(number % 2, number / 5))
+        meshes.append(replace(BALL, colors=None, material=material, instances=placed[None]))
+    camera = replace(CAMERA, orthographic=True)
+    scene = Scene(meshes, camera, ambient=0.0, environment=Environment(IMAGE), preset="pbr")
+    assert_agrees(draw(device, scene))
+
+
+def test_the_same_bits_with_any_number_of_lanes_and_all_features(device):
+    scene = ball(0.21, 0.5, Environment(IMAGE))
+    frames = [draw(device, scene, lanes=lanes, forced=()) for lanes in (1, 8)]
+    assert len({digest(frame) for frame in (*frames, draw(device, scene))}) == 1
+
+
+def test_left_out_without_an_environment_at_no_difference(device):
+    lamp = {"lights": PointLight((2, 3, 4)), "ambient": 0.1}
+    plain, black = ball(0.4, 0.5, None, **lamp), ball(0.4, 0.5, Environment(np.zeros((1, 1, 3))), **lamp)
+    frames = [draw(device, plain, forced=()), draw(device, black, forced=()), draw(device, plain)]
+    assert ["ENVIRONMENT" in frame.stats["features"] for frame in frames] == [False, False, True]
+    assert len({digest(frame) for frame in frames}) == 1
+    other = replace(plain, environment=WHITE)
+    assert ignored(other, Settings()) == ("the environment, which only shader pbr shows",)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.2, 0.5, 1.0])
+def test_a_white_furnace_loses_what_single_scattering_loses(device, roughness):
+    frame = draw(device, ball(roughness, 1.0, WHITE, color=1.0), layers=("Z", "id", "N", "P"))
+    n, p = frame["N"][frame.alpha > 0], frame["P"][frame.alpha > 0]
+    view = CAMERA.eye - p
+    n_v = (n * view).sum(axis=1) / np.linalg.norm(view, axis=1)
+    # Of 1/31 the table knows no shape: there grazing shares change from 0 to their largest.
+    sure = n_v > 0.1
+    kept = 1.0 - microfacet.lost_energy(max(roughness, 1e-3) ** 2, n_v[sure][::7], 200)
+    np.testing.assert_allclose(frame.rgb[frame.alpha > 0][sure][::7], np.stack([kept] * 3, axis=1), atol=6e-3)
+    # glTF's diffuse base below a dielectric is darkened by F at V.H, not by all that the layer reflects: it sends more than
+    # 1 at grazing incidence.
+    matt = draw(device, ball(roughness, 0.0, WHITE, color=1.0)).rgb[frame.alpha > 0]
+    np.testing.assert_allclose(matt[n_v > 0.6], 1.0, atol=0.05)
+    assert matt.min() > 0.95
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        Environment(np.where(np.arange(288).reshape(12, 24, 1) == 100, 1e6, IMAGE)),
+        Environment(np.full((1, 1, 3), 0.3)),
+        Environment(np.full((1, 1, 3), 1e30), intensity=1e30),
+        Environment(IMAGE * 1e-30, intensity=1e-12),
+    ],
+    ids=["sun", "one texel", "1e60", "1e-42"],
+)
+def test_stiff_environments(device, environment):
+    for roughness, metallic in ((0.0, 1.0), (1.0, 0.0), (0.1249999, 0.5)):
+        frame = draw(device, ball(roughness, metallic, environment))
+        assert np.isfinite(frame.rgb).all()
+        assert_agrees(frame)
+
+
+def test_an_eye_on_the_surface_and_normals_of_zero(device):
+    triangle = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]], normals=np.zeros((3, 3)))
+    scene = Scene(triangle, CAMERA, ambient=0.0, environment=WHITE, preset="pbr")
+    frame = draw(device, scene)
+    assert frame.alpha.any()
+    assert (frame.rgb == 0.0).all()
+    close = replace(CAMERA, eye=(0.0, 0.0, 1.0 + 1e-7))
+    assert np.isfinite(draw(device, replace(ball(0.1, 1.0, WHITE), camera=close)).rgb).all()
+
+
+def test_lights_that_stand_in_give_way_to_the_studio(device):
+    lamp = PointLight((2, 3, 4))
+    scene = ball(0.5, 0.0, None, lights=lamp, ambient=0.3, own_lights=False)
+    frame = draw(device, scene)
+    assert frame.scene.environment is clshade.studio()
+    assert frame.scene.lights == ()
+    assert frame.metadata()["environment"] == "studio, rotation=0, intensity=1"
+    other = replace(scene, environment=WHITE)
+    assert draw(device, other).scene.environment is WHITE
+    assert digest(draw(device, other, preset="standard")) == digest(
+        draw(device, replace(scene, own_lights=True), preset="standard")
+    )
+    upright = replace(scene, camera=replace(CAMERA, eye=(0, -4, 0), up=(0, 0, 1)))
+    np.testing.assert_array_equal(draw(device, upright).scene.environment.up, [0, 0, 1])
+
+
+# The oracle
+
+
+def test_the_oracles_lookup_is_continuous_and_means_texels():
+    level = np.random.default_rng(4).random((16, 16, 3))
+    reach = np.zeros(1)
+    for d in octahedral.directions(16).reshape(-1, 3)[::5]:
+        np.testing.assert_allclose(
+            around.lookup(level, d[None], reach)[0], octahedral.lookup(level, d[None]), atol=1e-12
+        )
+    for d in ([0, 0, -1.0], [1, 0, -1e-15], [0.5, -0.5, -0.2], [-1, 0, 0]):
+        moved = np.array(d) + 1e-7 * np.random.default_rng(0).standard_normal((40, 3))
+        found, off = around.lookup(level, moved, np.full(40, 1e-6))
+        assert np.ptp(found, axis=0).max() < 1e-4
+        assert (np.abs(found - found[0]) <= off + 1e-12).all()
+
+
+def test_the_split_sum_is_near_the_true_integral():
+    smooth = Environment(np.linspace(1.0, 0.2, 32)[:, None, None] * np.ones((32, 64, 3)))
+    normal = np.array([[0.2, 0.9, 0.3], [0.5, -0.2, 0.8]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    view = np.array([[0.1, 0.6, 0.79], [0.6, 0.0, 0.8]])
+    view /= np.linalg.norm(view, axis=1, keepdims=True)
+    facets = microfacet.facets_of([Material(pbr=MetallicRoughness(m, r)) for m, r in ((0.0, 0.5), (1.0, 0.3))])
+    at = around.Around(normal, view, facets, np.ones((2, 3)), np.full(2, 1e-6))
+    near, true = around.reflected(smooth, at), around.true_reflection(smooth, at, 64)
+    np.testing.assert_allclose(near.tinted + near.plain, true.tinted + true.plain, rtol=0.03)
+
+
+def test_unlit_materials_keep_their_color(device):
+    """glTF's unlit materials show their color by the ambient light, which the environment replaces for all others."""
+    unlit = Material(color=(0.2, 0.5, 0.8), ka=10.0, kd=0.0, ks=0.0)
+    aside = Mesh(BALL.verts * 0.2 + np.array([1.2, 0.0, 0.0], np.float32), BALL.faces, material=unlit)
+    scene = ball(0.5, 0.0, None, ambient=0.1, own_lights=False)
+    scene = replace(scene, meshes=(*scene.meshes, aside))
+    frame = draw(device, scene)
+    assert_agrees(frame)
+    own = np.isin(frame["id"], np.arange(len(BALL.faces), 2 * len(BALL.faces)) + 1)
+    np.testing.assert_allclose(frame.rgb[own], np.tile([0.2, 0.5, 0.8], (own.sum(), 1)), rtol=1e-6)
+    assert own.sum() > 20
+    lit = draw(device, replace(scene, meshes=scene.meshes[:1]))
+    np.testing.assert_array_equal(frame.rgb[~own], lit.rgb[~own])

@@ -1,0 +1,251 @@
+"""All maps of shader pbr: frames against the oracle, closed forms, what is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from mapped_scenes import mapped, mapped_scene, noise, normal_image, sheet
+
+import clshade
+from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Renderer, Scene, Settings, Texture
+from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.oracle import frame as oracle
+from clshade.oracle import layers as oracle_layers
+from clshade.pipeline import features
+from clshade.pipeline.frame import same_bits
+from clshade.pipeline.shading_tables import texture_tables
+from clshade.scene.metallic_roughness import TEXTURES
+
+
+def assert_equals_oracle(scene: Scene, device, colors: int = 100, **options: Any) -> None:
+    settings = Settings(shader="pbr", layers=("Z", "id", "N"), **options)
+    with Renderer(scene, settings=settings, device=device) as renderer:
+        frame = renderer.render()
+    ties = oracle_bounds.assert_frame(frame, oracle.render(scene, settings), scene, settings).ties
+    layer_bounds.assert_layers(frame, oracle_layers.render_layers(scene, settings), scene, settings, skip=ties)
+    assert len(np.unique(frame.rgb)) > colors
+
+
+def with_maps(mesh: Mesh, **changes: Any) -> Mesh:
+    return replace(mesh, material=replace(mesh.material, pbr=mapped(**changes)))
+
+
+def test_all_maps_agree_with_the_oracle(device):
+    assert_equals_oracle(mapped_scene(), device)
+
+
+def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
+    """Of the size and the wrap modes of the normal map, which share its lookup; and of its size alone."""
+    shared = {
+        name: Texture(noise(8, 11, seed))
+        for seed, name in enumerate(("metallic_roughness_texture", "emission_texture"))
+    }
+    scene = mapped_scene(with_maps(sheet(), **shared, occlusion_texture=Texture(noise(8, 11, 7), wrap="clamp")))
+    assert_equals_oracle(scene, device)
+    facets = scene.meshes[0].material.pbr
+    textures = [getattr(facets, name) for name in TEXTURES]
+    alike = texture_tables(textures)[0]["alike"]
+    assert {name: TEXTURES[k] for name, k in zip(TEXTURES, alike, strict=True)} == {
+        "metallic_roughness_texture": "metallic_roughness_texture",
+        "normal_texture": "metallic_roughness_texture",
+        "occlusion_texture": "occlusion_texture",
+        "emission_texture": "metallic_roughness_texture",
+    }
+    others = [
+        {"wrap": "mirror"},
+        {"filter": "nearest"},
+        {"coordinates": 1},
+        {"image": noise(11, 8)},
+        {"lookup": "course"},
+    ]
+    alone = [replace(facets.normal_texture, **changes) for changes in others]
+    assert texture_tables([facets.normal_texture, *alone])[0]["alike"].tolist() == list(range(6))
+
+
+CASES = {
+    "fast": ({}, {"precision": "fast"}),
+    "float64": ({}, {"precision": "float64"}),
+    "trilinear": ({}, {"texture_filter": "trilinear"}),
+    "samples": ({}, {"samples": 4}),
+    "second coordinates": (
+        {name: Texture(noise(6, 7, 5), coordinates=1) for name in ("normal_texture", "occlusion_texture")},
+        {},
+    ),
+    "nearest": (
+        {name: Texture(noise(9, 8, 6), filter="nearest") for name in ("normal_texture", "occlusion_texture")},
+        {},
+    ),
+}
+
+
+@pytest.mark.long  # other programs
+@pytest.mark.parametrize("name", CASES)
+def test_variants_agree_with_the_oracle(device, name):
+    changes, options = CASES[name]
+    assert_equals_oracle(mapped_scene(with_maps(sheet(), **changes)), device, **options)
+
+
+def mixed_scene() -> Scene:
+    """Return sheets with all maps, some of them or none, mirrored, stretched and turned round, without texture coordinates
+    that they need, and behind the eye."""
+    texture = Texture(noise(4, 5, 7))
+    plain: dict[str, Any] = {"normal_texture": None, "occlusion_texture": None, "emission_texture": None}
+    mirrored, stretched = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([2.0, 0.4, 1.5, 1.0])
+    mirrored[:3, 3], stretched[:3, 3] = (0.5, 0.6, -0.7), (-0.5, -0.9, -0.3)
+    behind = np.diag([1.0, -1.0, -1.0, 1.0])
+    behind[:3, 3] = -1.1, 0.8, -0.5
+    both = {"sides": "both", "two_sided": True}
+    second = Texture(normal_image(5, 5, 8), coordinates=1, wrap="mirror")
+    meshes = [
+        sheet(instances=[np.eye(4), mirrored, stretched]),
+        with_maps(sheet(shift=(0.7, -0.5, 0.4)), **{**plain, "normal_texture": second}),
+        sheet(material=Material(texture=texture, pbr=mapped(), **both), instances=[behind]),
+        with_maps(sheet(shift=(-0.4, 0.5, 0.6)), **{**plain, "occlusion_texture": mapped().occlusion_texture}),
+        sheet(shift=(-0.9, -0.6, 0.5), more_uvs=(), material=Material(pbr=mapped(normal_texture=second))),
+        sheet(shift=(0.9, 0.8, 0.5), uvs=None, more_uvs=()),
+        sheet(2, shift=(0.2, -0.4, 3.9), material=Material(texture=texture, pbr=mapped(normal_texture=second))),
+    ]
+    return mapped_scene(*meshes)
+
+
+def test_mirrored_stretched_clipped_and_missing(device):
+    scene = mixed_scene()
+    assert_equals_oracle(scene, device)
+
+
+# Closed forms: a square from -1 to 1 that faces the eye, 6 pixels for each of 4 x 4 texels
+
+CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+QUAD = [[0, 1, 2], [0, 2, 3]]
+UPRIGHT = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
+FRONT = Camera((0, 0, 3), (0, 0, 0), (0, 1, 0), 3.0, (2.0, 2.0), (24, 24))
+DARK: dict[str, Any] = {"lights": (), "background": None}
+LIT: dict[str, Any] = {"lights": PointLight((1, 2, 4)), "ambient": 0.0, "background": None}
+
+
+def square(pbr: MetallicRoughness, *, lighting: dict[str, Any], **fields: Any) -> Scene:
+    mesh = Mesh(CORNERS, QUAD, **{"uvs": UPRIGHT, "material": Material(ka=1.0, pbr=pbr), **fields})
+    return Scene(mesh, FRONT, **lighting)
+
+
+def texels(image: np.ndarray) -> np.ndarray:
+    return image[3::6, 3::6]
+
+
+def nearest(image: np.ndarray, **fields: Any) -> Texture:
+    return Texture(image, filter="nearest", **fields)
+
+
+TURNS = [(mirrored, quarter) for mirrored in (False, True) for quarter in range(4)]
+
+
+@pytest.mark.parametrize(("mirrored", "quarter"), TURNS)
+@pytest.mark.parametrize("placement", [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1), (1, 1, -1)], ids=str)
+def test_the_normals_shown_are_those_that_were_baked(device, mirrored, quarter, placement):
+    """As the Khronos tests NormalTangentTest, NormalTangentMirrorTest and NegativeScaleTest: however the image lies on the
+    square and however that is placed, a texel says in which directions of the image the normal leans."""
+    lean = np.random.default_rng(5).uniform(-0.5, 0.5, (4, 4, 2))
+    image = 0.5 + 0.5 * np.dstack([lean, np.sqrt(1.0 - (lean**2).sum(axis=2))])
+    uvs = np.roll(np.abs(UPRIGHT - [1, 0]) if mirrored else UPRIGHT, quarter, axis=0)
+    matrix = np.diag([*placement, 1.0])
+    pbr = MetallicRoughness(normal_texture=nearest(image))
+    scene = square(pbr, lighting=LIT, uvs=uvs, instances=[matrix], normals=[[0, 0, 1.0]] * 4)
+    scene = replace(scene, camera=replace(FRONT, eye=(0, 0, 3.0 * placement[2])))
+    found = texels(clshade.render(scene, shader="pbr", layers="N", device=device)["N"])
+    x, y = np.meshgrid(np.arange(4) * 0.5 - 0.75, 0.75 - np.arange(4) * 0.5)
+    at = np.stack([x * placement[2], y], axis=-1) * placement[:2]  # of the pixels, in the square's own space
+    to_uv = np.linalg.lstsq(np.column_stack([CORNERS[:, :2], np.ones(4)]), uvs, rcond=None)[0]
+    u, v = np.moveaxis(at @ to_uv[:2] + to_uv[2], -1, 0)
+    texel = lean[np.int32(v * 4), np.int32(u * 4)]
+    right, down = 0.5 * np.linalg.inv(to_uv[:2])  # where they point in space
+    flat = texel[..., :1] * right - texel[..., 1:] * down
+    expected = np.dstack([flat, np.sqrt(1.0 - (texel**2).sum(axis=-1))]) * placement
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_occlusion_dims_the_ambient_light_alone(device):
+    image = noise(4, 4)
+    plain, occluded = (
+        MetallicRoughness(0.0, 0.5, occlusion_texture=nearest(image), occlusion_strength=strength)
+        for strength in (0.0, 0.75)
+    )
+    frames = [
+        clshade.render(square(pbr, lighting={**DARK, "ambient": (0.5, 1.0, 0.25)}), shader="pbr", device=device).rgb
+        for pbr in (plain, occluded)
+    ]
+    share = 1.0 - 0.75 * (1.0 - image[..., :1])
+    np.testing.assert_allclose(texels(frames[1]), texels(frames[0]) * share, rtol=1e-6)
+    bare = replace(occluded, occlusion_texture=None)
+    lit = [clshade.render(square(pbr, lighting=LIT), shader="pbr", device=device) for pbr in (bare, occluded)]
+    assert same_bits(*lit)
+    assert "OCCLUSION_MAP" in lit[1].stats["left_out"]
+
+
+def test_emission_is_added_and_looked_up_at_its_own_coordinates(device):
+    """As the Khronos tests EmissiveStrengthTest and MultiUVTest: the second set turns the image upside down."""
+    image = noise(4, 4)
+    glowing = MetallicRoughness(0.0, 0.5, emission=(4.0, 0.5, 1.0), emission_texture=nearest(image, coordinates=1))
+    scene = square(glowing, lighting=LIT, more_uvs=[UPRIGHT * [1, -1] + [0, 1]])
+    plain = square(MetallicRoughness(0.0, 0.5), lighting=LIT)
+    both, alone = (clshade.render(each, shader="pbr", device=device).rgb for each in (scene, plain))
+    np.testing.assert_allclose(texels(both - alone), image[::-1] * [4.0, 0.5, 1.0], atol=1e-6)
+
+
+MAPS = ("NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP", "UV_SETS")
+
+
+def test_every_map_can_be_needed():
+    settings = Settings(shader="pbr")
+    found = features.derive(mixed_scene(), settings, double_positions=False)
+    assert {"EMISSION", *MAPS} <= set(found.used)
+
+
+@pytest.mark.long  # four programs
+def test_a_flat_map_and_maps_forced_on_change_no_bit(device):
+    """A normal map whose texels are exactly (1/2, 1/2, 1), and features that are not needed."""
+    plain: dict[str, Any] = dict.fromkeys(("occlusion_texture", "emission_texture", "metallic_roughness_texture"))
+    flat = with_maps(sheet(), **plain, normal_texture=Texture(np.full((2, 2, 3), [0.5, 0.5, 1.0])))
+    bare = with_maps(sheet(), **plain, normal_texture=None)
+    frames = [clshade.render(mapped_scene(mesh), shader="pbr", device=device) for mesh in (flat, bare)]
+    assert same_bits(*frames)
+    assert set(frames[1].stats["left_out"]) >= set(MAPS)
+    with Renderer(mapped_scene(bare), shader="pbr", device=device, forced=set(MAPS)) as renderer:
+        assert same_bits(frames[1], renderer.render())
+
+
+def test_other_shaders_show_no_maps(device):
+    with_all, without = (mapped_scene(sheet(material=Material(pbr=pbr))) for pbr in (mapped(), None))
+    assert same_bits(*(clshade.render(scene, device=device) for scene in (with_all, without)))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"uvs": np.zeros((36, 2)), "more_uvs": ()},
+        {"uvs": np.full((36, 2), np.nan), "more_uvs": ()},
+        {"tangents": np.zeros((36, 4))},
+        {"normals": np.zeros((36, 3))},
+        {"tangents": np.full((36, 4), 1e300)},
+    ],
+    ids=["no area", "NaN", "no tangents", "no normals", "long tangents"],
+)
+def test_degenerate_surfaces_agree_with_the_oracle(device, changes):
+    assert_equals_oracle(mapped_scene(sheet(**changes)), device)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"normal_texture": Texture(np.zeros((1, 1, 3)))},
+        {"normal_texture": Texture(np.full((1, 1, 3), 0.5))},
+        {"emission": 1e30},
+        {"emission": 3e38, "emission_texture": Texture(np.full((1, 1, 3), 3e38))},
+        {"normal_scale": 1e6},
+    ],
+    ids=["zeros", "no normal", "bright", "beyond float32", "steep"],
+)
+def test_extreme_maps_are_finite_and_agree_with_the_oracle(device, changes):
+    assert_equals_oracle(mapped_scene(with_maps(sheet(), **changes)), device, colors=1)

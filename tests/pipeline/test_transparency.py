@@ -1,0 +1,237 @@
+"""Transparent surfaces: closed forms, order, layers, and frames against the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade import oracle
+from clshade.errors import InputError
+from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+
+CAMERA = Camera((0, 0, -4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (20, 20))
+MIDDLE = (10, 10)
+RED, GREEN, BLUE = np.eye(3)
+
+
+def square(z: float, size: float = 1.0, turned: bool = False, **fields) -> Mesh:
+    """Return an unlit square that faces the camera; turned: cut along its other diagonal."""
+    colors = {name: fields.pop(name) for name in ("colors", "alphas", "uvs") if name in fields}
+    verts = size * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, z]
+    faces = [[0, 1, 3], [1, 2, 3]] if turned else [[0, 1, 2], [0, 2, 3]]
+    return Mesh(verts, faces, material=Material(**{"ka": 1, "kd": 0, "ks": 0, "blend": True, **fields}), **colors)
+
+
+def scene(*meshes: Mesh, background=None, **fields) -> Scene:
+    return Scene(meshes, CAMERA, background=background, **fields)
+
+
+def draw(device, given: Scene, lanes: int | None = None, **options) -> Frame:
+    """Draw with all features on, for which few programs are built, unless `options` say otherwise."""
+    with Renderer(given, device=device, lanes=lanes, **{"forced": OPTIONAL, **options}) as renderer:
+        return renderer.render()
+
+
+def test_alpha_comes_from_material_vertices_and_texture(device):
+    texture = Texture(np.full((1, 1, 4), 0.5))
+    uvs, alphas = np.zeros((4, 2)), np.full(4, 0.5)
+    for mesh, alpha in (
+        (square(0, opacity=0.5), 0.5),
+        (square(0, alphas=alphas), 0.5),
+        (square(0, colors=np.column_stack([np.ones((4, 3)), alphas])), 0.5),
+        (square(0, texture=texture, uvs=uvs), 0.5),
+        (square(0, texture=texture, uvs=uvs, alphas=alphas, opacity=0.5), 0.125),
+        (square(0, texture=Texture(np.full((1, 1, 4), 7.0)), uvs=uvs), 1.0),
+        (square(0, opacity=0.5, blend=False), 1.0),
+        (square(0, opacity=0.5, alpha_cutoff=0.6), 0.0),
+        (square(0, opacity=0.5, alpha_cutoff=0.4), 0.5),
+    ):
+        assert draw(device, scene(mesh)).alpha[MIDDLE] == alpha
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("visibility", ["depth", "painter"])
+def test_layers_are_composited_in_order_of_depth(device, order, visibility):
+    meshes = (
+        square(0, color=BLUE, opacity=0.5),
+        square(1, color=GREEN, opacity=0.5),
+        square(2, color=RED, blend=False),
+    )
+    frame = draw(device, scene(*meshes[::order]), visibility=visibility)
+    assert frame.rgba[MIDDLE].tolist() == [0.25, 0.25, 0.5, 1.0]
+    over_nothing = draw(device, scene(*meshes[:2][::order]), visibility=visibility)
+    assert over_nothing.rgba[MIDDLE].tolist() == [0, 0.25, 0.5, 0.75]
+    over_white = draw(device, scene(*meshes[:2], background=1.0), visibility=visibility)
+    assert over_white.rgba[MIDDLE].tolist() == [0.25, 0.5, 0.75, 0.75]
+    hidden = draw(device, scene(meshes[0], square(-1, color=RED, blend=False)), visibility=visibility)
+    assert hidden.rgba[MIDDLE].tolist() == [1, 0, 0, 1]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_layers_in_one_plane_the_later_is_nearer(device, turned):
+    """Cut along other diagonals their depths differ by rounding."""
+    meshes = (square(0.3, color=RED, opacity=0.5), square(0.3, turned=turned, color=GREEN, opacity=0.5))
+    wall = square(0.3, turned=turned, color=BLUE, blend=False)
+    assert (draw(device, scene(*meshes)).rgba[6:14, 8:12] == [0.25, 0.5, 0, 0.75]).all()
+    assert (draw(device, scene(*meshes[::-1])).rgba[6:14, 8:12] == [0.5, 0.25, 0, 0.75]).all()
+    assert (draw(device, scene(meshes[0], wall)).rgba[6:14, 8:12] == [0, 0, 1, 1]).all()
+    assert (draw(device, scene(wall, meshes[0])).rgba[6:14, 8:12] == [0.5, 0, 0.5, 1]).all()
+
+
+@pytest.mark.parametrize("depth", [1e-3, 0.0])
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_hundred_layers(device, depth, samples):
+    """In rounds of eight, which the samples take in turns; at one depth the last face is nearest."""
+    count, alpha = 100, 0.03125
+    values = np.linspace(0.1, 1, count)
+    meshes = [square(depth * k, color=value, opacity=alpha) for k, value in enumerate(values)]
+    shares = alpha * (1 - alpha) ** np.arange(count)
+    expected = (shares * (values if depth else values[::-1])).sum()
+    frame = draw(device, scene(*meshes), samples=samples)
+    np.testing.assert_allclose(frame.rgba[MIDDLE], [expected] * 3 + [shares.sum()], rtol=count * 2.0**-24)
+    np.testing.assert_array_equal(frame.rgba[7:13, 7:13], np.broadcast_to(frame.rgba[MIDDLE], (6, 6, 4)))
+
+
+def test_nothing_shines_through_alpha_one(device):
+    front = square(0, color=GREEN, opacity=0.5, alphas=np.ones(4))
+    full = replace(front, alphas=[1, 1, 1, 0.999], material=replace(front.material, opacity=1.0))
+    frame = draw(device, scene(full, square(1, color=1e30, blend=False)))
+    assert frame.alpha.max() == 1.0
+    one = draw(device, scene(square(0, texture=Texture(np.ones((1, 1, 4))), uvs=np.zeros((4, 2)), color=GREEN)))
+    assert one.rgba[MIDDLE].tolist() == [0, 1, 0, 1]
+    faint = draw(device, scene(*(square(0.01 * k, opacity=1e-7) for k in range(20))))
+    np.testing.assert_allclose(faint.alpha[MIDDLE], 1 - (1 - 1e-7) ** 20, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("layer_alpha", "face"), [(0.0, 1), (0.25, 1), (0.26, 3), (0.5, 3), (0.6, 5), (1.0, 5)])
+def test_layers_show_what_is_opaque_enough(device, layer_alpha, face):
+    meshes = square(0, opacity=0.25), square(1, opacity=0.5), square(2, blend=False)
+    frame = draw(device, scene(*meshes), layers=("id", "Z", "object_id"), layer_alpha=layer_alpha)
+    assert frame["id"][MIDDLE] in (face, face + 1)
+    assert (frame["object_id"][MIDDLE], frame["Z"][MIDDLE]) == ((face + 1) // 2, pytest.approx(4 + face // 2))
+    alone = draw(device, scene(meshes[0]), layers=("id", "Z"), layer_alpha=0.3)
+    assert (alone["id"][MIDDLE], alone["Z"][MIDDLE], alone.alpha[MIDDLE]) == (0, np.inf, 0.25)
+
+
+def test_transparency_does_not_change_what_is_opaque(device):
+    """A scene with a transparent mesh elsewhere; and blending with an alpha of 1."""
+    wall, far = square(0, color=(0.3, 0.5, 0.7), blend=False), square(50, size=0.1, opacity=0.5)
+    lean = {"samples": 4, "layers": ("Z", "id"), "forced": ()}
+    plain = draw(device, scene(wall), **lean)
+    assert same_bits(plain, draw(device, scene(wall, far), **lean))
+    solid = replace(wall, material=replace(wall.material, blend=True))
+    assert "BLEND" in draw(device, scene(solid), **lean).stats["left_out"]
+
+
+def test_lines_lie_over_transparent_faces(device):
+    glass = square(0, color=GREEN, opacity=0.5)
+    for samples in (1, 4):
+        frame = draw(device, scene(glass), samples=samples, edges="boundary", forced=())
+        inner = frame.rgba[8:12, 8:12]
+        assert (inner == [0, 0.5, 0, 0.5]).all()
+        assert (frame.alpha == 1.0).any()
+
+
+def soup() -> Scene:
+    """Return triangles that intersect, opaque and transparent by material, vertices and texture; some in one plane."""
+    rng = np.random.default_rng(3)
+
+    def some(count: int, alphas: bool, **fields) -> Mesh:
+        verts = rng.uniform(-1.2, 1.2, (3 * count, 3))
+        colors, uvs = rng.uniform(0.2, 1, (3 * count, 4 if alphas else 3)), rng.uniform(0, 2, (3 * count, 2))
+        return Mesh(verts, np.arange(3 * count).reshape(-1, 3), colors, uvs=uvs, material=Material(**fields))
+
+    texture = Texture(rng.uniform(0, 1, (6, 5, 4)))
+    meshes = (
+        some(20, False, n=5.0),
+        some(40, True, blend=True, opacity=0.7, n=9.0, two_sided=True),
+        some(25, False, blend=True, texture=texture, alpha_cutoff=0.2),
+        square(0.3, 0.9, opacity=0.4, color=(1, 0.2, 0.1)),
+        square(0.3, 0.7, turned=True, opacity=0.6, color=(0.1, 0.9, 0.1)),
+        square(0.3, 0.3, blend=False, color=(0.1, 0.2, 0.9)),
+    )
+    camera = replace(CAMERA, resolution=(45, 37))
+    return Scene(meshes, camera, (PointLight((1, 2, -3)),), background=(0.2, 0.3, 0.4))
+
+
+OPTIONS = [
+    {"samples": 4},
+    *(
+        pytest.param(options, marks=pytest.mark.long)
+        for options in (
+            {},
+            {"visibility": "painter", "interpolation": "affine"},
+            {"samples": 3, "sample_shading": True},
+            {"samples": 4, "resolve": "weighted"},
+            {"precision": "float64", "samples": 2},
+            {"shader": "gouraud", "texture_filter": "trilinear"},
+            {"texture_at": "vertex", "shader": "nolight", "precision": "fast"},
+            {"samples": 4, "edges": "boundary"},
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_frames_equal_the_oracle(device, options):
+    """Some fifteen layers; measured: at most 2 bounds."""
+    for given in (soup(), replace(soup(), background=None)):
+        if options.get("precision") == "float64" and not device.has_fp64:
+            pytest.skip("the device has no float64")
+        frame = draw(device, given, layers=("Z", "id", "N", "albedo"), forced=(), **options)
+        expected = oracle.render(given, frame.settings)
+        found = oracle_bounds.assert_frame(frame, expected, given, frame.settings)
+        assert found.bounds < 8.0
+        assert found.ties.mean() < 0.01
+        layers = oracle.render_layers(given, frame.settings)
+        layer_bounds.assert_layers(frame, layers, given, frame.settings, skip=found.ties)
+        assert ((frame.alpha > 0.0) & (frame.alpha < 1.0)).mean() > 0.1 or given.background is not None
+        assert clshade.check(frame, 500).passed
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+@pytest.mark.parametrize(
+    "options", [{"samples": 4}, {"visibility": "painter"}, {"samples": 3, "resolve": "weighted"}], ids=str
+)
+def test_lanes_change_no_bit(device, lanes, options):
+    whole = draw(device, soup(), layers=("Z", "id"), forced=(), **options)
+    assert same_bits(whole, draw(device, soup(), lanes, layers=("Z", "id"), forced=(), **options))
+
+
+def test_the_comparison_notices_a_wrong_order_and_a_wrong_alpha(device):
+    meshes = square(0, color=BLUE, opacity=0.5), square(1, color=GREEN, opacity=0.5)
+    frame = draw(device, scene(*meshes), layers=("Z", "id"))
+    swapped = scene(square(1, color=BLUE, opacity=0.5), square(0, color=GREEN, opacity=0.5))
+    for other, what in ((swapped, "ids"), (scene(meshes[0], square(1, color=GREEN, opacity=0.6)), "alpha|ids")):
+        expected = oracle.render(other, frame.settings)
+        with pytest.raises(AssertionError, match=what):
+            oracle_bounds.assert_frame(frame, expected, other, frame.settings)
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "half"])
+def test_values_beyond_zero_to_one_are_refused(value):
+    with pytest.raises(InputError, match=r"^Material: opacity: expected a number from 0 to 1"):
+        Material(opacity=value)
+    with pytest.raises(InputError, match=r"^Settings: layer_alpha: expected a number from 0 to 1"):
+        Settings(layer_alpha=value)
+
+
+def test_alphas_of_vertices_are_checked():
+    mesh = square(0, colors=np.array([[255, 0, 0, 51]] * 4, np.uint8))
+    np.testing.assert_allclose(mesh.alphas, 0.2)
+    assert mesh.colors.shape == (4, 3)
+    assert square(0, alphas=[2, 3, 4, 1]).alphas is None
+    assert square(0, alphas=[-1, 3, 4, 1]).alphas.tolist() == [0, 1, 1, 1]
+    with pytest.raises(InputError, match=r"^Mesh: alphas: expected one number per vertex \(4\)"):
+        square(0, alphas=[1, 1])
+    with pytest.raises(InputError, match=r"^Mesh: alphas: expected finite numbers"):
+        square(0, alphas=[1, 1, 1, np.nan])

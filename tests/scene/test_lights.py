@@ -1,0 +1,128 @@
+"""Points, directions and spots: what they keep, what they refuse, how they turn and grow with their scene."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade import DirectionalLight, PointLight, SpotLight
+from clshade.errors import InputError
+from clshade.scene import adjust_lights
+from clshade.scene.contents import format_contents, scene_contents
+from clshade.scene.lights import is_plain, plain_lights, unit_direction
+from clshade.scene.model import Mesh, Scene
+from clshade.scene.views import named_cameras, seen_by
+
+LAMP = PointLight((1, 2, 3), (4, 5, 6), "inverse-square", 7)
+SUN = DirectionalLight((0, -3, 4), 2 * np.ones(3))
+SPOT = SpotLight((1, 2, 3), (0, -1, 0), (1, 1, 1), 10, 20, "inverse-square", 9)
+CAMERA = clshade.Camera.from_fov((0, 0, 9), (0, 0, 0), (0, 1, 0), 35.0, (40, 30))
+MESH = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
+
+
+def test_what_is_kept():
+    for light in (LAMP, SUN, SPOT):
+        for name in ("position", "direction", "intensity"):
+            if hasattr(light, name):
+                values = getattr(light, name)
+                assert (values.shape, values.dtype, values.flags.writeable) == ((3,), np.float64, False)
+        copy = pickle.loads(pickle.dumps(light))
+        assert repr(copy) == repr(light)
+    assert (LAMP.range, type(LAMP.range)) == (7.0, float)
+    plain = SpotLight((0, 0, 0), (0, 0, 1))
+    assert (plain.inner_cone, plain.outer_cone, plain.attenuation, plain.range) == (0.0, 45.0, "none", None)
+    assert [is_plain(light) for light in (PointLight((0, 0, 0)), LAMP, SUN, SPOT, plain)] == [True, *[False] * 4]
+
+
+def test_their_texts():
+    assert repr(PointLight((1, 2, 3))) == "<PointLight at 1 2 3, intensity 1 1 1>"
+    assert repr(LAMP) == "<PointLight at 1 2 3, intensity 4 5 6, inverse-square up to 7>"
+    assert repr(SUN) == "<DirectionalLight along 0 -3 4, intensity 2 2 2>"
+    expected = "at 1 2 3, along 0 -1 0, cone 10 to 20 degrees, intensity 1 1 1, inverse-square up to 9"
+    assert repr(SPOT) == f"<SpotLight {expected}>"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PointLight((0, 0, np.nan)), "PointLight: position: expected three finite numbers"),
+        (lambda: PointLight((0, 0, 0), (1, 1, 1e39)), "PointLight: intensity: expected numbers within float32"),
+        (
+            lambda: PointLight((0, 0, 0), (1, 1, 1), "linear"),
+            "PointLight: attenuation: expected one of none, inverse-square",
+        ),
+        (lambda: PointLight((0, 0, 0), (1, 1, 1), "none", 3.0), "PointLight: range: expected None without attenuation"),
+        (lambda: replace(LAMP, range=0.0), "PointLight: range: expected a finite number above 0"),
+        (lambda: replace(LAMP, range=math.inf), "PointLight: range: expected a finite number above 0"),
+        (lambda: DirectionalLight((0, 0, 0)), "DirectionalLight: direction: expected a vector other than 0"),
+        (lambda: DirectionalLight((0, 1, np.inf)), "DirectionalLight: direction: expected three finite numbers"),
+        (lambda: replace(SPOT, direction=(0, 0, 0)), "SpotLight: direction: expected a vector other than 0"),
+        (lambda: replace(SPOT, inner_cone=-1), "SpotLight: inner_cone: expected a finite number of at least 0"),
+        (lambda: replace(SPOT, outer_cone=90.1), "SpotLight: outer_cone: expected degrees from 0 to 90"),
+        (
+            lambda: replace(SPOT, inner_cone=30),
+            "SpotLight: inner_cone: expected an angle of at most outer_cone, 20 degrees",
+        ),
+        (
+            lambda: Scene(MESH, CAMERA, [SUN, 3]),
+            "Scene: lights: expected a sequence of PointLight or DirectionalLight or",
+        ),
+        (
+            lambda: plain_lights("bench", (PointLight((0, 0, 0)), SUN)),
+            "bench: lights: expected points without attenuation",
+        ),
+    ],
+)
+def test_refusals(make, message):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
+def test_directions_of_any_length(length):
+    np.testing.assert_allclose(
+        unit_direction(DirectionalLight(np.array([0, -3, 4]) * length)), [0, -0.6, 0.8], rtol=1e-15
+    )
+
+
+def test_the_view_turns_positions_and_directions():
+    """From the right the sun and the spot come from where they came from as seen from the front."""
+    scene = Scene(MESH, CAMERA, (SUN, SPOT, LAMP))
+    right = named_cameras(scene, ("right",))["right"]
+    sun, spot, lamp = seen_by(scene, right).lights
+    np.testing.assert_allclose(sun.direction, [4, -3, 0], atol=1e-12)
+    np.testing.assert_allclose(spot.position, [3, 2, -1], atol=1e-12)
+    np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(lamp.position, [3, 2, -1], atol=1e-12)
+    assert (spot.inner_cone, spot.outer_cone, lamp.range) == (10, 20, 7)
+    assert seen_by(scene, right, fixed_lights=True).lights == scene.lights
+
+
+def test_factors_and_growing_scenes():
+    scene = Scene(MESH, CAMERA, (SUN, SPOT, LAMP))
+    assert [light.intensity.tolist() for light in adjust_lights.scaled_lights(scene, (0.5, 0, 2)).lights] == [
+        [1, 1, 1],
+        [0, 0, 0],
+        [8, 10, 12],
+    ]
+    moved = adjust_lights.rescaled_light(LAMP, 10.0, 1.0)
+    assert (moved.position.tolist(), moved.intensity.tolist(), moved.range) == ([11, 21, 31], [400, 500, 600], 70)
+    assert adjust_lights.rescaled_light(SUN, 10.0, 1.0) is SUN
+
+
+def test_what_inspect_says():
+    scene = Scene(MESH, CAMERA, (SUN, SPOT, LAMP), light_scale=0.25)
+    contents = scene_contents(scene)
+    assert contents["lights"] == 3
+    assert contents["each_light"][0] == {"kind": "DirectionalLight", "direction": [0, -3, 4], "intensity": [2, 2, 2]}
+    text = format_contents(contents)
+    for words in ("DirectionalLight", "0 -3 4", "10 to 20", "inverse-square", "times 0.25"):
+        assert words in text
+    assert "times" not in format_contents(scene_contents(replace(scene, light_scale=1.0)))

@@ -1,0 +1,168 @@
+"""Scenes of curved, mapped and lit surfaces after Khronos' glTF sample models, as .glb files written by code."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from khronos_cards import GREEN, HALF, LINEAR, RED, Card
+
+ROUGHNESS = tuple(51 * k / 255 for k in range(1, 6))
+METAL = (0.9, 0.6, 0.3)
+_RADIUS = 0.45
+
+
+def metal_rough_spheres(path: Path) -> str:
+    """After MetalRoughSpheres: rougher to the right; metals, dielectrics, and metals whose numbers come from textures. The
+    poles face +z."""
+    card = Card(len(ROUGHNESS), 3)
+    across, up = 33, 17
+    phi, theta = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, across), np.linspace(0, np.pi, up)))
+    normals = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    first = (np.arange(up - 1)[:, None] * across + np.arange(across - 1)).ravel()
+    triangles = [(first, first + across, first + 1), (first + 1, first + across, first + across + 1)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles]).astype(np.uint16).ravel()
+    normal = card.accessor(normals.astype(np.float32))
+    uvs = card.accessor(np.full((len(normals), 2), 0.5, np.float32))
+    for row, column in np.ndindex(3, len(ROUGHNESS)):
+        reflection: dict[str, Any] = {"metallicFactor": float(row != 1), "roughnessFactor": ROUGHNESS[column]}
+        if row == 2:
+            texel = np.array([[[0, 51 * (column + 1), 255]]], np.uint8)
+            reflection = {"metallicRoughnessTexture": {"index": card.texture(texel)}}
+        material = card.material(METAL, unlit=False, reflection=reflection)
+        card.place(card.shape(_RADIUS * normals, faces, material, NORMAL=normal, TEXCOORD_0=uvs), column, row)
+    return card.glb(path)
+
+
+GRID = 32  # texels of a cell, and vertices of a dome, which lie at their centers
+_SLOPE, _RIM = 2.5, 0.38  # of the dome: what its slope grows by, and where it ends
+_CENTERS = (np.arange(GRID) + 0.5) / GRID - 0.5
+
+
+def _dome(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return height and normals of a dome over a unit square."""
+    inside = x * x + y * y < _RIM * _RIM
+    height = np.where(inside, 0.5 * _SLOPE * (_RIM * _RIM - x * x - y * y), 0.0)
+    normals = np.stack([_SLOPE * x * inside, _SLOPE * y * inside, np.ones_like(x)], axis=-1)
+    return height, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def _dome_mesh(card: Card, material: int) -> int:
+    x, y = (a.ravel() for a in np.meshgrid(_CENTERS, _CENTERS))
+    height, normals = _dome(x, y)
+    first = (np.arange(GRID - 1)[:, None] * GRID + np.arange(GRID - 1)).ravel()
+    triangles = [(first, first + 1, first + GRID + 1), (first, first + GRID + 1, first + GRID)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles]).astype(np.uint16).ravel()
+    return card.shape(np.stack([x, y, height], axis=1), faces, material, NORMAL=normals.astype(np.float32))
+
+
+def dome_texture(card: Card) -> int:
+    """Add the dome's normal map: u to the right, v down, green up. It serves any rotation and mirroring of its
+    coordinates, for the dome looks the same from all sides."""
+    x, y = np.meshgrid(_CENTERS, -_CENTERS)
+    normals = _dome(x, y)[1]
+    return card.texture(np.round((normals * 0.5 + 0.5) * 255.0).astype(np.uint8), magFilter=LINEAR, minFilter=LINEAR)
+
+
+def _mapped(card: Card, material: int, axes: np.ndarray, tangents: bool, half: int = 0) -> int:
+    """Add a square whose texture coordinates are axes (2, 2) @ (x, y) + 0.5. half: 1 or -1 for that side of x alone."""
+    low, high = (0.0, 0.5) if half == 1 else (-0.5, 0.0) if half == -1 else (-0.5, 0.5)
+    corners = np.array([[low, -0.5], [high, -0.5], [high, 0.5], [low, 0.5]])
+    attributes: dict[str, Any] = {
+        "NORMAL": np.tile(np.float32([0, 0, 1]), (4, 1)),
+        "TEXCOORD_0": (corners @ axes.T + 0.5).astype(np.float32),
+    }
+    if tangents:
+        back = np.linalg.inv(axes)  # columns: where u and v grow
+        side = 1.0 if np.cross([*back[:, 0], 0], [*-back[:, 1], 0])[2] > 0.0 else -1.0
+        attributes["TANGENT"] = np.tile(np.float32([*back[:, 0], 0.0, side]), (4, 1))
+    positions = np.concatenate([corners, np.zeros((4, 1))], axis=1)
+    return card.shape(positions, np.array([0, 1, 2, 0, 2, 3], np.uint16), material, **attributes)
+
+
+def _turned(quarters: int, mirrored: bool = False) -> np.ndarray:
+    """Return texture coordinates' axes, turned by so many quarters and mirrored along u."""
+    angle = quarters * math.pi / 2
+    turn = np.round([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return np.diag([-1.0 if mirrored else 1.0, 1.0]) @ np.diag([1.0, -1.0]) @ turn
+
+
+def _surfaces(card: Card) -> tuple[int, int]:
+    """Add the material of geometry and the one with the normal map."""
+    reflection = {"metallicFactor": 0.0, "roughnessFactor": 0.5}
+    normal = {"index": dome_texture(card)}
+    return (
+        card.material(METAL, unlit=False, reflection=reflection),
+        card.material(METAL, unlit=False, reflection=reflection, normalTexture=normal),
+    )
+
+
+def normal_tangent(path: Path, tangents: bool = False) -> str:
+    """After NormalTangentTest, and with `tangents` NormalTangentMirrorTest: a dome of geometry at the top, below it squares
+    with its normal map: coordinates turned by quarters, mirrored and turned, and halves that mirror each other."""
+    card = Card(4, 4)
+    plain, mapped = _surfaces(card)
+    dome = _dome_mesh(card, plain)
+    for column in range(4):
+        card.place(dome, column, 0)
+        for row, mirrored in ((1, False), (2, True)):
+            card.place(_mapped(card, mapped, _turned(column, mirrored), tangents), column, row)
+        halves = [_turned(2 * (column % 2), mirrored) for mirrored in (column >= 2, column < 2)]
+        for half, axes in zip((1, -1), halves, strict=True):
+            card.place(_mapped(card, mapped, axes, tangents, half), column, 3)
+    return card.glb(path)
+
+
+SCALES = ((1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1))
+
+
+def negative_scale(path: Path) -> str:
+    """After NegativeScaleTest: tiles of one side under nodes with negative scales, toward the eye, and away from it with a
+    negative z; below, domes of geometry and of a normal map under the same nodes."""
+    card = Card(4, 4)
+    plain, mapped = _surfaces(card)
+    front, back = (card.tile(card.material(color)) for color in (GREEN, RED))
+    dome, square = _dome_mesh(card, plain), _mapped(card, mapped, _turned(0), False)
+    card.behind(RED, range(4), 0)
+    card.behind(GREEN, range(4), 1)
+    for column, scale in enumerate(SCALES):
+        card.place(front, column, 0, scale=list(scale))
+        card.place(back, column, 1, scale=[*scale[:2], -1])
+        card.place(dome, column, 2, scale=list(scale))
+        card.place(square, column, 3, scale=list(scale))
+    return card.glb(path)
+
+
+WALL = 0.8
+LAMPS: list[dict[str, Any]] = [
+    {"type": "point", "intensity": 3.0, "color": [1.0, 0.6, 0.3], "range": 2.5},
+    {"type": "spot", "intensity": 6.0, "color": [0.3, 0.6, 1.0]}
+    | {"spot": {"innerConeAngle": 0.15, "outerConeAngle": 0.4}},
+    {"type": "directional", "intensity": 0.5},
+    {"type": "point", "intensity": 1.0, "color": [0.2, 1.0, 0.2]},
+]
+# Positions, and quaternions that turn -z, the direction of lights, about x and y.
+LAMP_NODES: list[dict[str, Any]] = [
+    {"translation": [0.5, -0.5, 0.7]},
+    {"translation": [3.2, 0.6, 1.5], "rotation": [-math.sin(0.3), 0.0, 0.0, math.cos(0.3)]},
+    {"rotation": [0.0, math.sin(-0.5), 0.0, math.cos(-0.5)]},
+    {"translation": [4.6, -1.7, 0.5]},
+]
+
+
+def punctual_lights(path: Path) -> str:
+    """After LightsPunctualLamp: a matt wall of 6 x 3 cells under a point with a range, a spot, a sun and a lamp."""
+    card = Card(6, 3)
+    matt = {"KHR_materials_specular": {"specularFactor": 0.0}}
+    reflection = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    wall = card.material([WALL] * 3, unlit=False, reflection=reflection, extensions=matt)
+    corners = np.array([[-HALF, -2 - HALF, 0], [5 + HALF, -2 - HALF, 0], [5 + HALF, HALF, 0], [-HALF, HALF, 0]])
+    normals = np.tile(np.float32([0, 0, 1]), (4, 1))
+    card.place(card.shape(corners, np.array([0, 1, 2, 0, 2, 3], np.uint16), wall, NORMAL=normals), 0, 0)
+    card.use("KHR_lights_punctual")
+    card.json["extensions"] = {"KHR_lights_punctual": {"lights": LAMPS}}
+    for number, node in enumerate(LAMP_NODES):
+        card.add("nodes", {**node, "extensions": {"KHR_lights_punctual": {"light": number}}})
+    return card.glb(path)

@@ -1,0 +1,260 @@
+"""microfacet.clh, through the stage `light`, at single points: closed forms, energy, reciprocity, lobes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from kernel_stages import OTHER_LANES, Probe, bits, float32, four, light_rows, mask, material_rows
+
+from clshade.measure.check import oracle_bounds
+from clshade.oracle import OracleFrame, microfacet, shade
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.launches import Stages
+from clshade.pipeline.programs import build
+from clshade.scene.metallic_roughness import LEAST_ROUGHNESS, from_phong
+from clshade.scene.model import Material, MetallicRoughness
+
+EYE = np.zeros(3)  # points and lights are relative to it
+HALF_ULP = 2.0**-24
+FLOAT32 = microfacet.REACH["float32"]
+
+
+def reflect(device, points, normals, lights, pbr, *, colors=None, lanes=None) -> np.ndarray:
+    """Return the light (K, 3) of points with normals (K, 3) and colors (K, 3), by default white, under lights
+    (positions (L, 3), intensities (L, 3))."""
+    chosen = mask(LIT=1, PBR=1, DIFFUSE=1, SPECULAR=1, EMISSION=1)
+    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
+    facets = {"diffuse": 1.0, "f0": pbr.dielectric_f0, "f90": pbr.specular, "emission": pbr.emission}
+    rows = material_rows(metallic=pbr.metallic, roughness=pbr.roughness, **facets)
+    colors = np.ones_like(points) if colors is None else colors
+    inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
+    inputs += [Buffer(device, rows), Buffer(device, light_rows(*map(np.atleast_2d, lights)))]
+    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
+    stages.light(*inputs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
+    return found.to_host()[:, :3]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def facets_of(pbr: MetallicRoughness, count: int) -> microfacet.Facets:
+    return microfacet.facets_of([Material(pbr=pbr)])[np.zeros(count, int)]
+
+
+def one(device, pbr, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), **options) -> list[float]:
+    vectors = [float32([v]) for v in (point, normal)]
+    return reflect(device, *vectors, (float32(light), np.ones(3, np.float32)), pbr, **options)[0].tolist()
+
+
+def test_closed_forms(device):
+    """Light and eye along the normal: the lobe is F0 / (4 alpha^2), the diffuse base what F0 leaves."""
+    rough = MetallicRoughness(0.0, 1.0)
+    assert one(device, rough) == pytest.approx([0.04 / 4.0 + 0.96] * 3, rel=1e-6)
+    assert one(device, MetallicRoughness(0.0, 1.0, specular=0.0)) == pytest.approx([1.0] * 3, rel=1e-7)
+    metal = MetallicRoughness(1.0, 0.5)
+    assert one(device, metal, colors=float32([[1.0, 0.5, 0.0]])) == pytest.approx([4.0, 2.0, 0.0], rel=1e-6)
+    assert one(device, rough, normal=(0, 0, -1)) == one(device, rough, normal=(0, 0, 0)) == [0, 0, 0]
+    assert one(device, rough, light=(0, 0, -2)) == [0, 0, 0]  # the light at the point
+    assert one(device, rough, point=(0, 0, 0), light=(0, 0, 1)) == pytest.approx([0.96] * 3)  # the eye at it: no lobe
+
+
+@pytest.mark.parametrize("roughness", [0.0, 1e-4, LEAST_ROUGHNESS])
+def test_the_least_roughness(device, roughness):
+    """Less counts as 2^-5, whose lobe is 2^18 high: exact here."""
+    assert one(device, MetallicRoughness(1.0, roughness)) == [2.0**18] * 3
+
+
+def test_half_vectors_below_the_surface_see_its_horizon(device):
+    """An interpolated normal that turns away from the eye, light behind the surface: N.V < 0 < N.L < -N.V. The lobe is D at
+    N.H = 0 times 1/2 / alpha, at any angle, not its mirrored peak."""
+    alpha = 0.3**2
+    for n_v, n_l in ((-0.02, 0.01), (-0.1, 0.05), (-0.5, 0.4)):
+        point = np.array([math.sqrt(1.0 - n_v * n_v), 0.0, -n_v])  # the eye is at 0
+        light = point + [math.sqrt(1.0 - n_l * n_l), 0.0, n_l]
+        assert one(device, MetallicRoughness(1.0, 0.3), point, light=light) == pytest.approx([alpha / 2] * 3, rel=1e-4)
+
+
+def test_emission_alone(device):
+    glow = MetallicRoughness(0.0, 1.0, emission=(1e30, 2.0, 0.0))
+    assert one(device, glow, normal=(0, 0, -1)) == [float32(1e30), 2.0, 0.0]
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("metallic", [0.0, 0.6, 1.0])
+def test_light_at_random_points(device, roughness, metallic):
+    """Three lights, within the bound of clshade/measure/README.md; half of the normals near a half vector."""
+    rng = np.random.default_rng(3)
+    count = 3000
+    points = float32(rng.uniform(-2, 2, (count, 3)))
+    positions = float32([[3.0, 0, 0], [-1, 4, 2], [0, 0, -3.5]])
+    intensities = float32([[1, 0.5, 0.25], [0.3, 0.3, 2], [1, 1, 0.5]])
+    half = unit(unit(-points) + unit(positions[0] - points))
+    normals = np.where(
+        rng.random((count, 1)) < 0.5, half + 0.1 * roughness * rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
+    )
+    normals, colors = float32(unit(normals)), float32(rng.uniform(0, 1, (count, 3)))
+    pbr = MetallicRoughness(metallic, roughness, specular=0.7, specular_color=(1.0, 0.5, 2.0), emission=0.25)
+    found = reflect(device, points, normals, (positions, intensities), pbr, colors=colors)
+    p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
+    around = np.abs(p).max(axis=1), np.ones(count)
+    facets = facets_of(pbr, count)
+    lit = microfacet.reflected(p, m, EYE, facets, c, l_pos, l_int, FLOAT32, *around)
+    none = np.zeros((count, 3))
+    expected = OracleFrame(
+        rgb=microfacet.light(lit, c, none, facets, True)[None],
+        alpha=np.ones((1, count)),
+        id=np.ones((1, count), np.uint32),
+        Z=np.ones((1, count)),
+        budget=microfacet.budget(none, c, facets, lit.spread, True)[None],
+        conditions=shade.conditions(p, *around, EYE, l_pos)[None],
+        jump=none[None],
+        exponent=np.ones((1, count)),
+        alpha_error=np.zeros((1, count)),
+        unsure=np.zeros((1, count), bool),
+    )
+    assert oracle_bounds.assert_colors_within(found[None], expected) < 8.0
+    with pytest.raises(AssertionError, match="colors off"):
+        oracle_bounds.assert_colors_within(found[None] * np.float32(1.0 + 1e-4), expected)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.1, 0.3, 1.0])
+def test_lobes_own_relative_error(device, roughness):
+    """Inside the lobe, |N x H| <= alpha, at most 32 / alpha * 2^-24 (clshade/measure/README.md)."""
+    rng = np.random.default_rng(7)
+    alpha = max(roughness, LEAST_ROUGHNESS) ** 2
+    light = float32([0.7, -0.4, 0.9])
+    points = float32(unit(rng.normal(size=(4000, 3))) * rng.uniform(1.0, 2.0, (4000, 1)))
+    to_eye, to_light = unit(-points.astype(np.float64)), unit(light.astype(np.float64) - points)
+    kept = ((to_eye * to_light).sum(axis=1) > -0.5) & (np.linalg.norm(points - light, axis=1) > 0.7)
+    points, half = points[kept], unit(to_eye + to_light)[kept]
+    normals = float32(
+        unit(half + min(alpha, 0.3) * rng.uniform(0, 0.7, (len(half), 1)) * unit(rng.normal(size=half.shape)))
+    )
+    pbr = MetallicRoughness(1.0, roughness)
+    found = reflect(device, points, normals, (light, np.ones(3, np.float32)), pbr)[:, 0]
+    at = microfacet.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
+    lobe = microfacet.distribution(at.beside, np.float64(alpha)) * microfacet.passing(at.n_l, at.n_v, np.float64(alpha))
+    inside = (at.beside <= alpha) & (at.n_l > 0.3) & (at.n_v > 0.3)
+    assert inside.sum() > 1000
+    assert np.abs(found[inside] / lobe[inside] - 1.0).max() <= 32.0 / alpha * HALF_ULP
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_lanes_do_not_change_a_bit(device, lanes):
+    rng = np.random.default_rng(1)
+    points, normals = float32(rng.uniform(-2, 2, (203, 3))), float32(unit(rng.normal(size=(203, 3))))
+    lights, pbr = (float32([[1, 2, 3], [-1, 0, 2]]), np.ones((2, 3), np.float32)), MetallicRoughness(0.5, 0.2)
+    first, again = (reflect(device, points, normals, lights, pbr, lanes=each) for each in (None, lanes))
+    assert np.array_equal(bits(first), bits(again))
+
+
+ROOTS = """
+#include "light.clh"
+kernel void square_roots(global const REAL *x, global REAL *out)
+{
+    int i = get_global_id(0) * LANES;
+    reals root, square = LOAD_LANES(x + i);
+    roots(&root, &square, 1);
+    STORE_LANES(root, out + i);
+}
+"""
+
+
+@pytest.mark.parametrize("double", [0, 1])
+def test_square_roots(device, double):
+    """0 too: what L + V is where the light lies behind the point."""
+    if double and not device.has_fp64:
+        pytest.skip("no float64 on this device")
+    real = np.float64 if double else np.float32
+    squares = np.concatenate([[0.0], 2.0 ** np.arange(-100, 126)]).astype(real)
+    found = Probe(device, ROOTS, PBR=1, DOUBLE=double)("square_roots", squares, dtype=real)
+    np.testing.assert_allclose(found, np.sqrt(squares), rtol=1e-15 if double else 2.0**-22)
+
+
+# The model
+
+
+def test_reciprocity(device):
+    """Exchanging eye and light changes the lobe of a metal over N.L by roundings only."""
+    rng = np.random.default_rng(2)
+    directions = unit(rng.normal(size=(2, 500, 3)) + [0, 0, 1.5])
+    directions = directions[:, (directions[..., 2] > 0.1).all(axis=0)]
+    normals = np.broadcast_to(float32([0, 0, 1]), directions[0].shape)
+    brdf = []
+    for eye, light in (directions, directions[::-1]):
+        # The light is at the same place for all points: each is lit alone.
+        lit = [
+            reflect(
+                device,
+                float32(-e)[None],
+                n[None],
+                (float32(to - e), np.ones(3, np.float32)),
+                MetallicRoughness(1.0, 0.4),
+            )
+            for e, to, n in zip(eye[:24], light[:24], normals[:24], strict=True)
+        ]
+        brdf.append(np.array(lit)[:, 0, 0] / light[:24, 2])
+    np.testing.assert_allclose(*brdf, rtol=1e-5)
+
+
+def test_a_white_furnace_loses_what_single_scattering_loses(device):
+    """A perfect reflector in light from everywhere, 1 / (2 pi) of it from each unit of solid angle: what is reflected is 1
+    less `lost_energy`, by another quadrature, over directions to the light."""
+    steps = 160
+    cosine, phi = (
+        a.ravel() for a in np.meshgrid((np.arange(steps) + 0.5) / steps, (np.arange(steps) + 0.5) / steps * 2 * np.pi)
+    )
+    sine = np.sqrt(1.0 - cosine * cosine)
+    to_light = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=1)
+    weights = np.full((len(to_light), 3), 2.0 / len(to_light), np.float32)  # 2 pi / K of solid angle, over pi
+    for roughness in (0.5, 0.8, 1.0):
+        for n_v in (0.3, 0.7, 1.0):
+            point = -np.array([math.sqrt(1.0 - n_v * n_v), 0.0, n_v])
+            lights = float32(point + to_light), weights
+            sent = reflect(
+                device, float32(point)[None], float32([[0, 0, 1]]), lights, MetallicRoughness(1.0, roughness)
+            )
+            lost = microfacet.lost_energy(roughness**2, np.array(n_v))
+            assert sent[0, 0] == pytest.approx(1.0 - lost, abs=3e-3)
+            assert -1e-3 < lost < 0.7
+    assert microfacet.lost_energy(1.0, np.array(1.0)) == pytest.approx(math.log(2.0), abs=1e-5)  # 1 - int u/(1 + u) du
+    base = MetallicRoughness(0.0, 0.6)  # a white dielectric sends no more than it receives
+    assert (
+        reflect(
+            device, float32([[0, 0, -1]]), float32([[0, 0, 1]]), (float32([0, 0, -1] + to_light), weights), base
+        ).max()
+        < 1.0
+    )
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.25, 1.0])
+def test_the_distribution_projects_to_one(alpha):
+    """The integral of D N.H over half vectors is 1; `distribution` is pi times D."""
+    x = (np.arange(400_000) + 0.5) / 400_000  # |N x H|; N.H times the solid angle is x dx dphi
+    assert (2.0 * x * microfacet.distribution(x, np.float64(alpha))).mean() == pytest.approx(1.0, rel=1e-4)
+
+
+def test_parameters_from_phong():
+    """The inverse of what Phong's model makes of glTF's parameters; without a highlight nothing is reflected."""
+    from clshade.scene.formats.gltf_materials import phong
+
+    kd, ks, n = phong(0.0, 0.4, 1.0)
+    found = from_phong(np.full(3, ks), n)
+    assert (kd, found.metallic) == (1.0, 0.0)
+    assert found.roughness == pytest.approx(0.4)
+    np.testing.assert_allclose(found.dielectric_f0, 0.04)
+    assert not from_phong(np.zeros(3), 20.0).dielectric_f0.any()
+    assert from_phong(np.zeros(3), 20.0).specular == 0.0
+    assert (from_phong(np.full(3, 1e9), 0.0).dielectric_f0 == 1.0).all()
+
+
+def test_dielectric_reflectance():
+    np.testing.assert_allclose(MetallicRoughness(ior=1.5).dielectric_f0, 0.04)
+    assert not MetallicRoughness(ior=1.0).dielectric_f0.any()
+    assert (MetallicRoughness(ior=0.0, specular=0.5).dielectric_f0 == 0.5).all()
+    np.testing.assert_allclose(
+        MetallicRoughness(specular_color=(1, 100, 0), specular=0.5).dielectric_f0, [0.02, 0.5, 0]
+    )
