@@ -73,7 +73,7 @@ def encode(file: BinaryIO, images: Iterable[Array], count: int, rate: Fraction, 
             if stream is None:
                 stream = opened.add_stream(codec.encoder, rate=rate)
                 stream.height, stream.width = planes[0].shape
-                stream.pix_fmt, stream.options = codec.pixel_format, codec.options
+                stream.pix_fmt, stream.options = codec.pixel_format, _options(codec, count)
                 stream.codec_context.time_base = 1 / rate
                 if codec.encoder == "libx265":
                     stream.codec_context.codec_tag = "hvc1"
@@ -81,6 +81,13 @@ def encode(file: BinaryIO, images: Iterable[Array], count: int, rate: Fraction, 
                     setattr(stream.codec_context, name, value)
             opened.mux(stream.encode(_frame(planes, codec.pixel_format, number)))
         opened.mux(stream.encode())
+
+
+def _options(codec: Codec, count: int) -> dict[str, str]:
+    """Return the encoder's options. In films of one or two frames x265 4.2 leaves decoding times unset if it reorders."""
+    if codec.encoder == "libx265" and count <= 2:
+        return {**codec.options, "x265-params": codec.options["x265-params"] + ":bframes=0"}
+    return codec.options
 
 
 def _frame(planes: tuple[Array, ...], pixel_format: str, number: int) -> VideoFrame:
