@@ -18,11 +18,15 @@ def needs_float64(device: Device) -> None:
         pytest.skip(f"{device.platform} has no float64")
 
 
+def is_tested(platform: str) -> bool:
+    """Return whether tests run on a platform of this name."""
+    return os.environ.get("CLSHADE_TEST_PLATFORM", "").lower() in platform.lower()
+
+
 @cache
 def working_devices() -> tuple[str, ...]:
     """Return the indices "P:D" of the devices that work; empty if there is none."""
-    platform = os.environ.get("CLSHADE_TEST_PLATFORM", "").lower()
     try:
-        return tuple(info.index for info in list_devices() if info.works and platform in info.platform.lower())
+        return tuple(info.index for info in list_devices() if info.works and is_tested(info.platform))
     except DeviceError:
         return ()
