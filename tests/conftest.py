@@ -35,6 +35,19 @@ def patient() -> None:
     programs.SLOW = 1e6
 
 
+@pytest.fixture(scope="session", autouse=True)
+def unwarned() -> None:
+    """Fail every test that needs a program of which the compiler warns: no further program is compiled for that."""
+    build = programs._build
+
+    def checked(*arguments: Any) -> programs.Program:
+        program = build(*arguments)
+        assert not program.warnings, "\n".join(program.warnings)
+        return program
+
+    programs._build = checked
+
+
 @pytest.fixture(scope="session")
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     """Return each device that works, opened once."""

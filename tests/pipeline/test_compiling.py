@@ -170,3 +170,18 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
     features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
     with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):
         programs.build(opened, features, ("bilerp.cl",))
+
+
+# Warnings
+
+
+def test_a_warning_of_the_compiler_is_said_and_fails_a_test(opened: Device, capfd: Any) -> None:
+    """By `unwarned` in conftest.py. Compiled and loaded from the cache alike: PoCL keeps what it said."""
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    text = "#warning planted\nkernel void warned(global int *x) { x[0] = 1; }"
+    for _ in range(2):
+        with console.at_level(console.VERBOSE), pytest.raises(AssertionError, match=r"text:1:.*planted"):
+            programs.build_text(opened, features, text)
+        assert "clshade: the compiler warns: " in capfd.readouterr().err
+        (key,) = (key for key, program in programs._built.items() if "warned" in program.kernels)
+        del programs._built[key]
