@@ -169,7 +169,7 @@ def figures(scene: Scene, shader: str) -> list[np.ndarray]:
     return images
 
 
-@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20])
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_a_lights_color_shows_in_its_figure(shader, n):
     ambient, _, _, everything, first, second, third, lights = figures(surfaced(SCENE, n=n), shader)
