@@ -446,6 +446,7 @@ def test_bad_input(capsys, tmp_path, monkeypatch, arguments, parts):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_cone_is_named_with_its_light(device):
     """The edge of a cone without width amplifies by 2000; a light from infinitely far is nobody's cause."""
     scene = light_on_the_surface()

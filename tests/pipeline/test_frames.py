@@ -321,8 +321,14 @@ CAMERAS = {
 }
 
 
-@pytest.mark.parametrize("camera", [pytest.param("perspective", marks=pytest.mark.long), "orthographic"])
-@pytest.mark.parametrize("shader", GOURAUD_LONG)
+@pytest.mark.parametrize(
+    ("camera", "shader"),
+    [
+        ("orthographic", "phong"),
+        pytest.param("perspective", "phong", marks=pytest.mark.long),
+        pytest.param("perspective", "gouraud", marks=pytest.mark.long),
+    ],
+)
 def test_sides_alpha_and_light_on_both_sides(device, camera, shader):
     """Cards around the origin seen from both sides: culled, lit from behind, cut out by their texture's alpha,
     mirrored; in orthographic projection, off center."""
@@ -358,7 +364,7 @@ def test_parallel_projection(device):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("course", {"shader": "gouraud"}),
+        pytest.param("course", {"shader": "gouraud"}, marks=pytest.mark.long),
         pytest.param("box_room", {"shader": "gouraud"}, marks=pytest.mark.long),
         pytest.param("quads", {"preset": "course", "shader": "phong"}, marks=pytest.mark.long),
         pytest.param("course", {"preset": "standard", "shader": "nolight"}, marks=pytest.mark.long),

@@ -49,7 +49,8 @@ def draw(device, scene: Scene, preset: str = "standard", **options) -> Frame:
 
 
 # Most of them need three programs of their own.
-LONG = ("trilinear, several samples", "orthographic", "fast", "float64, course", "a room")
+LONG = ("trilinear, several samples", "orthographic", "fast", "float64", "float64, course", "a room")
+ALONE = ("Z", "id", "N", "uv", "material_id")  # each but the numbers needs a program
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
@@ -199,7 +200,9 @@ def test_the_image_does_not_depend_on_the_layers(device):
     assert not {"surface_layers", "layer_object_id"} & set(fewer.stats["times_ms"])
 
 
-@pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.parametrize(
+    "name", [name if name in ALONE else pytest.param(name, marks=pytest.mark.long) for name in LAYERS]
+)
 def test_each_layer_alone_has_the_same_bits(device, name):
     scene = Scene((dome(), wedge()), CAMERA, background=None)
     together, alone = draw(device, scene), draw(device, scene, layers=name)

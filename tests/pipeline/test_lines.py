@@ -116,7 +116,7 @@ def test_a_scene_without_faces(device):
     assert not render(scene, device=device, edges=ONLY).alpha.any()
 
 
-@pytest.mark.parametrize("samples", [1, 5])
+@pytest.mark.parametrize("samples", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_the_bits_do_not_depend_on_lanes(device, samples):
     scene = scene_of(cube(), floor())
     frames = []

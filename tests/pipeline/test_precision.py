@@ -101,12 +101,12 @@ def draw(device, scene, **options):
 
 # Every precision with every scene and every shader, and every scene with both shaders.
 PAIRS = [
-    ("teapot", "fast", "phong"),
-    ("teapot", "float64", "gouraud"),
     ("box_room", "fast", "gouraud"),
     ("box_room", "float64", "phong"),
-    ("course", "fast", "gouraud"),
-    ("course", "float64", "phong"),
+    pytest.param("teapot", "fast", "phong", marks=pytest.mark.long),
+    pytest.param("teapot", "float64", "gouraud", marks=pytest.mark.long),
+    pytest.param("course", "fast", "gouraud", marks=pytest.mark.long),
+    pytest.param("course", "float64", "phong", marks=pytest.mark.long),
 ]
 
 

@@ -39,13 +39,13 @@ def bits(frame: Frame) -> np.ndarray:
 @pytest.mark.parametrize(
     ("precision", "options"),
     [
-        ("float32", {"lanes": 8}),
+        pytest.param("float32", {"lanes": 8}, marks=pytest.mark.long),
         pytest.param("float32", {"lanes": 4}, marks=pytest.mark.long),
         pytest.param("float32", {"lanes": 1}, marks=pytest.mark.long),
         pytest.param("fast", {"lanes": 1}, marks=pytest.mark.long),
         ("float32", {"forced": {"MIPMAPS"}}),
         pytest.param("fast", {"forced": {"MIPMAPS"}}, marks=pytest.mark.long),
-        ("float32", {"forced": {"MATERIALS"}}),
+        pytest.param("float32", {"forced": {"MATERIALS"}}, marks=pytest.mark.long),
         pytest.param("float32", {"forced": {"SORTED"}}, marks=pytest.mark.long),
     ],
     ids=str,

@@ -131,6 +131,7 @@ def test_transparency_does_not_change_what_is_opaque(device):
     assert "BLEND" in draw(device, scene(solid), **lean).stats["left_out"]
 
 
+@pytest.mark.long
 def test_lines_lie_over_transparent_faces(device):
     glass = square(0, color=GREEN, opacity=0.5)
     for samples in (1, 4):

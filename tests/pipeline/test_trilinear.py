@@ -16,7 +16,6 @@ from clshade.errors import InputError
 from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
-from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.mipmaps import smaller_levels
 from clshade.pipeline.opencl.device import Device
@@ -280,13 +279,6 @@ def test_bright_texels_between_dark_ones(device):
 def test_lanes_change_no_bit(device, lanes):
     scene = cards(noise(37, 53))
     assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("shader", ["nolight", "phong", "gouraud"])
-def test_leaving_out_changes_no_bit(device, shader):
-    scene = cards(noise(37, 53))
-    assert same_bits(draw(device, scene, shader=shader), draw(device, scene, shader=shader, forced=OPTIONAL))
 
 
 def test_the_check_of_a_frame_knows_the_filter(device):
