@@ -72,7 +72,8 @@ def patient() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def unwarned() -> None:
-    """Fail every test that needs a program of which the compiler warns: no further program is compiled for that."""
+    """Fail every test that needs a program of which the compiler warns: no further program is compiled for that. Of what
+    only we store, rather than the runtime, the log is lost: it is checked when it is compiled."""
     build = programs._build
 
     def checked(*arguments: Any) -> programs.Program:
