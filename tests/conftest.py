@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from browsers import SOFTWARE_GL, chromium
 from devices import working_devices
-from processes import OPEN, python
+from processes import OPEN, ROOT, python
 
 from clshade import course
 from clshade.errors import DeviceError
@@ -24,6 +24,41 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 
 
+# With all tests these take longest, one to several minutes each. They begin first, or else one of them may be left at the
+# end for one process alone.
+LONGEST = (
+    "measure/test_fuzz.py",
+    "pipeline/test_oclgrind.py",
+    "pipeline/test_same_bits.py",
+    "measure/test_explain.py",
+    "pipeline/test_frames.py",
+    "measure/test_stability.py",
+    "measure/test_checking.py",
+    "pipeline/test_transparency.py",
+    "pipeline/test_layers.py",
+    "view/test_page_browser.py",
+    "measure/test_course_report.py",
+    "pipeline/test_precision.py",
+    "pipeline/test_damaged_cache.py",
+    "pipeline/test_materials.py",
+    "pipeline/test_trilinear.py",
+    "course/test_course.py",
+    "course/test_demos.py",
+    "base/test_interrupts.py",
+    "test_readme.py",
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.option.loadscopereorder = False  # pytest-xdist's: files with many tests, however quick, would begin first
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = {ROOT / "tests" / name: place for place, name in enumerate(LONGEST)}
+        items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
         metafunc.parametrize("device", working_devices() or [None], indirect=True, scope="session")
@@ -33,6 +68,20 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def patient() -> None:
     """Suppress the notice of slow compilers: whether they have to compile depends on earlier runs."""
     programs.SLOW = 1e6
+
+
+@pytest.fixture(scope="session", autouse=True)
+def unwarned() -> None:
+    """Fail every test that needs a program of which the compiler warns: no further program is compiled for that. Of what
+    only we store, rather than the runtime, the log is lost: it is checked when it is compiled."""
+    build = programs._build
+
+    def checked(*arguments: Any) -> programs.Program:
+        program = build(*arguments)
+        assert not program.warnings, "\n".join(program.warnings)
+        return program
+
+    programs._build = checked
 
 
 @pytest.fixture(scope="session")

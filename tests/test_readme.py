@@ -123,8 +123,9 @@ def commands(block: Block) -> list[list[str]]:
 
 
 def case(words: list[str]) -> Any:
-    """Mark slow commands: the demos and a full turn; test_demos.py and test_farm.py run them on small images."""
-    slow = any(word.startswith("demos/") or word == "turntable" for word in words)
+    """Mark slow commands: the demos, a full turn, sheets and drawings of lines alone; test_demos.py, test_farm.py,
+    test_sheet.py and test_lines.py have small ones."""
+    slow = any(word.startswith("demos/") or word in ("turntable", "--sheet", "--edges-only") for word in words)
     return pytest.param(words, id=" ".join(words[1:]), marks=[pytest.mark.long] if slow else [])
 
 

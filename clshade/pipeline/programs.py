@@ -69,7 +69,7 @@ def flatten_text(text: str, name: str = "text") -> str:
 @dataclass
 class Program:
     """A built program. kernels: by name. seconds: the time to build it, or to load it if it was `stored` by us or by the
-    runtime.
+    runtime. warnings: the lines of the build log in which the compiler warns.
 
     lock: held while a kernel's arguments are set and it is launched. set_by: who set the arguments of each kernel last.
     launched: identifies the code of each launch that has completed (`Stages._launch`).
@@ -80,6 +80,7 @@ class Program:
     seconds: float
     kernels: dict[str, Any]
     stored: bool = False
+    warnings: tuple[str, ...] = ()
     lock: threading.Lock = field(default_factory=threading.Lock)
     set_by: dict[str, object] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
@@ -198,8 +199,11 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         if not stored:
             kept = cache_sharing.runtime_folders(slot) - before if device.keeps_programs else ()
             _store(cache_sharing.note(kept) if device.keeps_programs else program.binaries[0], path)
+        warned = _warnings(device, program)
+        for line in warned:
+            console.detail(f"the compiler warns: {line}")
         taken = time.perf_counter() - start
-        _built[key] = Program(features, lanes, taken, kernels, stored)
+        _built[key] = Program(features, lanes, taken, kernels, stored, warned)
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
@@ -213,6 +217,14 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return program.build(list(options))
+
+
+def _warnings(device: Device, program: Any) -> tuple[str, ...]:
+    """Return the lines of the build log that warn; PoCL keeps the log with the program."""
+    import pyopencl as cl
+
+    log = program.get_build_info(device.device, cl.program_build_info.LOG) or ""
+    return tuple(line.strip() for line in log.splitlines() if "warning:" in line.lower())
 
 
 # Built programs are kept in this process's cache folder: loading one skips the compiler's front end. If the runtime has a

@@ -59,7 +59,7 @@ def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray,
 
 
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
-@pytest.mark.parametrize("n", [1, 20, 200, 1e4])
+@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20, 200, 1e4])
 def test_render_object_is_the_oracles(device, shader, n):
     scene = surfaced(SCENE, n=n)
     arguments = reference.scene_arguments(scene, shader=shader)
@@ -169,7 +169,7 @@ def figures(scene: Scene, shader: str) -> list[np.ndarray]:
     return images
 
 
-@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20])
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_a_lights_color_shows_in_its_figure(shader, n):
     ambient, _, _, everything, first, second, third, lights = figures(surfaced(SCENE, n=n), shader)

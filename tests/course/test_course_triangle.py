@@ -184,7 +184,7 @@ def test_lengths_of_normals():
         assert (draw("gouraud", verts_n=NORMALS * factor) == draw("gouraud")).all()
 
 
-@pytest.mark.parametrize("shader", ["gouraud", "phong"])
+@pytest.mark.parametrize("shader", [pytest.param("gouraud", marks=pytest.mark.long), "phong"])
 def test_zero_normals_and_left_out_components(shader):
     drawn = expect(shader)[2]
     ambient = K_A * L_AMB

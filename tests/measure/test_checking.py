@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checked_scenes import CHECKED
 from command_line import run
 from devices import working_devices
 
@@ -301,10 +302,8 @@ def test_textures_alpha_tests_and_projections(device, orthographic):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("preset", ["course", "standard"])
-@pytest.mark.parametrize("shader", ["gouraud", "phong", "nolight"])
-@pytest.mark.parametrize("name", ["teapot", "course", "box_room", "quads", "icosphere"])
-def test_built_in_scenes_pass(device, name, shader, preset):
+@pytest.mark.parametrize(("name", "preset", "shader"), CHECKED)
+def test_built_in_scenes_pass(device, name, preset, shader):
     frame = clshade.render(
         scenes.builtin(name), device=device, preset=preset, shader=shader, resolution=(160, 120), layers=LAYERS
     )

@@ -393,6 +393,7 @@ def saved(tmp_path):
     return tmp_path / "h3.npy"
 
 
+@pytest.mark.long
 def test_the_command(opened, saved, capsys, monkeypatch):
     """The texture of the course that lies beside the scene is used."""
     monkeypatch.setattr(content, "DECOMPOSED", (16, 18))

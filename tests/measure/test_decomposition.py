@@ -109,7 +109,7 @@ def test_the_parts_add_up(device, studied):
     ("changes", "cause"),
     [
         ({"shader": "gouraud"}, "Gouraud shading"),
-        ({"interpolation": "affine"}, "affine interpolation"),
+        pytest.param({"interpolation": "affine"}, "affine interpolation", marks=pytest.mark.long),
         ({"samples": 16, "sample_shading": True}, SAMPLING),
         ({"precision": "fast"}, ARITHMETIC),
     ],
@@ -131,6 +131,7 @@ def test_each_cause_is_found_where_it_is_planted(device, studied, plain, changes
     assert errors[cause] > 1e-6
 
 
+@pytest.mark.long
 def test_causes_that_are_not_known_are_named(device):
     mesh = sphere().meshes[0]
     scene = replace(sphere(), name="own", meshes=(Mesh(mesh.verts, mesh.faces, normals=mesh.normals),))

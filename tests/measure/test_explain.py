@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -24,7 +27,7 @@ needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL devic
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 
 
-# Each feature alone
+# Features left out
 
 WITHOUT_SCALARS = ("SCALARS", "VERTEX_COLORS", "MATERIALS")  # meshes with scalars need these
 
@@ -33,56 +36,57 @@ WITHOUT_SCALARS = ("SCALARS", "VERTEX_COLORS", "MATERIALS")  # meshes with scala
 OF_PBR = {"EMISSION", "ENVIRONMENT", "NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP", "UV_SETS"}
 
 
-def rich_scene(without: str = "") -> Scene:
-    """Return sixty triangles whose image needs every optional feature except this one and those that depend on it."""
+def rich_scene(*without: str) -> Scene:
+    """Return sixty triangles whose image needs every optional feature except these and those that depend on them."""
     generator = np.random.default_rng(4)
-    given = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": without != "TWO_SIDED"}
-    given |= {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}.get(
-        without, {}
-    )
-    filter = "linear" if without == "NEAREST" else "nearest"
+    given: dict[str, Any] = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": "TWO_SIDED" not in without}
+    plain = {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}
+    for name in without:
+        given |= plain.get(name, {})
+    filter = "linear" if "NEAREST" in without else "nearest"
     texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)), filter=filter)
-    if without != "TEXTURED":
-        given |= {"texture": texture, "alpha_cutoff": None if without == "ALPHA_TEST" else 0.4}
-    else:
-        given |= {"alpha_cutoff": 0.4}
-    sides = "both" if without == "SIDES" else "front"
+    given["alpha_cutoff"] = None if "ALPHA_TEST" in without else 0.4
+    if "TEXTURED" not in without:
+        given["texture"] = texture
+    sides = "both" if "SIDES" in without else "front"
     materials = (
         Material(**given),
         Material(
             **{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]},
             sides=sides,
-            blend=without not in ("BLEND", "MATERIALS", "SORTED"),
+            blend=not {"BLEND", "MATERIALS", "SORTED"} & set(without),
         ),
     )
     faces = np.arange(90).reshape(-1, 3)
     meshes = []
-    for material in materials if without != "MATERIALS" else (materials[0], materials[0]):
-        colors = None if without == "VERTEX_COLORS" else generator.uniform(0.2, 1, (90, 3))
+    for material in materials if "MATERIALS" not in without else (materials[0], materials[0]):
+        colors = None if "VERTEX_COLORS" in without else generator.uniform(0.2, 1, (90, 3))
         verts, uvs = generator.uniform(-1, 1, (90, 3)), generator.uniform(0, 2, (90, 2))
         normals = {"normals": generator.normal(size=(40, 3)), "normal_faces": generator.integers(40, size=(30, 3))}
         meshes.append(
             Mesh(
-                np.float32(verts) if without == "DOUBLE_POSITIONS" else verts,
+                np.float32(verts) if "DOUBLE_POSITIONS" in without else verts,
                 faces,
                 colors=colors,
                 uvs=uvs,
-                uv_faces=None if without == "UV_INDICES" else faces[::-1],
+                uv_faces=None if "UV_INDICES" in without else faces[::-1],
                 material=material,
-                alphas=None if without == "VERTEX_ALPHA" else generator.uniform(0.3, 1, 90),
-                **({} if without == "NORMAL_INDICES" else normals),
+                alphas=None if "VERTEX_ALPHA" in without else generator.uniform(0.3, 1, 90),
+                **({} if "NORMAL_INDICES" in without else normals),
             )
         )
-    if without not in WITHOUT_SCALARS:
-        meshes.append(replace(meshes[0], verts=0.7 * meshes[0].verts, scalars={"data": generator.uniform(0, 1, 90)}))
+    if not set(WITHOUT_SCALARS) & set(without):
+        verts = 0.7 * meshes[0].verts
+        verts = np.float32(verts) if "DOUBLE_POSITIONS" in without else verts
+        meshes.append(replace(meshes[0], verts=verts, scalars={"data": generator.uniform(0, 1, 90)}))
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
-    ends = {} if without == "LIGHT_SHAPES" else {"attenuation": "inverse-square", "range": 9.0}
+    ends = {} if "LIGHT_SHAPES" in without else {"attenuation": "inverse-square", "range": 9.0}
     lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), **ends))
-    background = None if without == "BACKGROUND" else (0.1, 0.2, 0.3)
+    background = None if "BACKGROUND" in without else (0.1, 0.2, 0.3)
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
 
-# Settings with which all features but one are needed.
+# Settings with which all features but these are needed.
 NEEDS = {
     "LIT": {"shader": "nolight"},
     "OWNERS": {"layers": ()},
@@ -113,61 +117,110 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
         return renderer.render()
 
 
-def draw_rich(device, without: str = "", **options: Any) -> Frame:
+def draw_rich(device, *without: str, **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
     fields["scalars"] = "data"
-    return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
+    for name in without:
+        options |= NEEDS.get(name, {})
+    return draw(device, rich_scene(*without), **{**fields, **options})
 
 
 def needed_by(frame: Frame) -> set[str]:
     return set(frame.stats["features"]) & set(OPTIONAL)
 
 
-EVERY_DAY = ("TEXTURED",)  # each mask needs another program
+# Each mask needs another program, and one that lacks several features shows an error of any of them.
+LEFT_OUT = (
+    ("TEXTURED",),
+    ("LIT", "DOUBLE_POSITIONS"),
+    ("AMBIENT", "TWO_SIDED", "MIPMAPS"),
+    ("DIFFUSE", "NEAREST", "SIDES"),
+    ("SPECULAR", "UV_INDICES", "BACKGROUND"),
+    ("POWER", "NORMAL_INDICES", "ALPHA_TEST"),
+    ("LIGHT_SHAPES", "BLEND", "OWNERS"),
+    ("VERTEX_COLORS", "VERTEX_ALPHA"),
+    ("MATERIALS",),
+    ("SCALARS",),
+    ("SORTED",),
+)
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
 OF_CORNERS = {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "VERTEX_COLORS", "MATERIALS"}
+LEFT_OUT_AT_CORNERS = (
+    ("AMBIENT", "TWO_SIDED"),
+    ("DIFFUSE", "LIGHT_SHAPES"),
+    ("SPECULAR", "VERTEX_COLORS"),
+    ("POWER", "MATERIALS"),
+)
 
 
-def with_shader(shader: str, *values: Any) -> list[Any]:
-    """Return the shader, the values and a feature, for every feature that it computes in kernels of its own."""
-    names = [name for name in OPTIONAL if shader != "gouraud" or name in OF_CORNERS]
-    return [pytest.param(shader, *values, name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in names]
+def long_but_first(cases: Sequence[Any]) -> list[Any]:
+    return [*cases[:1], *(pytest.param(*case, marks=pytest.mark.long) for case in cases[1:])]
 
 
-@pytest.mark.parametrize(("shader", "name"), with_shader("phong") + with_shader("gouraud"))
-def test_where_all_but_one_are_needed_that_one_changes_no_bit(device, name, shader):
-    """It is off by default; with it forced, the image is the same."""
-    if name == "SORTED" and (device.lanes != SORTING_LANES or shader == "gouraud"):
-        assert name in needed_by(draw_rich(device, name, shader=shader))  # sorted whatever the scene
+def test_every_feature_is_left_out():
+    assert {name for names in LEFT_OUT for name in names} == set(OPTIONAL) - OF_PBR
+    assert {name for names in LEFT_OUT_AT_CORNERS for name in names} == OF_CORNERS
+
+
+@pytest.mark.parametrize(
+    ("shader", "names"),
+    long_but_first([*(("phong", names) for names in LEFT_OUT), *(("gouraud", names) for names in LEFT_OUT_AT_CORNERS)]),
+    ids=str,
+)
+def test_where_all_but_some_are_needed_these_change_no_bit(device, names, shader):
+    """They are off by default; with them forced, the image is the same."""
+    if "SORTED" in names and device.lanes != SORTING_LANES:
+        assert "SORTED" in needed_by(draw_rich(device, *names, shader=shader))  # sorted whatever the scene
         return
-    lean = draw_rich(device, name, shader=shader)
-    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set()) | OF_PBR
-    full = draw_rich(device, name, shader=shader, forced=OPTIONAL)
+    lean = draw_rich(device, *names, shader=shader)
+    along = set().union(*(ALONG.get(name, set()) for name in names))
+    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {*names} | along | OF_PBR
+    full = draw_rich(device, *names, shader=shader, forced=OPTIONAL)
     assert needed_by(full) == set(OPTIONAL)
     assert same_bits(lean, full)
     assert len(np.unique(lean.rgb)) > 100
 
 
+def covering(names: Sequence[str]) -> list[set[str]]:
+    """Return few sets of the names: of any two some set holds both, and some each one without the other.
+
+    The number of sets is the least possible if none may hold neither, which the empty set does (Kleitman and Spencer,
+    Families of k-independent sets, Discrete Mathematics 6, 1973).
+    """
+    number = next(n for n in itertools.count(1) if comb(n, n // 2 + 1) >= len(names))
+    held_by = dict(zip(names, itertools.combinations(range(number), number // 2 + 1), strict=False))
+    return [{name for name in names if k in held_by[name]} for k in range(number)]
+
+
+def test_the_sets_cover_all_pairs():
+    sets = covering(OPTIONAL)
+    assert len(sets) == 7
+    for pair in itertools.combinations(OPTIONAL, 2):
+        assert {tuple(name in each for name in pair) for each in sets} >= {(True, True), (True, False), (False, True)}
+
+
+def unneeded(shader: str, *needed: str, names: Sequence[str] = OPTIONAL) -> list[Any]:
+    """Return cases of the next test. needed: what the plain scene needs. names: what the shader computes by itself."""
+    return [(shader, {*needed}, each) for each in covering([name for name in names if name not in needed])]
+
+
 @pytest.mark.parametrize(
-    ("shader", "needed", "name"),
-    with_shader("nolight", set())
-    + [
-        pytest.param(*each.values, marks=pytest.mark.long)
-        for each in with_shader("phong", {"LIT", "DIFFUSE"}) + with_shader("gouraud", {"LIT", "DIFFUSE", "SORTED"})
-    ],
+    ("shader", "needed", "names"),
+    long_but_first(
+        unneeded("nolight")
+        + unneeded("phong", "LIT", "DIFFUSE")
+        + unneeded("gouraud", "LIT", "DIFFUSE", "SORTED", names=sorted(OF_CORNERS))
+    ),
+    ids=lambda value: f"{len(value)} features" if isinstance(value, set) else value,
 )
-def test_alone_on_or_alone_off_a_feature_that_is_not_needed_changes_no_bit(device, name, shader, needed):
+def test_features_that_are_not_needed_change_no_bit(device, names, shader, needed):
+    """With any two of them both on, one on, and none on."""
     scene = plain_scene()
     lean = draw(device, scene, shader=shader)
     assert needed_by(lean) == needed
-    without = {name} | ({"BLEND"} if name == "SORTED" else set())  # what is transparent is always sorted
-    on = draw(device, scene, shader=shader, forced={name})
-    assert needed_by(on) == needed | {name} | ({"SORTED"} if name == "BLEND" else set())
+    on = draw(device, scene, shader=shader, forced=names)
+    assert needed_by(on) == needed | names | ({"SORTED"} if "BLEND" in names else set())  # transparent ones are sorted
     assert same_bits(lean, on)
-    if name in OF_PBR or name in EVERY_DAY:  # the others are left out alone above
-        off = draw(device, scene, shader=shader, forced=set(OPTIONAL) - without)
-        assert needed_by(off) == set(OPTIONAL) - (without - needed)
-        assert same_bits(lean, off)
     assert lean.alpha.mean() > 0.2
 
 
@@ -213,11 +266,27 @@ def test_what_is_left_out_and_what_it_saves(device):
     json.dumps(found.stats())
 
 
+@pytest.fixture
+def few_left_out(monkeypatch):
+    """Take three features for all that is left out, for each needs a program."""
+
+    class Few(Renderer):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            left_out = tuple(pair for pair in self.features.left_out if pair[0] in FEW)
+            self.features = replace(self.features, left_out=left_out)
+
+    monkeypatch.setattr(feature_savings, "Renderer", Few)
+
+
+FEW = ("DOUBLE_POSITIONS", "OWNERS", "SIDES")
+
+
 @pytest.mark.long
-def test_what_each_costs_alone(device):
+def test_what_each_costs_alone(device, few_left_out):
     found = feature_savings.explain(plain_scene(), frames=3, each=True, device=device)
     assert found.passed
-    assert set(found.alone) == set(found.left_out)
+    assert set(found.alone) == set(found.left_out) == set(FEW)
     assert found.alone["OWNERS"].bytes == found.lean.bytes + 61 * 47 * 4
     assert found.alone["DOUBLE_POSITIONS"].bytes == found.lean.bytes + 180 * 12
     assert all(side.ms["frame"] > 0.0 for side in found.alone.values())
@@ -352,11 +421,11 @@ def test_explain_in_the_figures_as_json(tmp_path, capsys):
 
 @needs_device
 @pytest.mark.long
-def test_explain_each_tells_what_each_costs_alone(tmp_path, capsys):
+def test_explain_each_tells_what_each_costs_alone(tmp_path, capsys, few_left_out):
     code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain-each")
     assert code == 0
     words = " ".join(out.split())  # lines are wrapped
-    assert words.count("on alone it costs") == words.count("left out: ") > 5
+    assert words.count("on alone it costs") == words.count("left out: ") == len(FEW)
 
 
 @needs_device

@@ -59,11 +59,13 @@ def test_items_that_leave_a_loop_early(device):
     assert listed(fuzz.scene_failures(device, range(4400, 4410))) == ""
 
 
+@pytest.mark.long
 def test_depths_closer_than_float32_tells(opened):
     """Found by the fuzzer: the visible piece of a face was 4.2 * 2^-24 of its depth behind another's."""
     assert listed(fuzz.scene_failures(opened, [1977])) == ""
 
 
+@pytest.mark.long
 def test_corners_saturate_where_float32_cannot_hold_a_scalar(opened):
     """Found by the fuzzer: the oracle interpolated between 1e-77 and 1e239, the layer between what float32 can hold."""
     assert listed(fuzz.scene_failures(opened, [391])) == ""

@@ -254,7 +254,7 @@ SHAPE = (200, 136)  # not multiples of a tile's side
 
 
 @pytest.mark.usefixtures("thin")
-@pytest.mark.parametrize("name", ["teapot", "icosphere"])
+@pytest.mark.parametrize("name", [pytest.param("teapot", marks=pytest.mark.long), "icosphere"])
 def test_the_windows_are_the_image(device, name):
     """Bit by bit, also of the reference; the estimates hold the errors of the whole image."""
     scene = builtin(name, resolution=SHAPE)

@@ -42,6 +42,7 @@ def rms(found, name):
     return {each.way: [point.rms for point in each.points] for each in found[axis]}
 
 
+@pytest.mark.long
 def test_the_exponent(found):
     errors = rms(found, "exponent")
     for way in ("standard", "fast"):
@@ -52,6 +53,7 @@ def test_the_exponent(found):
     assert errors[PLAIN][2] > 0.02  # no digit is left
 
 
+@pytest.mark.long
 def test_the_distance(found):
     errors = rms(found, "distance")
     for way in ("standard", "fast", "float64"):
@@ -60,12 +62,14 @@ def test_the_distance(found):
     assert errors[PLAIN][2] is None  # rounded corners lie behind the eye
 
 
+@pytest.mark.long
 def test_the_aspect(found):
     errors = rms(found, "aspect")
     assert errors["standard"][0] < 1e-7 < errors["standard"][1] < 1e-5 < errors["standard"][2] < 1e-2
     assert errors[PLAIN][2] > 2.0 * errors["standard"][2]
 
 
+@pytest.mark.long
 def test_no_way_but_plain_float32_has_a_wrong_pixel(found):
     for series in found.values():
         for each in series:
@@ -73,6 +77,7 @@ def test_no_way_but_plain_float32_has_a_wrong_pixel(found):
             assert each.way == PLAIN or wrong == [0, 0, 0]
 
 
+@pytest.mark.long
 def test_float64_is_within_the_oracle_s_own_error(found):
     """So that its curve says that both agree, no more."""
     for axis, series in found.items():
@@ -145,6 +150,7 @@ def test_pixels_that_are_not_finite_are_all_wrong():
 # The command
 
 
+@pytest.mark.long
 def test_files(found, tmp_path, monkeypatch, device):
     monkeypatch.setattr(axes_stability, "AXES", tuple(found))
     monkeypatch.setattr(axes_figure, "draw", lambda found, device: figures.blank(0.2, 0.2))  # it takes a second

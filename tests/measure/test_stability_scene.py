@@ -24,6 +24,7 @@ from clshade.scene.model import DirectionalLight, Material, Mesh, PointLight, Sc
 
 STANDARD = Settings.from_preset("standard")
 CALM = Material(n=1.0)
+COLORS = [[0.9, 0.8, 0.7]] * 3  # a sheet has some too: the scenes share their programs
 LAMP = PointLight(np.array([3.0, 4.0, 5.0]), np.ones(3))
 
 
@@ -52,12 +53,12 @@ def eye_at_the_surface() -> Scene:
 
 
 def needle() -> Scene:
-    return scene_of(Mesh([[-1, -1, 0], [1e4, 0, 0], [-1, 1, 0]], [[0, 1, 2]], material=CALM))
+    return scene_of(Mesh([[-1, -1, 0], [1e4, 0, 0], [-1, 1, 0]], [[0, 1, 2]], COLORS, material=CALM))
 
 
 def opposite_normals() -> Scene:
     verts, normals = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[1, 0, 0.01], [-1, 0, 0.01], [0, 0, 1]]
-    return scene_of(Mesh(verts, [[0, 1, 2]], normals=normals, material=CALM))
+    return scene_of(Mesh(verts, [[0, 1, 2]], COLORS, normals=normals, material=CALM))
 
 
 def large_exponent() -> Scene:
@@ -112,7 +113,14 @@ PLANTED = {
 }
 
 
-@pytest.mark.parametrize("plant", PLANTED, ids=lambda plant: plant.__name__)
+LONG = (large_exponent, exponent_below_one, far_texture)  # they need programs of their own
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [pytest.param(plant, marks=pytest.mark.long) if plant in LONG else plant for plant in PLANTED],
+    ids=lambda plant: plant.__name__,
+)
 def test_a_planted_cause_is_named(device, plant):
     name, part = PLANTED[plant]
     found = scene_study.study(plant(), STANDARD, device)
@@ -438,6 +446,7 @@ def test_bad_input(capsys, tmp_path, monkeypatch, arguments, parts):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_cone_is_named_with_its_light(device):
     """The edge of a cone without width amplifies by 2000; a light from infinitely far is nobody's cause."""
     scene = light_on_the_surface()

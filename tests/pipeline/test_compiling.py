@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -170,3 +171,21 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
     features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
     with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):
         programs.build(opened, features, ("bilerp.cl",))
+
+
+# Warnings
+
+
+def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
+    opened: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    """By `unwarned` in conftest.py. PoCL keeps the log with a program, which warns again when it is loaded."""
+    monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "program")
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    text = "#warning planted\nkernel void warned(global int *x) { x[0] = 1; }"
+    for _ in range(2 if opened.keeps_programs else 1):
+        with console.at_level(console.VERBOSE), pytest.raises(AssertionError, match=r"text:1:.*planted"):
+            programs.build_text(opened, features, text)
+        assert "clshade: the compiler warns: " in capfd.readouterr().err
+        (key,) = (key for key, program in programs._built.items() if "warned" in program.kernels)
+        del programs._built[key]

@@ -16,7 +16,19 @@ from processes import ROOT
 
 from clshade.pipeline.opencl.device import Device
 
-SMALL = ("render", "quads", "--resolution", "64,48", "--deterministic", "-o", "image")
+SMALL = (
+    "render",
+    "quads",
+    "--resolution",
+    "64,48",
+    "--shader",
+    "nolight",
+    "--samples",
+    "1",
+    "--deterministic",
+    "-o",
+    "image",
+)
 Damage = Callable[[Path], object]
 
 

@@ -66,6 +66,7 @@ def test_frames_against_the_oracle(device, precision):
         assert_agrees(frame)
 
 
+@pytest.mark.long
 def test_occlusion_maps_keep_the_environment_away(device):
     scene = ball(0.3, 0.5, Environment(IMAGE))
     (mesh,), frames = scene.meshes, []
@@ -95,6 +96,7 @@ def test_materials_of_different_roughness_and_an_orthographic_camera(device):
     assert_agrees(draw(device, scene))
 
 
+@pytest.mark.long
 def test_the_same_bits_with_any_number_of_lanes_and_all_features(device):
     scene = ball(0.21, 0.5, Environment(IMAGE))
     frames = [draw(device, scene, lanes=lanes, forced=()) for lanes in (1, 8)]

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from kernel_stages import OTHER_LANES
 from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
@@ -49,7 +48,12 @@ def draw(device, scene: Scene, preset: str = "standard", **options) -> Frame:
         return renderer.render()
 
 
-@pytest.mark.parametrize("case", CASES)
+# Most of them need three programs of their own.
+LONG = ("trilinear, several samples", "orthographic", "fast", "float64", "float64, course", "a room")
+ALONE = ("Z", "id", "N", "uv", "material_id")  # each but the numbers needs a program
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
 def test_layers_are_the_oracles(device, case):
     scene, preset, options = CASES[case]
     if options.get("precision") == "float64":
@@ -147,7 +151,11 @@ def test_corners_and_weights_give_the_other_layers(device):
 
 @pytest.mark.parametrize(
     ("preset", "options"),
-    [("standard", {}), ("course", {}), ("standard", {"texture_filter": "trilinear"})],
+    [
+        ("standard", {}),
+        ("course", {}),
+        pytest.param("standard", {"texture_filter": "trilinear"}, marks=pytest.mark.long),
+    ],
 )
 def test_albedo_is_the_image_without_light(device, preset, options):
     frame = draw(device, mixed(), preset, **options)
@@ -192,7 +200,9 @@ def test_the_image_does_not_depend_on_the_layers(device):
     assert not {"surface_layers", "layer_object_id"} & set(fewer.stats["times_ms"])
 
 
-@pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.parametrize(
+    "name", [name if name in ALONE else pytest.param(name, marks=pytest.mark.long) for name in LAYERS]
+)
 def test_each_layer_alone_has_the_same_bits(device, name):
     scene = Scene((dome(), wedge()), CAMERA, background=None)
     together, alone = draw(device, scene), draw(device, scene, layers=name)
@@ -210,8 +220,19 @@ def test_programs_know_which_layers_are_asked_for(device):
         assert "surface_layers" not in renderer.stages._programs
 
 
-@pytest.mark.parametrize("lanes", OTHER_LANES)
-@pytest.mark.parametrize("options", [{}, {"precision": "float64", "texture_filter": "trilinear"}], ids=str)
+DETAILED = {"precision": "float64", "texture_filter": "trilinear"}
+
+
+@pytest.mark.parametrize(
+    ("lanes", "options"),
+    [
+        (1, {}),
+        pytest.param(8, {}, marks=pytest.mark.long),
+        pytest.param(1, DETAILED, marks=pytest.mark.long),
+        pytest.param(4, DETAILED, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
 def test_lanes_do_not_change_a_bit(device, lanes, options):
     if options:
         needs_float64(device)
@@ -219,6 +240,7 @@ def test_lanes_do_not_change_a_bit(device, lanes, options):
     assert same_bits(first, other)
 
 
+@pytest.mark.long
 def test_features_do_not_change_a_bit(device):
     assert same_bits(draw(device, mixed()), draw(device, mixed(), forced=OPTIONAL))
 

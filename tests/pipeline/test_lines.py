@@ -116,7 +116,7 @@ def test_a_scene_without_faces(device):
     assert not render(scene, device=device, edges=ONLY).alpha.any()
 
 
-@pytest.mark.parametrize("samples", [1, 5])
+@pytest.mark.parametrize("samples", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_the_bits_do_not_depend_on_lanes(device, samples):
     scene = scene_of(cube(), floor())
     frames = []
@@ -142,8 +142,15 @@ def test_culled_faces_neither_hide_nor_have_lines(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["box_room", "quads", "icosphere", "teapot"])
-@pytest.mark.parametrize("options", [{}, {"samples": 4, "visibility": "painter"}, {"precision": "float64"}])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        *((name, {}) for name in ("box_room", "quads", "icosphere", "teapot")),
+        *((name, {"samples": 4, "visibility": "painter"}) for name in ("box_room", "teapot")),
+        *((name, {"precision": "float64"}) for name in ("quads", "icosphere")),
+    ],
+    ids=str,
+)
 def test_built_in_scenes(device, name, options):
     frame = render(clshade.builtin(name), device=device, resolution=(50, 37), edges="all", **options)
     assert passes(frame)

@@ -111,6 +111,7 @@ def mixed_scene() -> Scene:
     return mapped_scene(*meshes)
 
 
+@pytest.mark.long
 def test_mirrored_stretched_clipped_and_missing(device):
     scene = mixed_scene()
     assert_equals_oracle(scene, device)

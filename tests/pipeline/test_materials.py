@@ -65,8 +65,20 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize(("preset", "shader"), [("standard", "phong"), ("standard", "gouraud"), ("course", "phong")])
+# What Gouraud shading and preset course do otherwise does not depend on the projection.
+OTHERS = {
+    ("standard", "gouraud"): ("cut out", "mixed sides", "orthographic", "principal point"),
+    ("course", "phong"): ("mirrored", "mixed sides", "orthographic, cut out", "orthographic, beyond the guard band"),
+}
+
+
+@pytest.mark.parametrize(
+    ("preset", "shader", "name"),
+    [
+        *(("standard", "phong", name) for name in CASES),
+        *(pytest.param(*how, name, marks=pytest.mark.long) for how, names in OTHERS.items() for name in names),
+    ],
+)
 def test_frames_match_the_oracle(device, name, preset, shader):
     scene, settings = effective_settings(CASES[name], preset=preset, shader=shader, layers=("id", "Z"))
     with Renderer(scene, settings=settings, device=device) as renderer:

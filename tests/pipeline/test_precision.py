@@ -99,9 +99,18 @@ def draw(device, scene, **options):
         return renderer.render()
 
 
-@pytest.mark.parametrize("shader", ["phong", "gouraud"])
-@pytest.mark.parametrize("precision", ["fast", "float64"])
-@pytest.mark.parametrize("name", ["teapot", "box_room", "course"])
+# Every precision with every scene and every shader, and every scene with both shaders.
+PAIRS = [
+    ("box_room", "fast", "gouraud"),
+    ("box_room", "float64", "phong"),
+    pytest.param("teapot", "fast", "phong", marks=pytest.mark.long),
+    pytest.param("teapot", "float64", "gouraud", marks=pytest.mark.long),
+    pytest.param("course", "fast", "gouraud", marks=pytest.mark.long),
+    pytest.param("course", "float64", "phong", marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize(("name", "precision", "shader"), PAIRS)
 def test_built_in_scenes(device, name, precision, shader):
     scene = clshade.builtin(name)
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
@@ -122,7 +131,7 @@ def test_weighted_samples(device, precision):
     """Found by the fuzzer: luminance had float32's coefficients in float64 too."""
     scene = clshade.builtin("box_room")
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
-    frame = draw(device, scene, precision=precision, samples=4, resolve="weighted")
+    frame = draw(device, scene, precision=precision, samples=4, resolve="weighted", shader="nolight")
     oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
@@ -133,7 +142,7 @@ def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
     meshes = [Mesh(corners, faces) for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])]
     scene = Scene(tuple(meshes), CAMERA.with_resolution((160, 120)), LIGHTS)
     for samples in (1, 4):
-        frame = draw(device, scene, precision=precision, samples=samples)
+        frame = draw(device, scene, precision=precision, samples=samples, shader="nolight")
         assert frame.alpha.any()
         assert set(np.unique(frame["id"])) <= {0, 3, 4}
 
@@ -212,7 +221,8 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
         camera = replace(CAMERA, eye=eye, lookat=lookat, up=up, resolution=RESOLUTION)
         mesh = Mesh(eye + verts @ camera_axes(camera), np.arange(120).reshape(40, 3))
         scene = replace(scene_of(mesh), camera=camera)
-        with Renderer(scene, device=device, precision="float64", layers=LAYERS + SURFACE, near=1e-3) as renderer:
+        options = {"precision": "float64", "shader": "nolight", "near": 1e-3}
+        with Renderer(scene, device=device, layers=LAYERS + SURFACE, **options) as renderer:
             frame = renderer.render()
         assert frame.stats["clipped"]
         expected, layers = (each(scene, frame.settings) for each in (oracle.render, oracle.render_layers))
@@ -235,7 +245,7 @@ def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
 
 
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):
-    frame = draw(device, clshade.builtin("icosphere"), precision="float64", resolution=RESOLUTION)
+    frame = draw(device, lit(20.0), precision="float64")
     frame.save(tmp_path / "ball")
     channels, _ = clshade.images.exr.read(tmp_path / "ball.exr")
     assert channels["R"].dtype == np.float32

@@ -162,10 +162,14 @@ VARIANTS = [
     {"samples": 16, "preset": "course", "shader": "gouraud"},
     {"samples": 64, "precision": "float64"},
 ]
+CASES = [
+    *(("course", options) for options in VARIANTS[:-1]),
+    pytest.param("course", VARIANTS[-1], marks=pytest.mark.long),
+    *(pytest.param("teapot", options, marks=pytest.mark.long) for options in VARIANTS[1:4]),
+]
 
 
-@pytest.mark.parametrize("options", VARIANTS, ids=str)
-@pytest.mark.parametrize("name", ["course", pytest.param("teapot", marks=pytest.mark.long)])
+@pytest.mark.parametrize(("name", "options"), CASES, ids=str)
 def test_frames(device, name, options):
     if options.get("precision") == "float64":
         needs_float64(device)

@@ -87,7 +87,7 @@ CASES = {
     "near": ({"instances": [np.diag([-1.0, 1, 1, 1])]}, {"near": 3.2, "shader": "gouraud"}),
     "fast": ({}, {"precision": "fast", "shader": "nolight"}),
 }
-LONG = ("affine at corners", "float64", "near", "fast")  # each builds a program of its own
+LONG = ("affine at corners", "corners, samples", "float64", "near", "fast")  # each builds a program of its own
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])

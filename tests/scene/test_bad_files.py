@@ -145,6 +145,10 @@ def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, nam
     assert list(tmp_path.iterdir()) == []
 
 
+# What some file needs: forced on for all, the files share a program.
+SHARED = {"VERTEX_COLORS", "TEXTURED", "UV_INDICES", "NORMAL_INDICES", "TWO_SIDED", "POWER", "BACKGROUND", "MATERIALS"}
+
+
 def test_pictures_of_valid_files(device):
     """The visible triangles; and every pixel is finite."""
     seen, ids = {}, {}
@@ -153,7 +157,8 @@ def test_pictures_of_valid_files(device):
             warnings.simplefilter("ignore", UserWarning)
             scene = load(FOLDER / "bad" / name)
         resolution = None if name.endswith(".npy") else (64, 48)
-        with Renderer(scene, layers=("id",), device=device, resolution=resolution) as renderer:
+        options = {"layers": ("id",), "resolution": resolution, "forced": SHARED}
+        with Renderer(scene, device=device, **options) as renderer:
             frame = renderer.render()
             assert np.isfinite(frame.rgb).all(), name
             ids[name] = frame["id"].copy()

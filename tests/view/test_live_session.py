@@ -182,10 +182,19 @@ def test_the_probe_has_every_layer_of_the_final_picture():
 
 OPTIONS = [
     ("quads", "--samples", "4", "--half", "--light-intensity", "0.7"),
-    ("icosphere", "--fit", "--orthographic", "--camera-azimuth-angle", "30", "--ground", "--background", "none"),
     *(
         pytest.param(options, marks=pytest.mark.long)
         for options in (
+            (
+                "icosphere",
+                "--fit",
+                "--orthographic",
+                "--camera-azimuth-angle",
+                "30",
+                "--ground",
+                "--background",
+                "none",
+            ),
             ("icosphere", "--fit", "--camera-view-angle", "50", "--background", "#336699"),
             ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),

@@ -48,4 +48,8 @@ def lines(bench: Bench) -> Outcome:
     return worst(outcomes, "5 views, all edges, twice")
 
 
-CASES = (Case("20b", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines),)
+CASES = (
+    Case(
+        "20b", "lines", "edges end-on, far, near, finer than pixels", "hidden exactly, the same bits", lines, slow=True
+    ),
+)
