@@ -34,6 +34,7 @@ __all__ = ["EXTENSIONS", "load", "save_course"]
 
 SLOW = 1.0  # seconds of loading before a message on stderr
 EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
+ANIMATED = (".gltf", ".glb")
 IMAGES = (".exr", ".png")
 
 
@@ -49,6 +50,8 @@ def load(
     up: Up | None = None,
     two_sided: bool | None = None,
     fit: bool = False,
+    time: float | None = None,
+    animation: str | int | None = None,
 ) -> Scene:
     """Load a scene from a file.
 
@@ -87,6 +90,13 @@ def load(
     fit : bool, default False
         Ignore the camera of the file, and choose one that shows all of the scene, as for a mesh
         without one.
+    time : float, optional
+        Show a glTF file as its animation has it after so many seconds, at least 0; after its end as
+        at its end. Default: at rest, with the nodes, joints and weights of morph targets that the
+        file has outside animations.
+    animation : str or int, optional
+        Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once, as
+        some exporters write one for each node. Without `time`: its beginning. Default: the first.
 
     Returns
     -------
@@ -133,6 +143,7 @@ def load(
             if extension == ".npy":
                 if (crease, up, flat) != (None, None, False):
                     raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
+                _refuse_time(extension, time, animation)
                 scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
                 scene = scene if two_sided is None else _lit(scene, two_sided)
                 scene = refitted(scene) if fit else scene
@@ -140,7 +151,8 @@ def load(
                 raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
             else:
                 own = None if texture is None else as_texture(texture, srgb=True)
-                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit)
+                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit, time, animation)
+                _refuse_time(extension, time, animation)
                 scene = _read_mesh(path, extension, options)
     except InputError as error:
         raise _named(error, owner) from None
@@ -161,6 +173,13 @@ def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
     return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
+
+
+def _refuse_time(extension: str, time: Any, animation: Any) -> None:
+    """Raise InputError for a time or an animation of a format that has none."""
+    for name, value in (("time", time), ("animation", animation)):
+        if value is not None and extension not in ANIMATED:
+            raise value_error("load", name, f"none but for {' and '.join(ANIMATED)} files", value)
 
 
 def _read_mesh(path: Path, extension: str, options: Options) -> Scene:
