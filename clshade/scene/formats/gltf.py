@@ -17,7 +17,7 @@ from .. import fitting, framing
 from ..camera import Camera
 from ..model import Light, Mesh, Scene
 from .gltf_accessors import open_gltf
-from .gltf_animations import Animation, Pose, names_of, read_animation
+from .gltf_animations import Animation, NodeValues, names_of, read_animation
 from .gltf_json import Item
 from .gltf_lights import lights_of
 from .gltf_materials import Materials
@@ -74,9 +74,13 @@ class GltfFile:
         """Read an animation, see `read_animation`."""
         return read_animation(self.document, self.buffers, wanted, self.ignored)
 
-    def meshes(self, pose: Pose) -> tuple[tuple[Mesh, ...], Placed]:
+    def nodes(self, pose: NodeValues) -> Placed:
+        """Return what the nodes of the scene place in a pose."""
+        return placed(self.document, pose)
+
+    def meshes(self, pose: NodeValues) -> tuple[tuple[Mesh, ...], Placed]:
         """Return the meshes in a pose, and its nodes."""
-        nodes = placed(self.document, pose)
+        nodes = self.nodes(pose)
         meshes = self._builder.meshes(nodes)
         if not meshes:
             raise file_error(self.owner, "meshes", "at least one triangle in the scene", "none")
@@ -94,7 +98,7 @@ class GltfFile:
         """Return the file's lights, their intensities times `scale`."""
         return lights_of(nodes.lights, sphere, self.ignored, scale)[0]
 
-    def scene(self, pose: Pose) -> Scene:
+    def scene(self, pose: NodeValues) -> Scene:
         """Return the scene in a pose, and warn of what is not rendered."""
         meshes, nodes = self.meshes(pose)
         return self.framed(meshes, nodes, fitting.bounding_sphere(meshes))

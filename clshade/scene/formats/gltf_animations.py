@@ -14,7 +14,8 @@ from ...base.spelling import hint
 from .gltf_accessors import Buffers
 from .gltf_json import Item
 
-Pose: TypeAlias = dict[int, dict[str, Floats]]  # node -> translation, rotation, scale, weights: those that are animated
+# By node: translation, rotation, scale, weights, those that are animated.
+NodeValues: TypeAlias = dict[int, dict[str, Floats]]
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 0}  # of a value; weights: one for each morph target
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
@@ -41,7 +42,8 @@ class Channel:
         """Return the value (width,) at a time in seconds; before the first and after the last it is theirs."""
         k = int(np.searchsorted(self.times, time, "right")) - 1
         if k < 0 or k >= len(self.times) - 1 or self.interpolation == "STEP":
-            return self.values[max(k, 0)]
+            held: Floats = self.values[max(k, 0)]
+            return held
         step = float(self.times[k + 1] - self.times[k])
         t, before, after = (time - float(self.times[k])) / step, self.values[k], self.values[k + 1]
         if self.tangents is not None:
@@ -49,7 +51,8 @@ class Channel:
             return unit(found) if self.path == "rotation" else found
         if self.path == "rotation":
             return slerp(t, before, after)
-        return (1.0 - t) * before + t * after
+        mixed: Floats = (1.0 - t) * before + t * after
+        return mixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +63,11 @@ class Animation:
     seconds: float
     channels: tuple[Channel, ...]
 
-    def at(self, time: float) -> Pose:
+    def at(self, time: float) -> NodeValues:
         """Return what is animated, at a time in seconds."""
         with np.errstate(over="ignore"):
             time = float(np.float32(time))  # as the file's times are: a step at 0.1 s has begun at 0.1
-        pose: Pose = {}
+        pose: NodeValues = {}
         for channel in self.channels:
             pose.setdefault(channel.node, {})[channel.path] = channel.at(time)
         return pose

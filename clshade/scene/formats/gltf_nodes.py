@@ -12,7 +12,7 @@ import numpy as np
 from ...base.arrays import Array, Floats
 from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
-from .gltf_animations import Pose, target_count
+from .gltf_animations import NodeValues, target_count
 from .gltf_json import Item
 
 MAX_NODES = 1 << 16
@@ -43,7 +43,7 @@ class Placed:
     worlds: dict[int, Array] = field(default_factory=dict)
 
 
-def placed(document: Item, pose: Pose) -> Placed:
+def placed(document: Item, pose: NodeValues) -> Placed:
     """Return the contents of the file's scene: the one it names, else its first, else all nodes that have no parent.
 
     pose: properties of nodes in place of the file's. In a file without nodes each mesh is placed once. Raises InputError
@@ -64,7 +64,7 @@ def placed(document: Item, pose: Pose) -> Placed:
     return found
 
 
-def _visited(document: Item, roots: list[int], pose: Pose, worlds: dict[int, Array]) -> Iterator[int]:
+def _visited(document: Item, roots: list[int], pose: NodeValues, worlds: dict[int, Array]) -> Iterator[int]:
     """Yield nodes, depth first; their matrices are in `worlds` by then."""
     stack = [(index, np.eye(4)) for index in reversed(roots)]
     while stack:

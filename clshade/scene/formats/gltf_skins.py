@@ -41,8 +41,8 @@ def joint_matrices(document: Item, buffers: Buffers, index: int, world: Callable
         return worlds[:, :3]
     array = buffers.array(accessor)
     if array.dtype != np.float32 or array.shape[1] != 16 or len(array) < len(joints):
-        found = f"{array.shape[0]} of {array.shape[1]} in accessors[{accessor}]"
-        raise skin.error("inverseBindMatrices", f"{len(joints)} matrices of 16 float32", found)
+        other = f"{array.shape[0]} of {array.shape[1]} in accessors[{accessor}]"
+        raise skin.error("inverseBindMatrices", f"{len(joints)} matrices of 16 float32", other)
     inverse: Floats = array[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
     good = np.isfinite(inverse).all(axis=(1, 2)) & (np.abs(inverse[:, 3] - [0.0, 0.0, 0.0, 1.0]) <= _AFFINE).all(axis=1)
     if not good.all():
@@ -50,7 +50,7 @@ def joint_matrices(document: Item, buffers: Buffers, index: int, world: Callable
         raise skin.error("inverseBindMatrices", expected, f"another in row {int(np.argmin(good))}")
     inverse[:, 3] = 0.0, 0.0, 0.0, 1.0
     with np.errstate(over="ignore", invalid="ignore"):
-        found = (worlds @ inverse)[:, :3]
+        found: Floats = (worlds @ inverse)[:, :3]
     if not np.isfinite(found).all():
         raise skin.error("joints", "joints at finite places in the world", "an overflow")
     return found
