@@ -133,6 +133,34 @@ def test_what_is_said(folder, capsys, monkeypatch):
         poses[91]
 
 
+def test_animations_are_listed(folder, capsys):
+    _, out, _ = run(capsys, "inspect", "bar.glb")
+    assert [line.split() for line in out.splitlines()][-4:-1] == [
+        ["animation", "number"],
+        ["unnamed", "0"],
+        ["Bend", "1"],
+    ]
+    assert json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"] == ["", "Bend"]
+    assert "animation" not in run(capsys, "inspect", "still.glb")[1]
+
+
+@needs_device
+def test_a_pose_is_offered_once(folder, capsys):
+    drawn = ("render", "bar.glb", "--resolution", "48,32", "--preset", "course")
+    _, _, err = run(capsys, *drawn)
+    assert [line for line in err if "at rest" in line] == [
+        "clshade: bar.glb: at rest: --time SECONDS shows a pose of its animations (number 0, Bend), `clshade animate` "
+        "plays one"
+    ]
+    assert not any("at rest" in line for line in run(capsys, *drawn, "--animation", "Bend")[2])
+    code, _, err = run(capsys, "render", "teapot", "--time", "1")
+    assert (code, len(err)) == (2, 1)
+    assert "--time: expected a scene file to apply it to, found the built-in scene 'teapot'" in err[0]
+    code, _, err = run(capsys, "render", "still.glb", "--animation", "x")
+    assert (code, len(err)) == (2, 1)
+    assert "still.glb: animations: expected at least one" in err[0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

@@ -410,6 +410,15 @@ def test_a_skinned_mesh_is_morphed_first(tmp_path):
     np.testing.assert_allclose([low, high], [[-0.1, 1, 0], [0.1, 3, 0]], rtol=1e-6)
 
 
+@pytest.mark.parametrize("attribute", ["POSITION", "NORMAL"])
+def test_an_overflow_is_refused(tmp_path, attribute):
+    document = morphed({attribute: np.full((3, 3), np.float32(3e38))})
+    document.json["meshes"][0]["weights"] = [1e30]
+    if attribute == "POSITION":  # whose flat normals are those of the pose
+        document.json["meshes"][0]["primitives"][0]["attributes"].pop("NORMAL")
+    refusal(document.glb(tmp_path / "a.glb"), "primitives[0].attributes: expected finite positions and directions")
+
+
 def weights(where, values):
     return lambda document: document.json[where][0].update(weights=values)
 

@@ -168,6 +168,8 @@ class MeshBuilder:
         vectors = {"POSITION": rows("POSITION", 3), "NORMAL": normals, "TANGENT": tangents}
         placement, found = self._placed(shape, vectors, joints)
         own, normals, tangents = found["POSITION"], found.get("NORMAL"), found.get("TANGENT")
+        if (targets or joints is not None) and not all(np.isfinite(values).all() for values in found.values()):
+            raise shape.item.error("attributes", "finite positions and directions in every pose", "an overflow")
         normal_faces = None
         if normals is None:
             normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
@@ -195,7 +197,8 @@ class MeshBuilder:
             moved = self._attribute(target, name, width, count=shape.count)
             if moved is not None:
                 moved = moved if shape.used is None else moved[shape.used]
-                sums[:, :width] += weight * moved.astype(np.float64)
+                with np.errstate(over="ignore", invalid="ignore"):  # refused afterwards
+                    sums[:, :width] += weight * moved.astype(np.float64)
         if name.startswith("COLOR"):
             sums = np.clip(sums, 0.0, 1.0)
         return _float32(sums)
@@ -303,5 +306,5 @@ def _world(document: Item, nodes: Placed) -> Callable[[int], Floats]:
 
 
 def _float32(values: Floats) -> Array:
-    with np.errstate(over="ignore"):  # Mesh refuses infinite positions
+    with np.errstate(over="ignore"):  # refused afterwards
         return values.astype(np.float32)

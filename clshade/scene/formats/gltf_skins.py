@@ -105,26 +105,27 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
 
     vectors: POSITION and NORMAL (V, 3), TANGENT (V, 4), of those that are there. matrices: see `joint_matrices`. Positions
     and tangents are moved by the blended matrix of each vertex, normals by the cofactors of its linear part, which are
-    parallel to its inverse transpose and exist for singular ones too.
+    parallel to its inverse transpose and exist for singular ones too. What overflows is infinite or NaN.
     The placement is the identity. But if most of the matrices mirror, the result is mirrored in x, and so is the placement:
     by it the renderer knows which sides are front.
     """
-    mirror = bool((np.sign(np.linalg.det(matrices[:, :, :3]))[influences.joints] * influences.weights).sum() < 0.0)
-    if mirror:
-        matrices = matrices * np.array([-1.0, 1.0, 1.0])[:, None]
-    found = {name: np.array(values, np.float64) for name, values in vectors.items()}
-    count = len(influences.joints)
-    for start in range(0, count, _BLOCK):
-        part = slice(start, min(start + _BLOCK, count))
-        joints, weights = influences.joints[part], influences.weights[part]
-        blended = np.zeros((len(joints), 3, 4))
-        for joint, weight in zip(joints.T, weights.T, strict=True):
-            if weight.any():
-                blended += weight[:, None, None] * matrices[joint]
-        linear = blended[:, :, :3]
-        for name, values in found.items():
-            moved = _products(_cofactors(linear) if name == "NORMAL" else linear, values[part, :3])
-            values[part, :3] = moved + blended[:, :, 3] if name == "POSITION" else moved
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses an overflow
+        mirror = bool((np.sign(np.linalg.det(matrices[:, :, :3]))[influences.joints] * influences.weights).sum() < 0.0)
+        if mirror:
+            matrices = matrices * np.array([-1.0, 1.0, 1.0])[:, None]
+        found = {name: np.array(values, np.float64) for name, values in vectors.items()}
+        count = len(influences.joints)
+        for start in range(0, count, _BLOCK):
+            part = slice(start, min(start + _BLOCK, count))
+            joints, weights = influences.joints[part], influences.weights[part]
+            blended = np.zeros((len(joints), 3, 4))
+            for joint, weight in zip(joints.T, weights.T, strict=True):
+                if weight.any():
+                    blended += weight[:, None, None] * matrices[joint]
+            linear = blended[:, :, :3]
+            for name, values in found.items():
+                moved = _products(_cofactors(linear) if name == "NORMAL" else linear, values[part, :3])
+                values[part, :3] = moved + blended[:, :, 3] if name == "POSITION" else moved
     return found, np.diag([-1.0 if mirror else 1.0, 1.0, 1.0, 1.0])
 
 
