@@ -30,6 +30,7 @@ _HOMES = {
     "load_environment": "clshade.scene.formats.environment",
     "studio": "clshade.scene.builtin.studio",
     "load": "clshade.scene.formats.load",
+    "load_animation": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
     "Renderer": "clshade.pipeline.renderer",
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from .scene.environment import Environment as Environment
     from .scene.formats.environment import load_environment as load_environment
     from .scene.formats.load import load as load
+    from .scene.formats.load import load_animation as load_animation
     from .scene.lights import DirectionalLight as DirectionalLight
     from .scene.lights import PointLight as PointLight
     from .scene.lights import SpotLight as SpotLight

@@ -21,7 +21,7 @@ from .commands.parser import Parser
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
     "turntable": "frames of a camera that goes round a scene, out.####.exr",
-    "animate": "frames of the cameras in a JSON file, out.####.exr",
+    "animate": "frames of the cameras in a JSON file, or of an animation in a glTF file, out.####.exr",
     "devices": "what OpenCL devices were found, and which work",
     "report": "error against run time: which way of drawing a scene is worth its time",
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths
 from ..pipeline.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
+from ..scene.pose import Pose
 
 SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 
@@ -33,12 +35,13 @@ class Job:
 @dataclass(frozen=True, eq=False)
 class Task:
     """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders.
-    files: which of them are written."""
+    files: which of them are written. pose: of the scene, None as it is."""
 
     number: int
     camera: Camera
     path: Path
     files: Sequence[FileKind] = FILES
+    pose: Pose | None = None
 
     @property
     def paths(self) -> list[Path]:
@@ -77,11 +80,13 @@ class Silent:
 
 
 class FrameWriter:
-    """A renderer and writer of a job's frames. The scene stays on the device from the first frame on, until `close`."""
+    """A renderer and writer of a job's frames. The scene stays on the device from the first frame on, until `close`; poses
+    are uploaded each for its frame."""
 
     def __init__(self, job: Job) -> None:
         self._job = job
         self._renderers: dict[bool, Renderer] = {}
+        self._compiled: set[bool] = set()  # kinds of views of which a pose was drawn
         self._lock = threading.Lock()
 
     def _renderer(self, camera: Camera, compiled: bool) -> Renderer:
@@ -99,6 +104,20 @@ class FrameWriter:
                     renderer.render(replace(self._job.scene.camera, orthographic=kind).with_resolution(SMALL))
             return self._renderers[kind]
 
+    @contextlib.contextmanager
+    def _renderer_of(self, task: Task, compiled: bool) -> Iterator[Renderer]:
+        """Return a renderer of the task's pose in the block."""
+        if task.pose is None:
+            yield self._renderer(task.camera, compiled)
+            return
+        scene = replace(task.pose.of(self._job.scene), camera=task.camera)
+        with Renderer(scene, settings=self._job.settings, device=self._job.device) as renderer:
+            kind = task.camera.orthographic
+            if compiled and kind not in self._compiled:
+                renderer.render(task.camera.with_resolution(SMALL))
+                self._compiled.add(kind)
+            yield renderer
+
     def draw(self, task: Task, ready: Callable[[], None] | None = None) -> DrawnFrame:
         """Draw and write a frame. ready: called when the kernels are compiled and only the frame's own work is left.
 
@@ -106,10 +125,10 @@ class FrameWriter:
         """
         try:
             start = time.perf_counter()
-            renderer = self._renderer(task.camera, compiled=ready is not None)
-            if ready is not None:
-                ready()
-            frame = renderer.render(task.camera)
+            with self._renderer_of(task, compiled=ready is not None) as renderer:
+                if ready is not None:
+                    ready()
+                frame = renderer.render(task.camera)
             drawn = time.perf_counter()
             saving: SavingOptions = {**self._job.saving, "files": task.files}
             warnings = frame.write(task.path, **saving)

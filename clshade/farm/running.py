@@ -23,6 +23,7 @@ from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import Scene
+from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
@@ -95,6 +96,7 @@ def draw_frames(
     cameras: Mapping[int, Camera],
     output: str,
     *,
+    poses: Mapping[int, Pose] | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     timeout: float = 10.0,
@@ -116,6 +118,9 @@ def draw_frames(
     output : str
         Name of the files, such as ``"out.####.exr"``, with one run of # for the number of the
         frame. The folder is created if missing, and removed again if nothing is drawn.
+    poses : mapping of int to Pose, optional
+        What each frame changes in the scene, by frame number, as from `clshade.load_animation`.
+        Default: nothing.
     workers : int, default 1
         Number of processes on this machine, 1 to 256; 1 means this process.
     scheduler : str, optional
@@ -167,7 +172,7 @@ def draw_frames(
     >>> cameras = farm.orbit(scene.camera, frames.numbers, frames)
     >>> run = farm.draw_frames(scene, cameras, "out.##.exr", samples=4)
     """
-    _check_arguments(cameras, workers, scheduler, timeout, frame_timeout)
+    _check_arguments(cameras, poses, workers, scheduler, timeout, frame_timeout)
     known("draw_frames: saving", saving or (), SAVING)
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
@@ -180,7 +185,14 @@ def draw_frames(
         there = next(number for number in cameras if number not in drawn_now)
         _compare_sizes(pattern, there, cameras, colorbar=chosen.get("colorbar", False))
     tasks = (
-        Task(number, _camera(cameras, number), Path(pattern.names(number)[0]).absolute(), files) for number in left
+        Task(
+            number,
+            _camera(cameras, number),
+            Path(pattern.names(number)[0]).absolute(),
+            files,
+            None if poses is None else poses[number],
+        )
+        for number in left
     )
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
@@ -203,7 +215,12 @@ def draw_frames(
 
 
 def _check_arguments(
-    cameras: Mapping[int, Camera], workers: int, scheduler: str | None, timeout: float, frame_timeout: float | None
+    cameras: Mapping[int, Camera],
+    poses: Mapping[int, Pose] | None,
+    workers: int,
+    scheduler: str | None,
+    timeout: float,
+    frame_timeout: float | None,
 ) -> None:
     """Raise InputError for arguments that `draw_frames` refuses; each camera is checked when its frame is drawn."""
     integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
@@ -216,6 +233,8 @@ def _check_arguments(
     numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
     if not numbered or not cameras:
         raise value_error("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)
+    if poses is not None and not (isinstance(poses, Mapping) and all(number in poses for number in cameras)):
+        raise value_error("draw_frames", "poses", "a pose for the number of each camera, as {1: pose}", poses)
 
 
 def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:

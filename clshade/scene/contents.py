@@ -1,4 +1,4 @@
-"""What a scene holds, as tables: its meshes, their scalars with their ranges, and its lights."""
+"""What a scene holds, as tables: its meshes, their scalars with their ranges, its lights and its animations."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ def scene_contents(scene: Scene) -> dict[str, Any]:
         "triangles": scene.face_count,
         "lights": len(scene.lights),
         "light_scale": scene.light_scale,
+        "animations": list(scene.animations),
         "each_light": [light_facts(light) for light in scene.lights],
         "meshes": [_mesh(number, mesh) for number, mesh in enumerate(scene.meshes, 1)],
     }
@@ -66,6 +67,8 @@ def format_contents(contents: dict[str, Any]) -> str:
         for s in m["scalars"]
     ]
     lines += _light_lines(contents)
+    animations = [(_shown(name), f"{number}") for number, name in enumerate(contents["animations"])]
+    lines += ["", *as_lines(("animation", "number"), animations)] if animations else []
     if found:
         lines += ["", *as_lines(("scalars", "mesh", "of", "least", "most", "NaN"), found)]
     return "\n".join(lines if found else [*lines, "no scalars"])

@@ -417,6 +417,8 @@ class Scene:
     light_scale : float, default 1
         What the intensities of a file's lights, in candela and lux, were multiplied by when it was
         loaded. Rendering does not depend on it.
+    animations : tuple of str, default ()
+        Names of the animations of the scene's file, "" for one without a name; see `clshade.load`.
 
     Raises
     ------
@@ -436,6 +438,7 @@ class Scene:
     own_lights: bool = True
     fitted: bool = False
     light_scale: float = 1.0
+    animations: tuple[str, ...] = ()
 
     if TYPE_CHECKING:
 
@@ -453,6 +456,7 @@ class Scene:
             own_lights: bool = True,
             fitted: bool = False,
             light_scale: float = 1.0,
+            animations: tuple[str, ...] = (),
         ) -> None: ...
 
     def __post_init__(self) -> None:

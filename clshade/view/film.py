@@ -30,6 +30,7 @@ from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import FileKind, SavingOptions
 from ..scene.camera import Camera
 from ..scene.model import Scene, default_tonemap
+from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from . import animation, video
 from .film_format import checked_depth, checked_rate, format_of
@@ -113,6 +114,7 @@ def draw_film(
     cameras: Mapping[int, Camera],
     path: str | os.PathLike[str],
     *,
+    poses: Mapping[int, Pose] | None = None,
     fps: float | Fraction | str = FPS,
     bits: int = 8,
     keep_frames: bool = False,
@@ -136,6 +138,8 @@ def draw_film(
         Camera of each frame, by frame number; all of one resolution.
     path : str or path-like
         The film's file, which ends in .mp4, .webm, .gif, .apng or .webp.
+    poses : mapping of int to Pose, optional
+        See `clshade.farm.draw_frames`.
     fps : number or str, default 30
         Frames per second, also as a fraction such as ``"30000/1001"``; at most 50 in a GIF, 90 in
         APNG and WebP.
@@ -184,12 +188,14 @@ def draw_film(
         options["files"] = (needed,)
         settings["layers"] = ()
     scene_drawn, settings_drawn = effective_settings(scene, **settings)
-    with folder.of(digest_of(scene_drawn, settings_drawn, cameras, {**options, "files": None}), keep_frames):
+    frames: Any = cameras if poses is None else [(k, camera, digest_of(poses[k])) for k, camera in cameras.items()]
+    with folder.of(digest_of(scene_drawn, settings_drawn, frames, {**options, "files": None}), keep_frames):
         check(name)
         run = draw_frames(
             scene,
             cameras,
             folder.pattern,
+            poses=poses,
             workers=workers,
             scheduler=scheduler,
             timeout=timeout,

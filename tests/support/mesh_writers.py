@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 _COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
-_KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+_KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 INDICES = np.array([0, 1, 2], np.uint16)
 
@@ -56,6 +56,16 @@ class Gltf:
         self.json.setdefault(kind, []).append(entry)
         return len(self.json[kind]) - 1
 
+    def animation(self, *channels: tuple[int, str, Any, Any, str], name: str = "") -> int:
+        """Add an animation of channels (node, path, times, values, interpolation); arrays as they are stored, an accessor by
+        its index."""
+        entry: dict[str, Any] = {"channels": [], "samplers": [], **({"name": name} if name else {})}
+        for number, (node, path, times, values, interpolation) in enumerate(channels):
+            given = [each if isinstance(each, int) else self.accessor(np.array(each)) for each in (times, values)]
+            entry["samplers"].append({"input": given[0], "output": given[1], "interpolation": interpolation})
+            entry["channels"].append({"sampler": number, "target": {"node": node, "path": path}})
+        return self.add("animations", entry)
+
     def glb(self, path) -> str:
         self.json["buffers"] = [{"byteLength": max(len(self.data), 1)}]
         path.write_bytes(pack_glb(json.dumps(self.json).encode(), self.data or b"\0"))
@@ -84,6 +94,28 @@ def triangle(**fields: Any) -> Gltf:
     """Return a document of one triangle, without nodes."""
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, INDICES, **fields)
+    return document
+
+
+def bar(inverse: bool = True, **fields: Any) -> Gltf:
+    """Return a document of a bar along y with two joints, at its foot and at (0, 1, 0): nodes 1 and 2. Node 3 is the bar,
+    which a transform of its own would move far away. inverse: with inverse bind matrices. fields: of its primitive."""
+    document = Gltf()
+    verts = np.array([[x, y, 0] for y in (0, 1, 2) for x in (-0.1, 0.1)], np.float32)
+    faces = np.array([0, 1, 3, 0, 3, 2, 2, 3, 5, 2, 5, 4], np.uint16)
+    joints = np.array([[0, 1, 0, 0]] * 6, np.uint8)
+    weights = np.array([[1, 0, 0, 0]] * 2 + [[0.5, 0.5, 0, 0]] * 2 + [[0, 1, 0, 0]] * 2, np.float32)
+    normals = np.array([[0, 0, 1]] * 6, np.float32)
+    document.mesh({"POSITION": verts, "NORMAL": normals, "JOINTS_0": joints, "WEIGHTS_0": weights}, faces, **fields)
+    back = np.stack([np.eye(4), np.eye(4)]).astype(np.float32)
+    back[1, 1, 3] = -1.0
+    matrices = document.accessor(back.transpose(0, 2, 1).reshape(2, 16).copy())
+    document.add("nodes", {"children": [1, 3]})
+    document.add("nodes", {"children": [2]})
+    document.add("nodes", {"translation": [0, 1, 0]})
+    document.add("nodes", {"mesh": 0, "skin": 0, "translation": [50, 60, 70], "scale": [9, 9, 9]})
+    document.add("skins", {"joints": [1, 2], **({"inverseBindMatrices": matrices} if inverse else {})})
+    document.add("scenes", {"nodes": [0]})
     return document
 
 

@@ -1,22 +1,48 @@
-"""`animate`: the cameras of a file, one frame each."""
+"""`animate`: the cameras of a file, or an animation of a glTF file, one frame each."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, TypeVar
 
 from ...errors import InputError
-from .farm_options import draw, output_options, worker_options
-from .scene_options import SAMPLES_HELP, camera_options, load_scene, scene_options, setting_options
+from .farm_options import FPS, draw, output_options, worker_options
+from .scene_options import (
+    SAMPLES_HELP,
+    arranged,
+    camera_options,
+    chosen_camera,
+    load_options,
+    load_scene,
+    scene_options,
+    setting_options,
+    tell_of_file,
+    with_lights,
+)
+
+if TYPE_CHECKING:
+    from ...farm.frames import Frames
+    from ...scene.camera import Camera
+    from ...scene.pose import Pose
+
+_T = TypeVar("_T")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, required=True)
     parser.add_argument(
         "cameras",
+        nargs="?",
         metavar="CAMERAS.json",
-        help='a list such as [{"eye": [0, 1, 5]}, {"eye": [1, 1, 5], "fov": 40}]: frames 1, 2, ...',
+        help='a list such as [{"eye": [0, 1, 5]}, {"eye": [1, 1, 5], "fov": 40}]: frames 1, 2, ... of the scene as it is; '
+        "without it an animation of a glTF file is played: its length at --fps",
     )
-    parser.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
+    which.add_argument("--count", type=int, metavar="N", help="of an animation: so many frames, evenly over its length")
     camera_options(parser)
     setting_options(parser, SAMPLES_HELP)
     output_options(parser)
@@ -24,15 +50,107 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ...farm import parse_frames, read_cameras
+    from ...farm import parse_frames
 
     frames = None if arguments.frames is None else parse_frames(arguments.frames)
+    return _play(arguments, frames) if arguments.cameras is None else _fly(arguments, frames)
+
+
+def _fly(arguments: argparse.Namespace, frames: Frames | None) -> int:
+    """Draw the scene as the cameras of the file see it."""
+    from ...farm import read_cameras
+
+    if arguments.count is not None:
+        raise InputError("--count: expected an animation to play, which CAMERAS.json is none of, found both")
     scene = load_scene(arguments)
     cameras = read_cameras(arguments.cameras, scene.camera)
     if arguments.resolution is not None:
         cameras = tuple(camera.with_resolution(arguments.resolution) for camera in cameras)
-    numbers = range(1, len(cameras) + 1) if frames is None else frames.numbers
-    if not 1 <= numbers[0] <= numbers[-1] <= len(cameras):
-        found = f"{arguments.frames}, and the cameras of {arguments.cameras} are 1..{len(cameras)}"
-        raise InputError(f"--frames: expected frames that have a camera, found {found}")
+    numbers = _numbers(frames, arguments, len(cameras), "have a camera", f"the cameras of {arguments.cameras}")
     return draw(arguments, scene, {number: cameras[number - 1] for number in numbers})
+
+
+def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
+    """Draw an animation of a glTF file."""
+    from ...base import console
+    from ...base.atomic_files import shown
+    from ...scene import adjust_camera
+    from ...scene.formats.load import ANIMATED, load_animation
+
+    name = arguments.scene
+    if not name.lower().endswith(ANIMATED):
+        found = f"the scene {shown(name)}, which has no animation"
+        raise InputError(f"CAMERAS.json: expected a file of cameras, or a glTF file to play, found {found}")
+    options = load_options(arguments)
+    for option in ("time", "focal"):
+        if option in options:
+            raise InputError(f"--{option}: expected none with an animation that is played, found {options[option]:g}")
+    played = load_animation(
+        name, count=arguments.count, fps=_rate(arguments), resolution=arguments.resolution, fit=arguments.fit, **options
+    )
+    tell_of_file(played.scene, arguments, name)
+    count = len(played.times)
+    console.note(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
+    numbers = _numbers(frames, arguments, count, "are of the animation", "these")
+    stage = arranged(played.stage, arguments)
+    extent = len(played.scene.meshes)  # the number of what only `stage` has
+    own = len(played.stage.meshes) - extent
+    scene = replace(stage, meshes=(*stage.meshes[:extent], *stage.meshes[extent + own :]))
+
+    def camera(frame: int) -> Camera:
+        if played.scene.fitted or arguments.fit:
+            return scene.camera
+        moved = replace(played.scene, camera=played.cameras[frame])
+        return adjust_camera.camera_of(moved, chosen_camera(arguments))
+
+    def pose(frame: int) -> Pose:
+        found = played.poses[frame]
+        if found.lights is None or arguments.environment == "none":
+            return found
+        return replace(found, lights=with_lights(replace(played.scene, lights=found.lights), arguments).lights)
+
+    return draw(arguments, scene, {frame: camera(frame) for frame in numbers}, _Frames(numbers, pose))
+
+
+def _rate(arguments: argparse.Namespace) -> float:
+    """Return how many frames a second of the animation has; of a file of its own, `draw` checks what --fps says."""
+    if arguments.fps is None:
+        return FPS
+    try:
+        rate = float(Fraction(arguments.fps))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        rate = 0.0
+    if not rate > 0.0:
+        raise InputError(f"--fps: expected a number above 0, or a fraction such as 30000/1001, found {arguments.fps!r}")
+    return rate
+
+
+def _numbers(frames: Frames | None, arguments: argparse.Namespace, count: int, which: str, owner: str) -> Sequence[int]:
+    """Return the numbers of the frames to draw, of `count`. which, owner: words for the error."""
+    numbers: Sequence[int] = range(1, count + 1) if frames is None else frames.numbers
+    if not 1 <= numbers[0] <= numbers[-1] <= count:
+        raise InputError(
+            f"--frames: expected frames that {which}, found {arguments.frames}, and {owner} are 1..{count}"
+        )
+    return numbers
+
+
+class _Frames(Mapping[int, _T]):
+    """What `make` makes of each frame of these numbers, when it is looked up."""
+
+    def __init__(self, numbers: Sequence[int], make: Callable[[int], _T]) -> None:
+        self._numbers, self._make = dict.fromkeys(numbers), make
+
+    def __getitem__(self, number: int) -> _T:
+        if number not in self._numbers:
+            raise KeyError(number)
+        return self._make(number)
+
+    def __contains__(self, number: object) -> bool:
+        return number in self._numbers
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)

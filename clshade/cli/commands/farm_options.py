@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ...farm import Run
     from ...scene.camera import Camera
     from ...scene.model import Scene
+    from ...scene.pose import Pose
     from ...view.film import Film
 
 
@@ -34,7 +35,11 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         help="#### stands for the number of the frame; a PNG beside each EXR; its folder is made where there is none "
         "(default: out.####.exr). Or a film: OUT.mp4, .webm, .gif, .apng or .webp",
     )
-    output.add_argument("--fps", metavar="RATE", help=f"of a film: frames per second, also 30000/1001 (default: {FPS})")
+    output.add_argument(
+        "--fps",
+        metavar="RATE",
+        help=f"of a film, or of an animation: frames per second, also 30000/1001 (default: {FPS})",
+    )
     output.add_argument("--bit-depth", type=int, metavar="8|10", help="of an .mp4: bits per channel (default: 8)")
     output.add_argument("--keep-frames", action="store_true", help="of a film, in the folder OUT.mp4.frames")
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
@@ -67,11 +72,14 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
     device_option(parser)
 
 
-def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera]) -> int:
-    """Draw the frames or the film, as the options say, and print a summary."""
+def draw(
+    arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None = None
+) -> int:
+    """Draw the frames or the film, as the options say, and print a summary. poses: of an animation that is played."""
     from ...view.film_format import is_film
 
     options: dict[str, Any] = {
+        "poses": poses,
         "workers": arguments.workers,
         "scheduler": arguments.scheduler,
         "timeout": arguments.timeout,
@@ -93,7 +101,7 @@ def draw(arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Came
         from ...farm import draw_frames
 
         for name, value in _film_options(arguments).items():
-            if value:
+            if value and not (name == "fps" and poses is not None):
                 flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
                 raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {arguments.output}")
         found = draw_frames(scene, cameras, arguments.output, **options)

@@ -1,4 +1,4 @@
-"""`inspect`: the contents of an image file, or the meshes, scalars and lights of a scene file."""
+"""`inspect`: the contents of an image file, or the meshes, scalars, lights and animations of a scene file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "file",
         metavar="FILE",
         help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene file: its meshes, the "
-        "scalars that `render --scalars` can show, with their ranges, and its lights",
+        "scalars that `render --scalars` can show, with their ranges, its lights and its animations",
     )
     parser.add_argument(
         "--pixel",

@@ -32,7 +32,7 @@ SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
 # Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
 _WITH_VALUES = (
     *("environment", "environment_rotation", "environment_intensity"),
-    *("texture", "focal", "crease", "up", "preset", "camera_view_angle", "device"),
+    *("texture", "focal", "crease", "up", "time", "animation", "preset", "camera_view_angle", "device"),
     *("scalars", "colormap", "nan_color", "edge_angle", "edge_width", "edge_color"),
 )
 _LISTS = ("lights", "components", "resolution", "clim", "edges")

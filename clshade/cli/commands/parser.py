@@ -95,6 +95,8 @@ class Parser(argparse.ArgumentParser):
             command.error(f"there is no option {option.partition('=')[0]}{command._option_hint(option)}")
         if getattr(parsed, "command", "") is None:
             self.error("expected a COMMAND, such as render: `clshade --help` lists all")
+        if left and getattr(parsed, "cameras", "") is None:  # argparse looks for an optional one beside SCENE alone
+            parsed.cameras = left.pop(0)
         if left and hasattr(parsed, "scenes"):  # argparse collects only those before the first option
             parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
         elif left and hasattr(parsed, "files"):

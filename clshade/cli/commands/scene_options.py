@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scalars, Scene, Settings
 
 # Arguments of clshade.scene.formats.load.load; besides `fit`, which built-in scenes have, too.
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided")
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided", "time", "animation")
 SAMPLES_HELP = "4, or 1 for scenes of the course, in Python 1"  # `picture_settings`, in words
 COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
 
@@ -61,6 +61,17 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
         "--two-sided",
         action=argparse.BooleanOptionalAction,
         help="light both sides of surfaces (default: as glTF files ask, on for OBJ, PLY and STL)",
+    )
+    group.add_argument(
+        "--time",
+        type=float,
+        metavar="SECONDS",
+        help="the pose of a glTF file's animation at this time (default: at rest)",
+    )
+    group.add_argument(
+        "--animation",
+        metavar="NAME|INDEX|all",
+        help="which of a glTF file's animations, by name, number from 0, or all at once (default: the first)",
     )
     group.add_argument(
         "--lights",
@@ -276,12 +287,12 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turnin
     """
     from ...base import console
     from ...base.atomic_files import shown
-    from ...scene import adjust_camera, adjust_lights, framing
+    from ...scene import adjust_camera
     from ...scene.builtin import scenes
 
     start = time.perf_counter()
     name = arguments.scene if name is None else name
-    options = {name: getattr(arguments, name) for name in LOAD_OPTIONS if getattr(arguments, name) is not None}
+    options = load_options(arguments)
     if name in scenes.BUILTINS and not Path(name).exists():
         for option in options:
             flag = option.replace("_", "-")
@@ -295,19 +306,43 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turnin
             near = hint(name, scenes.BUILTINS)
             raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
         scene = load.load(name, resolution=arguments.resolution, fit=arguments.fit, **options)
-        if not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
-            console.note(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
+        tell_of_file(scene, arguments, name)
+        if scene.animations and arguments.time is None and arguments.animation is None:
+            listed = ", ".join(shown(each) if each else f"number {k}" for k, each in enumerate(scene.animations[:8]))
+            more = ", ..." if len(scene.animations) > 8 else ""
+            console.note(
+                f"{shown(name)}: at rest: --time SECONDS shows a pose of its animations ({listed}{more}), `clshade animate` "
+                "plays one"
+            )
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
+    return arranged(scene, arguments, turning=turning)
+
+
+def load_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options for `load` that were given, besides `fit` and the resolution."""
+    return {name: getattr(arguments, name) for name in LOAD_OPTIONS if getattr(arguments, name) is not None}
+
+
+def tell_of_file(scene: Scene, arguments: argparse.Namespace, name: str) -> None:
+    """Say what was taken from a file, and what was made of it."""
+    from ...base import console
+    from ...base.atomic_files import shown
+
+    if not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
+        console.note(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
     if scene.light_scale != 1.0:
         console.note(
             f"{shown(name)}: lights: intensities (candela, lux) times {scene.light_scale:.4g}, so that the strongest has 1 "
             "at the center; --light-intensity changes that"
         )
-    if arguments.lights is not None:
-        scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
-    if arguments.light_intensity is not None:
-        scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
+
+
+def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = False) -> Scene:
+    """Return a scene that was loaded, with the lights, environment, camera, ground and components of the command line."""
+    from ...scene import adjust_camera, framing
+
+    scene = with_lights(scene, arguments)
     scene = _with_environment(scene, arguments)
     if arguments.light_intensity is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
         raise InputError(
@@ -319,6 +354,17 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turnin
     scene = replace(scene, camera=camera)
     scene = _with_ground(scene, arguments, up) if arguments.ground else scene
     return scene if arguments.components is None else _with_components(scene, arguments.components)
+
+
+def with_lights(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """Return the scene with the lights that were chosen, at their intensities."""
+    from ...scene import adjust_lights
+
+    if arguments.lights is not None:
+        scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
+    if arguments.light_intensity is not None:
+        scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
+    return scene
 
 
 def _as_drawn(scene: Scene, arguments: argparse.Namespace) -> tuple[Scene, Settings]:

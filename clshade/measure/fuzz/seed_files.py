@@ -35,7 +35,7 @@ class Sample:
 @cache
 def samples() -> tuple[Sample, ...]:
     """Return all samples. Each loads without error."""
-    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr(), *_hdr()]
+    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr(), *_hdr(), *_animated()]
     return tuple(made)
 
 
@@ -312,7 +312,7 @@ class _Document:
         return len(self.json["bufferViews"]) - 1
 
     def accessor(self, values: Array, **fields: Any) -> int:
-        kind = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[values.shape[1] if values.ndim == 2 else 1]
+        kind = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[values.shape[1] if values.ndim == 2 else 1]
         code = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
         entry = {"bufferView": self.view(values.tobytes()), "componentType": code[str(values.dtype)]}
         self.json["accessors"].append({**entry, "count": len(values), "type": kind, **fields})
@@ -390,3 +390,33 @@ def _gltf() -> list[Sample]:
     apart = {**d.json, "images": [{"uri": "b.jpg"}], "buffers": [{"byteLength": size, "uri": "a.bin"}]}
     files = {"a.gltf": json.dumps(apart, indent=1).encode(), "a.bin": d.data, "b.jpg": _image("RGB", "JPEG")}
     return [Sample({"a.glb": pack_glb(text(), d.data)}), Sample({"a.gltf": text(uri=uri)}), Sample(files)]
+
+
+def _animated() -> list[Sample]:
+    """Return a skinned mesh with morph targets and an animation with channels of all kinds, at two times."""
+    d, rng = _Document(), np.random.default_rng(6)
+    attributes = {
+        "POSITION": d.accessor(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)),
+        "JOINTS_0": d.accessor(np.array([[0, 1, 0, 0]] * 4, np.uint8)),
+        "WEIGHTS_0": d.accessor(np.array([[0.75, 0.25, 0, 0]] * 4, np.float32)),
+    }
+    indices = d.accessor(np.array([0, 1, 2, 2, 1, 3], np.uint16))
+    targets = [{"POSITION": d.accessor(rng.random((4, 3), np.float32))} for _ in range(2)]
+    back = d.accessor(np.stack([np.eye(4, dtype=np.float32).reshape(16)] * 2))
+    primitive = {"attributes": attributes, "indices": indices, "targets": targets}
+    d.json["meshes"] = [{"primitives": [primitive], "weights": [0.5, 0]}]
+    d.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": back, "skeleton": 1}]
+    d.json["nodes"] = [{"mesh": 0, "skin": 0}, {"children": [2]}, {"translation": [0, 1, 0]}]
+    d.json["scenes"] = [{"nodes": [0, 1]}]
+    times = d.accessor(np.array([0, 1, 3], np.float32))
+    outputs = [
+        (1, "translation", "LINEAR", d.accessor(rng.random((3, 3), np.float32))),
+        (2, "rotation", "LINEAR", d.accessor(rng.random((3, 4), np.float32))),
+        (2, "scale", "STEP", d.accessor(rng.random((3, 3), np.float32))),
+        (0, "weights", "CUBICSPLINE", d.accessor(rng.random(18, np.float32))),
+    ]
+    samplers = [{"input": times, "output": output, "interpolation": kind} for _, _, kind, output in outputs]
+    channels = [{"sampler": k, "target": {"node": node, "path": path}} for k, (node, path, *_) in enumerate(outputs)]
+    d.json["animations"] = [{"samplers": samplers, "channels": channels}]
+    text = json.dumps({**d.json, "buffers": [{"byteLength": len(d.data)}]}, indent=1).encode()
+    return [Sample({"a.glb": pack_glb(text, d.data)}, options={"time": time}) for time in (0.5, 1.5)]

@@ -18,12 +18,12 @@ _ATTENUATION: Attenuation = "inverse-square"
 
 
 def lights_of(
-    placed: list[tuple[Item, Array]], sphere: tuple[Array, float], ignored: list[str]
+    placed: list[tuple[Item, Array]], sphere: tuple[Array, float], ignored: list[str], scale: float | None = None
 ) -> tuple[tuple[Light, ...], float]:
     """Return the lights of the scene, and what their intensities, in candela and lux, were multiplied by.
 
     placed: each light and its matrix in the world. sphere: center and radius of the meshes. ignored: gets lights of an
-    unknown type.
+    unknown type. scale: what to multiply them by instead, as in another pose.
 
     A file says how bright lights are, not how a picture of them is exposed. So all intensities are multiplied by one
     factor, with which the strongest light has the illuminance 1 at the center (for lights nearer than the radius: at that
@@ -40,6 +40,8 @@ def lights_of(
             brightest = float(np.abs(light.intensity).max())
             illuminances.append(brightest if isinstance(light, DirectionalLight) else brightest / away / away)
             found.append(light)
+    if scale is not None:
+        return tuple(_brighter(light, scale) for light in found), scale
     strongest = max(illuminances, default=0.0)
     if not 0.0 < strongest < math.inf or not math.isfinite(1.0 / strongest):
         return (), 1.0

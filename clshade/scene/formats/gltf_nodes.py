@@ -3,55 +3,81 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Array, Floats
 from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
+from .gltf_animations import NodeValues, target_count
 from .gltf_json import Item
 
 MAX_NODES = 1 << 16
 _LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and moves no pixel
 
 
+class Placement(NamedTuple):
+    """A mesh in the world. matrix: (4, 4). skin: its index. node: the index, of those that have a skin or weights of their
+    own. weights: of morph targets, where they are not the mesh's."""
+
+    matrix: Array
+    node: int | None = None
+    skin: int | None = None
+    weights: Floats | None = None
+
+
 @dataclass
 class Placed:
     """The contents of the scene's nodes, in depth-first order.
 
-    meshes: by index, with a (4, 4) matrix for each placement. cameras, lights: pairs of index or object, and matrix.
+    meshes: placements by index. cameras, lights: pairs of index or object, and matrix. worlds: the matrix of each node in
+    the world, by index.
     """
 
-    meshes: dict[int, list[Array]] = field(default_factory=dict)
+    meshes: dict[int, list[Placement]] = field(default_factory=dict)
     cameras: list[tuple[int, Array]] = field(default_factory=list)
     lights: list[tuple[Item, Array]] = field(default_factory=list)
+    worlds: dict[int, Array] = field(default_factory=dict)
 
 
-def placed(document: Item, ignored: list[str]) -> Placed:
+def placed(document: Item, pose: NodeValues) -> Placed:
     """Return the contents of the file's scene: the one it names, else its first, else all nodes that have no parent.
 
-    In a file without nodes each mesh is placed once. Raises InputError for more than MAX_NODES nodes, one that is
-    reached twice, and broken fields.
+    pose: properties of nodes in place of the file's. In a file without nodes each mesh is placed once. Raises InputError
+    for more than MAX_NODES nodes, one that is reached twice, and broken fields.
     """
     if document.count("nodes") > MAX_NODES:
         raise document.error("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
-    found, seen = Placed(), set()
+    found = Placed()
     if not document.count("nodes") and document.count("meshes") <= MAX_NODES:
-        found.meshes = {index: [np.eye(4)] for index in range(document.count("meshes"))}
-    stack = [(index, np.eye(4)) for index in reversed(_roots(document))]
+        found.meshes = {index: [Placement(np.eye(4))] for index in range(document.count("meshes"))}
+    for index in _visited(document, _roots(document), pose, found.worlds):
+        _collect(document.entry("nodes", index), index, found, pose.get(index, {}))
+    if any(each.skin is not None for placements in found.meshes.values() for each in placements):
+        children = _children(document)
+        outside = [node for node in range(document.count("nodes")) if node not in children and node not in found.worlds]
+        for _ in _visited(document, outside, pose, found.worlds):
+            pass  # joints may lie outside the scene
+    return found
+
+
+def _visited(document: Item, roots: list[int], pose: NodeValues, worlds: dict[int, Array]) -> Iterator[int]:
+    """Yield nodes, depth first; their matrices are in `worlds` by then."""
+    stack = [(index, np.eye(4)) for index in reversed(roots)]
     while stack:
         index, parent = stack.pop()
-        if index in seen:
+        if index in worlds:
             raise document.error(f"nodes[{index}]", "a tree of nodes", "a node that is reached twice")
-        seen.add(index)
-        node = document.entry("nodes", index)
+        node, changed = document.entry("nodes", index), pose.get(index, {})
         matrix = parent
-        if node.value.keys() & {"matrix", "translation", "rotation", "scale"}:
-            matrix = _product(node, parent, _matrix(node))
-        _collect(node, matrix, found, ignored)
+        if (node.value.keys() | changed.keys()) & {"matrix", "translation", "rotation", "scale"}:
+            matrix = _product(node, parent, _matrix(node, changed))
+        worlds[index] = matrix
+        yield index
         stack += [(child, matrix) for child in reversed(node.references("children", "nodes"))]
-    return found
 
 
 def _product(node: Item, parent: Array, own: Array) -> Array:
@@ -66,14 +92,23 @@ def _roots(document: Item) -> list[int]:
     scenes = document.count("scenes")
     if scenes:
         return document.entry("scenes", document.reference("scene", "scenes") or 0).references("nodes", "nodes")
-    children = {child for node in document.items("nodes") for child in node.references("children", "nodes")}
+    children = _children(document)
     return [index for index in range(document.count("nodes")) if index not in children]
 
 
-def _collect(node: Item, matrix: Array, found: Placed, ignored: list[str]) -> None:
+def _children(document: Item) -> set[int]:
+    return {child for node in document.items("nodes") for child in node.references("children", "nodes")}
+
+
+def _collect(node: Item, index: int, found: Placed, changed: Mapping[str, Floats]) -> None:
+    matrix = found.worlds[index]
     mesh, camera = node.reference("mesh", "meshes"), node.reference("camera", "cameras")
     if mesh is not None:
-        found.meshes.setdefault(mesh, []).append(matrix)
+        skin, weights = node.reference("skin", "skins"), changed.get("weights")
+        if weights is None and "weights" in node.value:
+            weights = node.numbers("weights", target_count(node))
+        own = index if skin is not None or weights is not None else None
+        found.meshes.setdefault(mesh, []).append(Placement(matrix, own, skin, weights))
     if camera is not None:
         found.cameras.append((camera, matrix))
     light = node.extension("KHR_lights_punctual")
@@ -81,16 +116,18 @@ def _collect(node: Item, matrix: Array, found: Placed, ignored: list[str]) -> No
         extensions = node.root.get("extensions")
         known = Item(node.root, "", node.root, node.owner).extension("KHR_lights_punctual") if extensions else None
         lights = [] if known is None else list(known.items("lights"))
-        index = light.integer("light")
-        if index >= len(lights):
-            raise light.error("light", f"an index of the {len(lights)} lights", str(index))
-        found.lights.append((lights[index], matrix))
-    if "skin" in node.value:
-        ignored.append("skins")
+        number = light.integer("light")
+        if number >= len(lights):
+            raise light.error("light", f"an index of the {len(lights)} lights", str(number))
+        found.lights.append((lights[number], matrix))
 
 
-def _matrix(node: Item) -> Array:
-    """Return the (4, 4) matrix of a node in its parent."""
+def _matrix(node: Item, changed: Mapping[str, Floats]) -> Array:
+    """Return the (4, 4) matrix of a node in its parent. changed: what an animation puts in place of its properties."""
+
+    def numbers(name: str, *default: float) -> Floats:
+        return changed[name] if name in changed else node.numbers(name, len(default), default)
+
     if "matrix" in node.value:
         matrix: Floats = node.numbers("matrix", 16).reshape(4, 4).T.copy()
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
@@ -98,7 +135,7 @@ def _matrix(node: Item) -> Array:
         matrix[3] = 0.0, 0.0, 0.0, 1.0
         return matrix
     matrix = np.eye(4)
-    x, y, z, w = node.numbers("rotation", 4, (0.0, 0.0, 0.0, 1.0)).tolist()
+    x, y, z, w = numbers("rotation", 0.0, 0.0, 0.0, 1.0).tolist()
     length = math.hypot(x, y, z, w)
     if not 0.0 < length < math.inf:
         raise node.error("rotation", "a quaternion other than 0", str([x, y, z, w]))
@@ -108,8 +145,8 @@ def _matrix(node: Item) -> Array:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    matrix[:3, :3] *= node.numbers("scale", 3, (1.0, 1.0, 1.0))
-    matrix[:3, 3] = node.numbers("translation", 3, (0.0, 0.0, 0.0))
+    matrix[:3, :3] *= numbers("scale", 1.0, 1.0, 1.0)
+    matrix[:3, 3] = numbers("translation", 0.0, 0.0, 0.0)
     return matrix
 
 

@@ -26,14 +26,16 @@ from .course_npy import read_course, save_course
 from .gltf import read_gltf
 from .obj import DEFAULT_MATERIAL, read_obj
 from .options import Options
+from .play import FPS, Played, play
 from .ply import read_ply
 from .stl import read_stl
 from .texture import as_texture
 
-__all__ = ["EXTENSIONS", "load", "save_course"]
+__all__ = ["EXTENSIONS", "load", "load_animation", "save_course"]
 
 SLOW = 1.0  # seconds of loading before a message on stderr
 EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
+ANIMATED = (".gltf", ".glb")
 IMAGES = (".exr", ".png")
 
 
@@ -49,6 +51,8 @@ def load(
     up: Up | None = None,
     two_sided: bool | None = None,
     fit: bool = False,
+    time: float | None = None,
+    animation: str | int | None = None,
 ) -> Scene:
     """Load a scene from a file.
 
@@ -87,6 +91,13 @@ def load(
     fit : bool, default False
         Ignore the camera of the file, and choose one that shows all of the scene, as for a mesh
         without one.
+    time : float, optional
+        Show a glTF file as its animation has it after so many seconds, at least 0; after its end as
+        at its end. Default: at rest, with the nodes, joints and weights of morph targets that the
+        file has outside animations.
+    animation : str or int, optional
+        Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once, as
+        some exporters write one for each node. Without `time`: its beginning. Default: the first.
 
     Returns
     -------
@@ -117,10 +128,7 @@ def load(
     >>> import clshade
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
-    checked_path("load", "path", path)
-    owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
-    if extension not in EXTENSIONS:
-        raise _no_scene(path, owner, extension)
+    owner, extension = _checked_file("load", path)
     if resolution is not None:
         resolution = _resolution(resolution)
     flat = flag("load", "flat", flat)
@@ -128,25 +136,108 @@ def load(
     fit = flag("load", "fit", fit)
     if flat and crease is not None:
         raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
+    with _refusals(owner), _told_when_slow(owner):
+        if extension == ".npy":
+            if (crease, up, flat) != (None, None, False):
+                raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
+            _refuse_time(extension, time, animation)
+            scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
+            scene = scene if two_sided is None else _lit(scene, two_sided)
+            scene = refitted(scene) if fit else scene
+        elif focal is not None:
+            raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
+        else:
+            own = None if texture is None else as_texture(texture, srgb=True)
+            options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit, time, animation)
+            _refuse_time(extension, time, animation)
+            scene = _read_mesh(path, extension, options)
+    return scene if lights is None else replace(scene, lights=_kept(scene, lights))
+
+
+def load_animation(
+    path: Path,
+    animation: str | int | None = None,
+    *,
+    count: int | None = None,
+    fps: float = FPS,
+    texture: Path | ArrayLike | Texture | None = None,
+    resolution: tuple[int, int] | None = None,
+    crease: float | None = None,
+    flat: bool = False,
+    up: Up | None = None,
+    two_sided: bool | None = None,
+    fit: bool = False,
+) -> Played:
+    """Load a glTF file as the frames of one of its animations.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File, .gltf or .glb.
+    animation : str or int, optional
+        As for `load`.
+    count : int, optional
+        Number of frames, 1 to 1,000,000. Default: as many as `fps` takes, at least 1.
+    fps : float, default 30
+        Frames per second of the animation's time, rounded so that they divide its length.
+    texture, resolution, crease, flat, up, two_sided, fit
+        As for `load`.
+
+    Returns
+    -------
+    Played
+        `scene` is the first frame, with a camera and lights that suit all of them; `poses` and
+        `cameras`, by frame number, are what `clshade.farm.draw_frames` takes beside it.
+
+    Raises
+    ------
+    InputError
+        As for `load`; also if the file has no animation.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> from clshade import farm
+    >>> run = clshade.load_animation("fox.glb", "Run", fps=24)
+    >>> farm.draw_frames(run.scene, run.cameras, "run.##.exr", poses=run.poses)
+    """
+    owner, extension = _checked_file("load_animation", path)
+    if extension not in ANIMATED:
+        raise file_error(owner, "extension", f"one of {', '.join(ANIMATED)}, which have animations", quoted(extension))
+    flat = flag("load", "flat", flat)
+    if flat and crease is not None:
+        raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
+    with _refusals(owner), _told_when_slow(owner):
+        options = Options(
+            None if texture is None else as_texture(texture, srgb=True),
+            None if resolution is None else _resolution(resolution),
+            0.0 if flat else crease,
+            up,
+            None if two_sided is None else flag("load", "two_sided", two_sided),
+            flag("load", "fit", fit),
+            animation=animation,
+        )
+        return play(path, options, count=count, fps=fps)
+
+
+def _checked_file(who: str, path: Path) -> tuple[str, str]:
+    """Return how a file is printed, and its extension. Raises InputError for an unknown one."""
+    checked_path(who, "path", path)
+    owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
+    if extension not in EXTENSIONS:
+        raise _no_scene(path, owner, extension)
+    return owner, extension
+
+
+@contextlib.contextmanager
+def _refusals(owner: str) -> Iterator[None]:
+    """Raise the errors of the block as InputErrors of one line that names the file."""
     try:
-        with _told_when_slow(owner):
-            if extension == ".npy":
-                if (crease, up, flat) != (None, None, False):
-                    raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
-                scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
-                scene = scene if two_sided is None else _lit(scene, two_sided)
-                scene = refitted(scene) if fit else scene
-            elif focal is not None:
-                raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
-            else:
-                own = None if texture is None else as_texture(texture, srgb=True)
-                options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit)
-                scene = _read_mesh(path, extension, options)
+        yield
     except InputError as error:
         raise _named(error, owner) from None
     except MemoryError:
         raise file_error(owner, "file", "a scene that fits into memory", "too large a one") from None
-    return scene if lights is None else replace(scene, lights=_kept(scene, lights))
 
 
 def _no_scene(path: Path, owner: str, extension: str) -> InputError:
@@ -161,6 +252,13 @@ def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
     return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
+
+
+def _refuse_time(extension: str, time: Any, animation: Any) -> None:
+    """Raise InputError for a time or an animation of a format that has none."""
+    for name, value in (("time", time), ("animation", animation)):
+        if value is not None and extension not in ANIMATED:
+            raise value_error("load", name, f"none but for {' and '.join(ANIMATED)} files", value)
 
 
 def _read_mesh(path: Path, extension: str, options: Options) -> Scene:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from numbers import Integral
+from types import NoneType
 from typing import Any
 
-from ...base.validation import choice
+from ...base.validation import choice, number, value_error
 from ..framing import UPS, Up
 from ..model import Material, Scene, Texture
 from ..normals import crease_angle
@@ -19,7 +21,8 @@ class Options:
 
     texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for the
     format's default. up: one of framing.UPS, or None. two_sided: True, False, or None for what the file asks for. fit:
-    whether to ignore the file's camera.
+    whether to ignore the file's camera. time: seconds, or None for the file at rest. animation: its name or number, or
+    None for the first.
     """
 
     texture: Texture | None = None
@@ -28,12 +31,18 @@ class Options:
     up: Up | None = None
     two_sided: bool | None = None
     fit: bool = False
+    time: float | None = None
+    animation: str | int | None = None
 
     def __post_init__(self) -> None:
         if self.crease is not None:
             object.__setattr__(self, "crease", crease_angle("load", "crease", self.crease))
         if self.up is not None:
             choice("load", "up", self.up, UPS)
+        if self.time is not None:
+            object.__setattr__(self, "time", number("load", "time", self.time, least=0.0))
+        if isinstance(self.animation, bool) or not isinstance(self.animation, (str, Integral, NoneType)):
+            raise value_error("load", "animation", "a name or a whole number", self.animation)
 
     def lit(self, material: Material, *, by_file: bool) -> Material:
         """Return the material with the requested sides drawn and lit.

@@ -1,0 +1,56 @@
+"""A pose: what one frame of an animation changes in a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .model import Light, Mesh, Scene
+
+# What moves; faces, materials and scalars stay.
+POSED = ("verts", "colors", "normals", "normal_faces", "uvs", "tangents", "more_uvs", "alphas", "instances")
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """What a frame changes in a scene, which it shares with all other frames.
+
+    Attributes
+    ----------
+    meshes : mapping of int to mapping of str to value
+        By number of the mesh, from 0, its fields that change: vertices, normals, instances and so on.
+    lights : tuple of lights or None, default None
+        Lights in place of the scene's, if they change.
+    """
+
+    meshes: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
+    lights: tuple[Light, ...] | None = None
+
+    def of(self, scene: Scene) -> Scene:
+        """Return the scene in this pose."""
+        meshes = list(scene.meshes)
+        for number, changed in self.meshes.items():
+            meshes[number] = replace(meshes[number], **changed)
+        return replace(scene, meshes=tuple(meshes), lights=scene.lights if self.lights is None else self.lights)
+
+
+def pose_between(meshes: Sequence[Mesh], posed: Sequence[Mesh], lights: tuple[Light, ...] | None = None) -> Pose:
+    """Return the pose that makes `posed` of `meshes`, of which there are as many. lights: of the pose."""
+    changes = {number: changes_of(*pair) for number, pair in enumerate(zip(meshes, posed, strict=True))}
+    return Pose({number: changed for number, changed in changes.items() if changed}, lights)
+
+
+def changes_of(mesh: Mesh, posed: Mesh) -> dict[str, Any]:
+    """Return the fields of POSED that differ, as they are in `posed`."""
+    if mesh is posed:
+        return {}
+    return {name: getattr(posed, name) for name in POSED if not _same(getattr(mesh, name), getattr(posed, name))}
+
+
+def _same(one: Any, other: Any) -> bool:
+    if one is other or (isinstance(one, tuple) and isinstance(other, tuple)):
+        return one is other or all(map(_same, one, other))
+    return one is not None and other is not None and np.array_equal(one, other)

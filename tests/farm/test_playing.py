@@ -1,0 +1,195 @@
+"""`animate` plays animations of glTF files: frames, films, workers, refusals."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devices import working_devices
+from mesh_writers import bar, triangle
+from PIL import Image
+
+from clshade.cli.main import main
+from clshade.errors import InputError
+from clshade.farm import draw_frames
+from clshade.images import exr
+from clshade.scene.formats.load import load_animation
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+SMALL = ("--resolution", "48,32", "--preset", "course", "--deterministic", "--quiet")
+VIEW = ("--camera-position", "0,1,6", "--camera-focal-point", "0,1,0")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """A current folder with a bar that bends by 90 degrees in three seconds, in its second animation."""
+    monkeypatch.chdir(tmp_path)
+    document = bar()
+    times, half = np.float32([0, 3]), np.sqrt(0.5)
+    document.animation((2, "scale", times, np.float32([[1, 1, 1], [2, 2, 2]]), "LINEAR"))
+    document.animation((2, "rotation", times, np.float32([[0, 0, 0, 1], [0, 0, half, half]]), "LINEAR"), name="Bend")
+    document.glb(tmp_path / "bar.glb")
+    triangle().glb(tmp_path / "still.glb")
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err.splitlines()
+
+
+def same(one: str, other: str) -> None:
+    first, second = (exr.read(name)[0] for name in (one, other))
+    assert first.keys() == second.keys()
+    for channel in first:
+        np.testing.assert_array_equal(first[channel], second[channel])
+
+
+@needs_device
+def test_frames_are_what_render_draws_at_their_times(folder, capsys):
+    # Lights of a scene without any depend on its size, which is that of all frames.
+    look = (*VIEW, *SMALL, "--shader", "nolight", "--layers", "Z,N")
+    played = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *look)
+    assert run(capsys, *played, "-o", "f.#.exr")[0] == 0
+    assert sorted(path.name for path in folder.glob("f.*.png")) == ["f.1.png", "f.2.png", "f.3.png"]
+    for frame, time in ((1, 0), (2, 1), (3, 2)):
+        drawn = ("render", "bar.glb", "--animation", "Bend", "--time", time, *look)
+        assert run(capsys, *drawn, "-o", "still")[0] == 0
+        same(f"f.{frame}.exr", "still.exr")
+    alphas = [exr.read(f"f.{frame}.exr")[0]["A"] for frame in (1, 2, 3)]
+    assert all((one != other).any() for one, other in pairwise(alphas))
+    assert run(capsys, *played, "--frames", "2", "-o", "g.#.exr")[0] == 2  # either a count or frames
+    rate = ("animate", "bar.glb", "--animation", "1", "--fps", "1", *look)
+    assert run(capsys, *rate, "--frames", "2", "-o", "g.#.exr")[0] == 0
+    same("f.2.exr", "g.2.exr")
+    assert not (folder / "g.1.exr").exists()
+
+
+@needs_device
+def test_a_film_of_an_animation(folder, capsys):
+    command = ("animate", "bar.glb", "--animation", "Bend", "--fps", "1", *SMALL, "-o", "bend.gif")
+    assert run(capsys, *command, "--keep-frames")[0] == 0
+    with Image.open("bend.gif") as film:
+        assert (film.n_frames, film.size) == (3, (48, 32))
+    before = [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))]
+    assert len(before) == 3
+    assert run(capsys, *command)[0] == 0  # the frames are there
+    assert [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))] == before
+    other = ("animate", "bar.glb", "--animation", "0", *command[4:])
+    assert run(capsys, *other)[0] == 0  # others are of another film
+    after = [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))]
+    assert all(one != other for one, other in zip(before, after, strict=True))
+
+
+@needs_device
+def test_options_of_the_scene_hold_in_every_frame(folder, capsys):
+    """The ground is below all frames; lights are those that were chosen."""
+    document = bar()
+    document.animation((1, "translation", np.float32([0, 1]), np.float32([[0, 0, 0], [0, -4, 0]]), "LINEAR"))
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}] * 2}}
+    document.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    for light in range(2):
+        index = document.add("nodes", {"extensions": {"KHR_lights_punctual": {"light": light}}})
+        document.json["nodes"][0]["children"].append(index)
+    document.glb(folder / "fall.glb")
+    command = ("animate", "fall.glb", "--count", "2", "--lights", "1", "--components", "diffuse", *SMALL, "-o")
+    assert run(capsys, *command, "f.#.exr")[0] == 0
+    plain = exr.read("f.1.exr")[0]
+    assert run(capsys, *command, "g.#.exr", "--light-intensity", "0.5", "--ground")[0] == 0
+    inside = exr.read("f.1.exr")[0]["A"] == 1.0
+    half = exr.read("g.1.exr")[0]
+    assert inside.any()
+    np.testing.assert_allclose(half["R"][inside], 0.5 * plain["R"][inside], rtol=1e-5)
+    moved = [exr.read(f"g.{frame}.exr")[0]["R"] for frame in (1, 2)]
+    assert (moved[0] != moved[1]).any()
+
+
+@needs_device
+def test_several_processes_draw_the_same(folder, capsys):
+    command = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *SMALL)
+    assert run(capsys, *command, "-o", "one.#.exr")[0] == 0
+    assert run(capsys, *command, "-o", "two.#.exr", "--workers", "2", "--frame-timeout", "500")[0] == 0
+    for frame in (1, 2, 3):
+        assert Path(f"one.{frame}.exr").read_bytes() == Path(f"two.{frame}.exr").read_bytes()
+
+
+def test_what_is_said(folder, capsys, monkeypatch):
+    found = []
+    monkeypatch.setattr("clshade.cli.commands.animate.draw", lambda *given: found.append(given) or 0)
+    assert run(capsys, "animate", "bar.glb", "--fps", "30000/1001")[::2] == (
+        0,
+        ["clshade: bar.glb: animation 0, 3 s: frames 1..90"],
+    )
+    _, scene, cameras, poses = found[0]
+    assert (len(scene.meshes), len(cameras), len(poses), list(poses) == list(cameras)) == (1, 90, 90, True)
+    assert 1 in poses
+    assert 91 not in poses
+    with pytest.raises(KeyError):
+        poses[91]
+
+
+def test_animations_are_listed(folder, capsys):
+    _, out, _ = run(capsys, "inspect", "bar.glb")
+    assert [line.split() for line in out.splitlines()][-4:-1] == [
+        ["animation", "number"],
+        ["unnamed", "0"],
+        ["Bend", "1"],
+    ]
+    assert json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"] == ["", "Bend"]
+    assert "animation" not in run(capsys, "inspect", "still.glb")[1]
+
+
+@needs_device
+def test_a_pose_is_offered_once(folder, capsys):
+    drawn = ("render", "bar.glb", "--resolution", "48,32", "--preset", "course")
+    _, _, err = run(capsys, *drawn)
+    assert [line for line in err if "at rest" in line] == [
+        "clshade: bar.glb: at rest: --time SECONDS shows a pose of its animations (number 0, Bend), `clshade animate` "
+        "plays one"
+    ]
+    assert not any("at rest" in line for line in run(capsys, *drawn, "--animation", "Bend")[2])
+    code, _, err = run(capsys, "render", "teapot", "--time", "1")
+    assert (code, len(err)) == (2, 1)
+    assert "--time: expected a scene file to apply it to, found the built-in scene 'teapot'" in err[0]
+    code, _, err = run(capsys, "render", "still.glb", "--animation", "x")
+    assert (code, len(err)) == (2, 1)
+    assert "still.glb: animations: expected at least one" in err[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("still.glb",), ("still.glb: animations: expected at least one", "found none")),
+        (("teapot",), ("CAMERAS.json: expected a file of cameras, or a glTF file to play, found the scene teapot",)),
+        (("bar.glb", "--animation", "bend"), ("bar.glb: animation: expected one of Bend", "did you mean 'Bend'?")),
+        (("bar.glb", "--time", "1"), ("--time: expected none with an animation that is played, found 1",)),
+        (("bar.glb", "--focal", "1"), ("--focal: expected none",)),
+        (("bar.glb", "--fps", "0"), ("--fps: expected a number above 0", "'0'")),
+        (("bar.glb", "--fps", "fast"), ("--fps: expected a number above 0", "'fast'")),
+        (("bar.glb", "--fps", "1/0"), ("--fps: expected a number above 0", "'1/0'")),
+        (("bar.glb", "--count", "0"), ("count: expected a whole number from 1 to 1000000, found 0",)),
+        (("bar.glb", "--count", "4", "--frames", "2"), ("--frames", "not allowed with", "--count")),
+        (("bar.glb", "--frames", "90..91"), ("--frames: expected frames that are of the animation", "these are 1..90")),
+        (("bar.glb", "c.json", "--count", "4"), ("--count: expected an animation to play",)),
+        (("bar.glb", "c.json", "--fps", "4"), ("--fps: expected a film as --output",)),
+        (("bar.glb", "--bit-depth", "10"), ("--bit-depth: expected a film as --output",)),
+    ],
+)
+def test_refused_command_lines(folder, capsys, arguments, parts):
+    (folder / "c.json").write_text(json.dumps([{}, {}]))
+    code, out, err = run(capsys, "animate", *arguments, *SMALL)
+    assert (code, out, len(err)) == (2, "", 1), err
+    assert all(part in err[0] for part in parts), err[0]
+    assert not list(folder.glob("out*"))
+
+
+def test_each_frame_has_a_pose(folder):
+    played = load_animation("bar.glb", count=2)
+    for poses in ({1: played.poses[1]}, [1, 2], 5):
+        with pytest.raises(InputError, match="draw_frames: poses: expected a pose for the number of each camera"):
+            draw_frames(played.scene, played.cameras, "f.#.exr", poses=poses, progress=False)

@@ -1,0 +1,138 @@
+"""Animations of glTF files as frames: each is what `load` shows at its time, and camera and lights suit all of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mesh_writers import bar, triangle
+
+import clshade
+from clshade.errors import InputError
+from clshade.scene.formats.load import load, load_animation
+from clshade.scene.geometry import camera_axes
+from clshade.scene.pose import POSED, Pose, pose_between
+
+HALF = math.sqrt(0.5)
+SECONDS = np.float32([0, 2])
+
+
+def bending(**fields):
+    """Return a bar that bends by 90 degrees to the left in two seconds."""
+    document = bar(**fields)
+    document.animation((2, "rotation", SECONDS, np.float32([[0, 0, 0, 1], [0, 0, HALF, HALF]]), "LINEAR"), name="Bend")
+    return document
+
+
+def flying():
+    """Return a triangle that goes far to the right, past another one that stays."""
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    document.mesh({"POSITION": np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])}, np.uint16([0, 1, 2]))
+    document.add("nodes", {"mesh": 1})
+    document.animation((0, "translation", SECONDS, np.float32([[0, 0, 0], [40, 0, 0]]), "LINEAR"))
+    return document
+
+
+@pytest.mark.parametrize("document", [bending(), flying()], ids=["bar", "triangle"])
+def test_a_frame_is_what_load_shows_at_its_time(tmp_path, document):
+    path = document.glb(tmp_path / "a.glb")
+    played = clshade.load_animation(path, count=4)
+    assert played.times == (0.0, 0.5, 1.0, 1.5)
+    assert (played.seconds, list(played.poses), list(played.cameras)) == (2.0, [1, 2, 3, 4], [1, 2, 3, 4])
+    for frame, time in enumerate(played.times, 1):
+        posed, expected = played.poses[frame].of(played.scene), load(path, time=time)
+        assert len(posed.meshes) == len(expected.meshes)
+        for mesh, other in zip(posed.meshes, expected.meshes, strict=True):
+            for name in (*POSED, "faces"):
+                np.testing.assert_array_equal(getattr(mesh, name), getattr(other, name))
+    assert not played.poses[1].meshes  # which is the scene itself
+    assert list(played.poses[2].meshes) == [0]
+
+
+def test_what_a_pose_leaves_alone_is_shared(tmp_path):
+    played = load_animation(flying().glb(tmp_path / "a.glb"), count=2)
+    posed = played.poses[2].of(played.scene)
+    assert posed.meshes[1] is played.scene.meshes[1]
+    assert list(played.poses[2].meshes[0]) == ["instances"]
+    assert Pose().of(played.scene).meshes == played.scene.meshes
+
+
+def test_the_number_of_frames(tmp_path):
+    path = bending().glb(tmp_path / "a.glb")
+    assert [len(load_animation(path, fps=fps).times) for fps in (30, 24, 1.2, 0.1)] == [60, 48, 2, 1]
+    assert load_animation(path, fps=1.2).times == (0.0, 1.0)  # which divide the length
+    for options, words in (
+        ({"fps": 0}, "load_animation: fps: expected a finite number above 0, found 0"),
+        ({"fps": 1e9}, "load_animation: fps: expected at most 1000000 frames, found 2 s of 1e+09"),
+        ({"count": 0}, "load_animation: count: expected a whole number from 1 to 1000000, found 0"),
+        ({"crease": 3.0, "flat": True}, "crease: expected none beside flat"),
+        ({"animation": "Run"}, "a.glb: animation: expected one of Bend, a number from 0 to 0, all, found 'Run'"),
+    ):
+        with pytest.raises(InputError) as caught:
+            load_animation(path, **options)
+        assert words in str(caught.value)
+    still = bar()
+    still.animation((2, "rotation", SECONDS[:1], np.float32([[0, 0, HALF, HALF]]), "STEP"))
+    assert load_animation(still.glb(tmp_path / "b.glb")).times == (0.0,)
+    with pytest.raises(InputError, match=r"b\.obj: extension: expected one of \.gltf, \.glb, which have animations"):
+        load_animation("b.obj")
+    with pytest.raises(InputError, match=r"c.glb: animations: expected at least one"):
+        load_animation(triangle().glb(tmp_path / "c.glb"))
+
+
+def seen(camera, points) -> np.ndarray:
+    """Return where points lie in the image, (K, 2), -1 to 1 within it."""
+    right, up, forward = camera_axes(camera)
+    offset = points - camera.eye
+    plane = np.array(camera.plane[::-1]) / camera.focal / 2
+    return np.stack([offset @ right, offset @ up], axis=1) / (offset @ forward)[:, None] / plane
+
+
+def test_the_chosen_camera_shows_every_frame(tmp_path):
+    path = flying().glb(tmp_path / "a.glb")
+    played = load_animation(path, count=8)
+    assert len({id(camera) for camera in played.cameras.values()}) == 1
+    most = 0.0
+    for frame in played.poses:
+        for mesh in played.poses[frame].of(played.scene).meshes:
+            (matrix,) = mesh.instances
+            most = max(most, np.abs(seen(played.cameras[frame], mesh.verts @ matrix[:3, :3].T + matrix[:3, 3])).max())
+    assert 0.85 < most < 0.9 + 1e-9
+    assert [len(scene.meshes) for scene in (played.scene, played.stage)] == [2, 3]
+    alone = seen(load(path).camera, np.array([[35.0, 0.0, 0.0]]))
+    assert np.abs(alone).max() > 1.0  # that of the file at rest would not
+
+
+def test_cameras_and_lights_of_the_file_move_and_keep_their_scale(tmp_path):
+    document = flying()
+    document.json["nodes"][0]["children"] = [2, 3]
+    document.add("nodes", {"camera": 0, "translation": [0, 0, 9]})
+    document.add("nodes", {"translation": [0, 0, 2], "extensions": {"KHR_lights_punctual": {"light": 0}}})
+    document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
+    document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 50}]}}
+    document.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    path = document.glb(tmp_path / "a.glb")
+    played = load_animation(path, count=4)
+    assert [camera.eye.tolist() for camera in played.cameras.values()] == [[x, 0, 9] for x in (0, 10, 20, 30)]
+    lights = [played.poses[frame].lights for frame in played.poses]
+    assert [light.position.tolist() for (light,) in lights] == [[x, 0, 2] for x in (0, 10, 20, 30)]
+    assert {light.intensity[0] for (light,) in lights} == {played.scene.light_scale * 50}
+    fitted = load_animation(path, count=4, fit=True)
+    assert fitted.scene.fitted
+    assert fitted.cameras[1] is fitted.cameras[4]
+
+
+def test_frames_beyond_the_animation_do_not_exist(tmp_path):
+    played = load_animation(bending().glb(tmp_path / "a.glb"), count=2)
+    for frame in (0, 3):
+        assert frame not in played.poses
+        with pytest.raises(KeyError):
+            played.poses[frame]
+
+
+def test_poses_of_equal_meshes_are_empty(tmp_path):
+    path = bending().glb(tmp_path / "a.glb")
+    one, other = (load(path).meshes for _ in range(2))
+    assert pose_between(one, other).meshes == {}
