@@ -18,6 +18,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
+#if AREA_LIGHTS
+    at.shift = no_light_shift();  // faces that share a corner are as bright there
+#endif
 #if MATERIALS
     at.surface = surface_of(in->materials);
 #endif

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
+from ..scene.lights import has_size
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import backdrop, coverage, sampling, shade, transform
@@ -401,7 +402,7 @@ def _light_fragments(
     alpha, most, varies = np.zeros(count), np.zeros(count), np.zeros(count, bool)
     for w, view in enumerate([*views, center]):
         mine = np.flatnonzero(where == w)
-        for some in np.array_split(mine, max(1, -(-len(mine) // BATCH))):
+        for some in np.array_split(mine, max(1, -(-len(mine) // batch_size(scene, settings)))):
             if not len(some):
                 continue
             piece, at = found.piece[some], (column[some], row[some])
@@ -563,8 +564,9 @@ def _shaded(
     """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
     frame = _background(scene, settings, prepared, columns, upward)
     drawn = np.flatnonzero(owner >= 0)
-    for start in range(0, len(drawn), BATCH):
-        batch = drawn[start : start + BATCH]
+    size = batch_size(scene, settings)
+    for start in range(0, len(drawn), size):
+        batch = drawn[start : start + size]
         shaded, z = _shade_batch(scene, settings, prepared, owner[batch], columns[batch], upward[batch])
         frame.alpha[batch] = 1.0
         frame.id[batch] = prepared.pieces.face[owner[batch]] + 1
@@ -620,6 +622,11 @@ def _plain(color: Floats, count: int) -> OracleFrame:
     )
 
 
+def batch_size(scene: Scene, settings: Settings) -> int:
+    """Return how many pixels are shaded at a time: fewer where many points of lights are kept for each."""
+    return BATCH // settings.light_samples if any(map(has_size, scene.lights)) else BATCH
+
+
 def _shade_batch(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Shaded, Floats]:
@@ -633,7 +640,8 @@ def _shade_batch(
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
     reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
     condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition)
+    place = np.stack([column, row], axis=1) * transform.SUBPIXELS + prepared.place
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, place)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.model import LEAST_ROUGHNESS, Material
 from . import lights
-from .shade import GATE, conditioning, most_arriving
+from .shade import GATE, conditioning, light_condition, most_arriving
 from .vectors import dot, length, unit
 
 # How far rounding may move a unit vector or a cosine, by precision: the roundings that `oracle_bounds.ALLOWED` allows.
@@ -165,7 +165,8 @@ def reflected(
     tinted, plain, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
-    each = lights.each(light_positions, light_intensities, shapes)
+    common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
+    each = lights.each(light_positions, light_intensities, shapes, point, extent)
     for (position, intensity, kind), most_intensity in zip(each, most_light, strict=True):
         at = angles(point, normal, eye, lights.place(point, position, kind))
         arriving = intensity * lights.share(point, position, kind)[..., None]
@@ -179,8 +180,7 @@ def reflected(
             * (f0 * (1.0 - grazing)[..., None] + (f90 + facets.metallic)[..., None] * grazing[..., None])
             * lobe[..., None]
         )
-        near = np.asarray(position)[None][: not kind.parallel]  # the direction to a directional light is exact
-        own = conditioning(point, extent, normal_length, eye, near, parallel)
+        own = np.fmax(common, light_condition(point, extent, eye, position, parallel, kind))
         r = reach * np.maximum(np.nan_to_num(own, nan=1e300, posinf=1e300), 1.0)
         low, high = _lobe_range(at, alpha, f0 + metal, f90 + facets.metallic, r)
         color = np.maximum(np.abs(most), 1.0)

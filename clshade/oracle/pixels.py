@@ -8,7 +8,7 @@ import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Environment, Scene, Settings
-from . import environment, microfacet, shade
+from . import environment, light_points, microfacet, shade
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .lights import Shape, position_of, shape_of
@@ -51,10 +51,14 @@ class Surface:
         return Surface(*(getattr(self, name)[index] for name in ("ka_Ia", "kd", "ks", "n")))
 
 
-def scene_lights(scene: Scene) -> Lights:
+def scene_lights(scene: Scene, settings: Settings, place: Integers | None = None) -> Lights:
+    """Return the lights as pixels see them. place: (K, 2) where these are lit, 1/256 px; None for the corners of faces."""
     lit = [light for light in scene.lights if light.intensity.any()]
     positions = np.array([position_of(light, scene.camera.eye) for light in lit]).reshape(-1, 3)
-    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(map(shape_of, lit)))
+    shapes = (shape_of(light, settings.light_samples) for light in lit)
+    shift = 0 if place is None else light_points.shifts(place)
+    shapes = (replace(shape, shift=shift) if shape.points else shape for shape in shapes)
+    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(shapes))
 
 
 def surfaces(scene: Scene, mesh: Integers) -> Surface:
@@ -128,10 +132,13 @@ def shade_pixels(
     behind: Bools,
     steps: tuple[Floats, Floats] | None = None,
     condition: Floats | float = 1.0,
+    place: Integers | None = None,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
     the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`. condition: (K,) how much
-    rounding of positions in float64 is amplified in the weights."""
+    rounding of positions in float64 is amplified in the weights.
+    place: (K, 2) where the pixels are sampled, 1/256 px from the lower left corner of the image; what lights of finite size
+    need."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
@@ -150,7 +157,7 @@ def shade_pixels(
         colors=colors,
         extent=extent,
         surface=surfaces(scene, corners.mesh[used]),
-        lights=scene_lights(scene),
+        lights=scene_lights(scene, settings, None if settings.shader == "gouraud" else place),
         tinted=settings.ambient == "tinted",
         where=where,
         weights=weights,

@@ -230,7 +230,7 @@ class Renderer:
 
     def _upload_lights(self, unit: float) -> None:
         """Upload the lights. unit: the unit their intensities are expressed in."""
-        self._light_table = LightTable(self.scene.lights, unit, self._structs)
+        self._light_table = LightTable(self.scene.lights, unit, self._structs, self.settings.light_samples)
         self._lights = Buffer(self.device, np.zeros(max(self._light_table.count, 1), self._structs.Light))
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:

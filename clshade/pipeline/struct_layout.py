@@ -27,6 +27,14 @@ MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and tho
 NAN_POSITION = 2.0**120  # of what has no number
 WHITE_POSITION = 2.0**124  # of what no color map colors
 LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
+# How far a column and a row shift the points of lights in their unit square, fractions of 2^24: powers of 1/g, with
+# g^5 = g + 1, so that the shifts of neighboring pixels fill the square evenly (light_points.py).
+LIGHT_SHIFTS = {
+    "SHIFT_U_COLUMN": 14372620,
+    "SHIFT_U_ROW": 9036163,
+    "SHIFT_V_COLUMN": 10547948,
+    "SHIFT_V_ROW": 12312662,
+}
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -38,6 +46,7 @@ CONSTANTS = {
     "MOST_SAMPLES": MOST_SAMPLES,
     "LINE_INSET": LINE_INSET,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    **LIGHT_SHIFTS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
@@ -125,12 +134,23 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "directional", 1, "1 for a directional light, else 0"),
         ("real", "intensity", 3, "linear RGB; attenuated: at a scaled distance of 1"),
         ("real", "inverse_range", 1, "1/range, scaled; 0 for none"),
-        ("real", "axis", 3, "unit, world axes: of the cone, away from the light"),
+        ("real", "axis", 3, "unit, world axes: of the cone, away from the light; or of a light of finite size"),
         ("real", "cone_cosine", 1, "of the outer angle"),
         ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
         ("int", "cone", 1, "whether it is a spot"),
         ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
+        ("int", "points", 1, "that stand for a light of finite size, 0 for none; with AREA_LIGHTS"),
+        (
+            "real",
+            "right",
+            3,
+            "scaled: half a side of a rectangle, or a radius of a sphere's disc that axis is normal to",
+        ),
+        ("int", "sphere", 1, "whether it is a sphere, else a rectangle whose normal is axis"),
+        ("real", "up", 3, "scaled: half the other side, or the radius at right angles"),
         ("int", "pad", 1, ""),
+        ("int", "first_point", 2, "in the unit square, fractions of 2^32"),
+        ("int", "point_step", 2, "from point to point"),
     ],
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),
