@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
-from ..scene.lights import has_size
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import backdrop, coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, gather
+from .lights import shape_of
 from .lines import LINE, MARKED, samples_with_lines
 from .pixels import Shaded, shade_pixels
 from .transparency import DOUBT, ROUNDINGS, Fragments, alphas, ordered, passes, transparent_faces
@@ -624,7 +624,8 @@ def _plain(color: Floats, count: int) -> OracleFrame:
 
 def batch_size(scene: Scene, settings: Settings) -> int:
     """Return how many pixels are shaded at a time: fewer where many points of lights are kept for each."""
-    return BATCH // settings.light_samples if any(map(has_size, scene.lights)) else BATCH
+    sized = any(shape_of(light).points for light in scene.lights)
+    return BATCH // settings.light_samples if sized else BATCH
 
 
 def _shade_batch(

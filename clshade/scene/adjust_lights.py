@@ -45,9 +45,7 @@ def sized_lights(scene: Scene, radius: float, option: str = "light radius") -> S
     for a radius below 0 or a scene without point lights."""
     size = number("scene", option, radius, least=0.0)
     if not any(isinstance(light, PointLight) for light in scene.lights):
-        raise InputError(
-            f"{option}: expected a scene with point lights, found {len(scene.lights)} lights and none of them"
-        )
+        raise InputError(f"{option}: expected a scene with point lights, found none")
     lights = (replace(light, radius=size) if isinstance(light, PointLight) else light for light in scene.lights)
     return replace(scene, lights=tuple(lights))
 

@@ -77,7 +77,8 @@ def rich_scene(without: str = "") -> Scene:
         meshes.append(replace(meshes[0], verts=0.7 * meshes[0].verts, scalars={"data": generator.uniform(0, 1, 90)}))
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     ends = {} if without == "LIGHT_SHAPES" else {"attenuation": "inverse-square", "range": 9.0}
-    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), **ends))
+    radius = 0.0 if without in ("LIGHT_SHAPES", "AREA_LIGHTS") else 0.5
+    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), radius=radius, **ends))
     background = None if without == "BACKGROUND" else (0.1, 0.2, 0.3)
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
@@ -91,7 +92,8 @@ NEEDS = {
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIGHT_SHAPES": {"AREA_LIGHTS"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -125,7 +127,17 @@ def needed_by(frame: Frame) -> set[str]:
 
 EVERY_DAY = ("TEXTURED",)  # each mask needs another program
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
-OF_CORNERS = {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "VERTEX_COLORS", "MATERIALS"}
+OF_CORNERS = {
+    "AMBIENT",
+    "DIFFUSE",
+    "SPECULAR",
+    "POWER",
+    "LIGHT_SHAPES",
+    "AREA_LIGHTS",
+    "TWO_SIDED",
+    "VERTEX_COLORS",
+    "MATERIALS",
+}
 
 
 def with_shader(shader: str, *values: Any) -> list[Any]:
