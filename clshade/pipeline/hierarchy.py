@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
 from .buffers import Buffer
-from .launches import Stages, shadow_stages
+from .launches import shadow_stages
 from .opencl.device import Device, open_device
 from .struct_layout import SHADOW_GRID, SHADOW_REACH, SINGLE
 
