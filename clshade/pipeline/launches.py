@@ -14,7 +14,7 @@ import pyopencl as cl
 from ..errors import DeviceError
 from . import host_projection, struct_layout
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .features import Features
+from .features import CHOICES, OPTIONAL, Features
 from .opencl.device import Device
 from .programs import Program, build, first_use
 from .surface_inputs import SurfaceInputs
@@ -89,6 +89,12 @@ def lookup_stages(device: Device, features: Features, lanes: int | None = None) 
     return Stages(device, build(device, features.only(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
+def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
+    """Return the stages that trace shadow rays by themselves."""
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    return Stages(device, build(device, features, ("shadow.cl",), lanes=lanes))
+
+
 class Stages:
     """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
@@ -161,6 +167,22 @@ class Stages:
     def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
+
+    def shadow_rays(
+        self,
+        points: Buffer,
+        receivers: Buffer,
+        vertices: Buffer,
+        faces: Buffer,
+        lights: Buffer,
+        dark: Buffer,
+        face_count: int,
+        count: int,
+    ) -> cl.Event:
+        arguments = (points, receivers, vertices, faces, lights, dark, face_count)
+        local = 1 if self.device.is_cpu else 64
+        items = -(-count // (self.lanes * local)) * local
+        return self._launch("shadow_rays", (max(1, items),), (local,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""

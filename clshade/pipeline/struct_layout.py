@@ -27,6 +27,8 @@ MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and tho
 NAN_POSITION = 2.0**120  # of what has no number
 WHITE_POSITION = 2.0**124  # of what no color map colors
 LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
+SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
+SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -41,6 +43,8 @@ CONSTANTS = {
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
+    "SHADOW_REACH": SHADOW_REACH,
+    "SHADOW_GRID": SHADOW_GRID,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
     "BRDF_SIDE": BRDF_SIDE,
@@ -130,6 +134,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
         ("int", "cone", 1, "whether it is a spot"),
         ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
+        ("int", "pad", 1, ""),
+    ],
+    "ShadowLight": [
+        ("float", "high", 3, "of its position relative to the casters' origin, in the units of shadows, times w"),
+        ("float", "w", 1, "1, a smaller power of two for a distant light, 0 for a directional one: toward it"),
+        ("float", "low", 3, "what rounding leaves of the position"),
         ("int", "pad", 1, ""),
     ],
     "Material": [
@@ -255,7 +265,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     ],
 }
 
-_NUMPY = {"double": "<f8", "int": "<i4", "ulong": "<u8"}
+_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "ulong": "<u8"}
 
 
 class Structs(NamedTuple):
@@ -269,6 +279,7 @@ class Structs(NamedTuple):
     Entry: np.dtype
     Piece: np.dtype
     Light: np.dtype
+    ShadowLight: np.dtype
     Material: np.dtype
     Environment: np.dtype
     Texture: np.dtype
