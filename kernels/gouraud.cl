@@ -18,6 +18,10 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
+#if SHADOWS
+    Shadows casters = casters_of(in);
+    lighting.casters = &casters;
+#endif
 #if MATERIALS
     at.surface = surface_of(in->materials);
 #endif
@@ -54,6 +58,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
+#if SHADOWS
+        see_corner_receivers(&at, in, face, k);
+#endif
         shade(&at, &lighting, 1);
         STORE_LANES(at.color.r, c[0]);
         STORE_LANES(at.color.g, c[1]);

@@ -22,9 +22,11 @@ from .transform import SUBPIXELS, camera_frame
 from .vectors import cross, dot, length, power_of_two, unit
 
 # How far pairs of float32 may be off (kernels/shadow_predicate.clh): a coordinate, of the scene's size; and a determinant, of
-# the product of its vectors' lengths. Both leave room for a dozen roundings of 2^-47.
-OFF, REACH = 2.0**-44, 2.0**-42
-INWARD = 2.0**-10  # how far toward the centroid, of the whole distance, Gouraud's shading sees a corner
+# the product of its vectors' lengths. A coordinate counts in 2^-46 of half the size, and 9 of these decide whether a receiver
+# lies in a plane: 7 * 2^-46 along its normal. A determinant that counts as 0 is at most 22 * 2^-48, and as much off, of the sum
+# of its terms' magnitudes, which are at most 1.7 times that product.
+OFF, REACH = 2.0**-42, 2.0**-41
+INWARD = 3.0 * 2.0**-12  # how far toward the centroid, of the whole distance, Gouraud's shading sees a corner
 PAIRS = 1 << 20  # of points and triangles, tried at a time
 
 
@@ -110,7 +112,7 @@ def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: 
         second = dot(sides[1], moment) / facing
         third = -dot(sides[0], moment) / facing
         spread = length(sides[0]) * length(sides[1]) / np.abs(facing)
-    off = OFF * (length(start) + length(from_first) + 1.0) * spread
+    off = 2.0 * OFF * (length(start) + length(from_first) + 1.0) * spread
     second, third = (np.clip(np.nan_to_num(share), 0.0, 1.0) for share in (second, third))
     beyond = np.maximum(second + third, 1.0)
     point = a + (second / beyond)[:, None] * sides[0] + (third / beyond)[:, None] * sides[1]
@@ -271,8 +273,10 @@ def visibility(casters: Casters, lights: Sequence[Light], at: Receivers) -> Visi
     dark, unsure = (np.array([each[k] for each in found], bool).reshape(-1, len(at.face)) for k in range(2))
     a, b, c = np.moveaxis(casters.corners[at.face], 1, 0)
     normal = casters.normals[at.face]
+    sides = length(b - a), length(c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.nan_to_num(REACH * length(b - a) * length(c - a) / length(normal), nan=0.0, posinf=1.0)
+        off = (REACH * sides[0] * sides[1] + OFF * (sides[0] + sides[1])) / length(normal)
+    off = np.nan_to_num(off, nan=0.0, posinf=1.0)
     return Visibility(~dark, unsure, unit(normal), off)
 
 
@@ -283,7 +287,7 @@ def softened(normal: Floats, facing: Floats, to_light: Floats, reach: Floats) ->
     """Return what share of a light arrives at surfaces whose normals are not those of their faces, (...), and the least and
     the largest within rounding. normal, facing, to_light: unit, (..., 3). reach: (...) how far cosines may be off.
 
-    M. J. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
+    M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
     (Ng.L)/((Ng.N)(N.L)), at most 1. The face's normal Ng is turned to the side of N. The share falls to 0 where the light
     sinks below the face, whatever N says, and is 1 where N and Ng are the same.
     """
