@@ -172,9 +172,7 @@ def _candidates(casters: Casters, position: Floats, parallel: bool, at: Receiver
 class _Tests:
     """The tests of receivers (K,) with triangles (K,), all relative to the receivers."""
 
-    def __init__(
-        self, casters: Casters, position: Floats, parallel: bool, at: Receivers, triangle: Integers
-    ) -> None:
+    def __init__(self, casters: Casters, position: Floats, parallel: bool, at: Receivers, triangle: Integers) -> None:
         self.casters, self.at, self.triangle, self.parallel = casters, at, triangle, parallel
         self.corners = casters.corners[triangle] - at.point[:, None]
         self.light = np.broadcast_to(position, at.point.shape) if parallel else position - at.point

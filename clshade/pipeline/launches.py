@@ -332,7 +332,9 @@ class Stages:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
         weights, scalars; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch("surface_layers", (tiles * items,), (items,), *surface.arguments(shadows=False), owners, *own, *outputs)
+        return self._launch(
+            "surface_layers", (tiles * items,), (items,), *surface.arguments(shadows=False), owners, *own, *outputs
+        )
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""
