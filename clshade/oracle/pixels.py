@@ -201,8 +201,8 @@ def _seen(
 
 @dataclass(frozen=True, eq=False)
 class Unhidden:
-    """What share of each light arrives, (L, ...). changes: by how much rounding may change it, over what turns directions so.
-    doubtful: what arrives where either answer is right, else 0."""
+    """What share of each light arrives, (L, ...). changes: by how much rounding may change it, over how far it may turn a
+    direction. doubtful: what arrives where either answer is right, else 0."""
 
     share: Floats
     changes: Floats

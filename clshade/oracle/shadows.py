@@ -1,8 +1,9 @@
 """Which lights reach a point: every triangle of the scene is tried, in float64.
 
-A point P of a face R is dark if a triangle T other than R lies between it and the light L: T has a vertex on the light's side
-of R's plane, P and L lie on opposite sides of T's plane, and the line through both meets T. A P in T's plane lies on the side
-of R's centroid. The signs are exact but for those within the reach of the device's rounding, where either answer is right.
+A point P of a face R is dark if a triangle T other than R lies between it and the light L: T has a vertex on the light's
+side of R's plane, P and L lie on opposite sides of T's plane, and the line through both meets T. A P in T's plane lies on
+the side of R's centroid. The signs are exact but for those within the reach of the device's rounding, where either answer
+is right.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from .signs import orientation
 from .transform import SUBPIXELS, camera_frame
 from .vectors import cross, dot, length, power_of_two, unit
 
-# How far pairs of float32 may be off (kernels/shadow_predicate.clh): a coordinate, of the scene's size; and a determinant, of
-# the product of its vectors' lengths. A coordinate counts in 2^-46 of half the size, and 9 of these decide whether a receiver
-# lies in a plane: 7 * 2^-46 along its normal. A determinant that counts as 0 is at most 22 * 2^-48, and as much off, of the sum
-# of its terms' magnitudes, which are at most 1.7 times that product.
+# How far pairs of float32 may be off (kernels/shadow_predicate.clh): a coordinate, of the scene's size; and a determinant,
+# of the product of its vectors' lengths. A coordinate counts in 2^-46 of half the size, and 9 of these along each axis
+# decide whether a receiver lies in a plane: 8 * 2^-46 along its normal. A determinant that counts as 0 is at most
+# 22 * 2^-48, and as much off, of the sum of its terms' magnitudes, which are at most 1.7 times that product.
 OFF, REACH = 2.0**-42, 2.0**-41
 INWARD = 3.0 * 2.0**-12  # how far toward the centroid, of the whole distance, Gouraud's shading sees a corner
 PAIRS = 1 << 20  # of points and triangles, tried at a time
@@ -121,8 +122,8 @@ def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: 
 
 
 def at_corners(casters: Casters, face: Integers) -> Receivers:
-    """Return the corners of faces (U,) one after the other, (3 U,), each seen a little inside its own face: what hides a face
-    near its corner hides the corner, and faces that only touch it there do not."""
+    """Return the corners of faces (U,) one after the other, (3 U,), each seen a little inside its own face: what hides a
+    face near its corner hides the corner, and faces that only touch it there do not."""
     corners = casters.corners[face]
     inside = corners + INWARD * (corners.mean(axis=1, keepdims=True) - corners)
     return Receivers(inside.reshape(-1, 3), np.repeat(face, 3), np.full(3 * len(face), OFF))
@@ -145,6 +146,7 @@ def _shadowed(casters: Casters, position: Floats, parallel: bool, at: Receivers)
     hit, open_ = found.hits()
     dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
     dark[k[hit]] = True
+    dark[found.between_two(k)] = True
     doubtful[k[open_]] = True
     return dark, doubtful
 
@@ -181,11 +183,35 @@ class _Tests:
 
     def hits(self) -> tuple[Bools, Bools]:
         """Return which triangles are hit for certain, and which may be."""
-        yes, maybe = np.ones(len(self.triangle), bool), np.ones(len(self.triangle), bool)
-        for sure, possible in (self._above(), self._between(), self._meets()):
-            yes &= sure
-            maybe &= possible
-        return yes, maybe & ~yes
+        above, between = self._above(), self._between()
+        self.facing = above[0] & between[0]
+        volume, margin = self.volumes
+        inside = (volume > margin).all(axis=0) | (volume < -margin).all(axis=0)
+        possible = (volume >= -margin).all(axis=0) | (volume <= margin).all(axis=0)
+        yes = self.facing & inside
+        return yes, above[1] & between[1] & possible & ~yes
+
+    def between_two(self, receiver: Integers) -> Integers:
+        """Return the receivers, of those of each pair, whose lines meet the common side of two triangles on either side of
+        it: whatever its rounding, one of the two is hit, for sides belong to their triangles."""
+        volume, margin = self.volumes
+        near = np.abs(volume) <= margin
+        beside = [
+            (volume > margin)[[k - 2, k - 1]].all(axis=0) | (volume < -margin)[[k - 2, k - 1]].all(axis=0)
+            for k in range(3)
+        ]
+        ends: dict[tuple[float, ...], float] = {}
+        found = []
+        for k in range(3):
+            for i in np.flatnonzero(self.facing & near[k] & beside[k]):
+                first, second = sorted(self.casters.world[self.triangle[i], [k, k - 2]].tolist())
+                a, b, c = self.corners[i, k], self.corners[i, k - 2], self.corners[i, k - 1]
+                side = float(np.sign(dot(cross(a, b), c)))
+                side *= 1.0 if self.casters.world[self.triangle[i], k].tolist() == first else -1.0
+                key = (float(receiver[i]), *first, *second)
+                if ends.setdefault(key, side) == -side:
+                    found.append(receiver[i])
+        return np.array(found, np.int64)
 
     def _height_of_light(self, normal: Floats, first: Floats, sides: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """Return the light's height over planes, times their normals' lengths, and how far it may be off."""
@@ -234,8 +260,10 @@ class _Tests:
         no = seen & ~across & (clear | (beyond & ~middle_across))
         return yes, ~no
 
-    def _meets(self) -> tuple[Bools, Bools]:
-        """Whether the lines through receivers and light meet the triangles."""
+    @cached_property
+    def volumes(self) -> tuple[Floats, Floats]:
+        """The volumes of the lines to the light with each triangle's sides, (3, K), and how far they may be off: of one sign
+        where the line meets the triangle."""
         volumes, margins = [], []
         far = length(self.light)
         for k in range(3):
@@ -249,10 +277,7 @@ class _Tests:
                 + OFF * far * (length(a) + length(b))
                 + (OFF if self.parallel else self.light_off) * length(product)
             )
-        volume, margin = np.array(volumes), np.array(margins)
-        inside = (volume > margin).all(axis=0) | (volume < -margin).all(axis=0)
-        possible = (volume >= -margin).all(axis=0) | (volume <= margin).all(axis=0)
-        return inside, possible
+        return np.array(volumes), np.array(margins)
 
 
 @dataclass(frozen=True, eq=False)

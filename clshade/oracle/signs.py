@@ -9,8 +9,8 @@ import numpy as np
 from ..base.arrays import Array, Floats, Integers
 from .vectors import cross, dot, power_of_two
 
-# Of the sum of the magnitudes of a determinant's six products: three differences, a product and a difference of each minor, a
-# product and two sums are 8 roundings of at most 2^-53 each. Twice that is left for those of the sum of magnitudes itself.
+# Of the sum of the magnitudes of a determinant's six products: three differences, a product and a difference of each
+# minor, a product and two sums are 8 roundings of at most 2^-53 each. As much again is left for those of that sum itself.
 SURE = 16.0 * 2.0**-53
 
 
