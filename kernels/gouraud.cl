@@ -19,6 +19,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     ShadingInput at;
     at.lit = (ints)(-1);
 #if SHADOWS
+    integer shown[LANES];
     Shadows casters = casters_of(in);
     lighting.casters = &casters;
 #endif
@@ -28,6 +29,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
+#if SHADOWS
+        shown[lane] = taken[lane];
+#endif
 #if MATERIALS
         put_surface(&at.surface, TO_INTS(LANE_INDEX == lane), material_of(in, face[lane]));
 #endif
@@ -59,7 +63,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
 #if SHADOWS
-        see_corner_receivers(&at, in, face, k);
+        see_corner_receivers(&at, in, shown, k);
 #endif
         shade(&at, &lighting, 1);
         STORE_LANES(at.color.r, c[0]);

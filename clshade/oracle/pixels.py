@@ -169,7 +169,7 @@ def shade_pixels(
         tangents=corners.tangents[used],
         maps=maps(scene, settings, corners, face, weights, steps, condition),
         environment=scene.environment,
-        seen=_seen(scene, settings, corners, used, face, at),
+        seen=_seen(scene, settings, corners, (used, where), behind, at),
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
@@ -178,18 +178,22 @@ def _seen(
     scene: Scene,
     settings: Settings,
     corners: Corners,
-    used: Integers,
-    face: Integers,
+    faces: tuple[Integers, Integers],
+    behind: Bools,
     at: tuple[Integers, Integers] | None,
 ) -> shadows.Visibility | None:
-    """Return what the lights of non-zero intensity reach; None without shadows. used: the faces in `face` (K,)."""
+    """Return what the lights of non-zero intensity reach; None without shadows. faces: (U,), and the pixels' indices into
+    them (K,). behind, at: see `shade_pixels`."""
     if not settings.shadows or settings.shader == "nolight":
         return None
     assert at is not None
     casters, lit = shadows.Casters.of(corners), [light for light in scene.lights if light.intensity.any()]
+    used, where = faces
     if settings.shader != "gouraud":
-        return shadows.visibility(casters, lit, shadows.at_pixels(casters, scene.camera, face, *at))
-    found = shadows.visibility(casters, lit, shadows.at_corners(casters, used))
+        return shadows.visibility(casters, lit, shadows.at_pixels(casters, scene.camera, used[where], *at), behind)
+    of_face = np.zeros(len(used), bool)
+    of_face[where] = behind  # all pixels of a face see the same side of it
+    found = shadows.visibility(casters, lit, shadows.at_corners(casters, used), np.repeat(of_face, 3))
     shape = len(used), 3
     return shadows.Visibility(
         found.reached.reshape(-1, *shape),

@@ -283,7 +283,8 @@ class _Tests:
 @dataclass(frozen=True, eq=False)
 class Visibility:
     """What of L lights reaches receivers (...): reached, unsure (L, ...) bool, the latter where either is right. facing:
-    (..., 3) unit normals of their faces, 0 without area. off: (...) how far these may be off on the device."""
+    (..., 3) unit normals of their faces' sides that are seen, 0 without area. off: (...) how far these may be off on the
+    device."""
 
     reached: Bools
     unsure: Bools
@@ -291,7 +292,8 @@ class Visibility:
     off: Floats
 
 
-def visibility(casters: Casters, lights: Sequence[Light], at: Receivers) -> Visibility:
+def visibility(casters: Casters, lights: Sequence[Light], at: Receivers, behind: Bools) -> Visibility:
+    """Return what reaches receivers (K,). behind: (K,) whether their faces are seen from behind."""
     found = [shadowed(casters, light, at) for light in lights]
     dark, unsure = (np.array([each[k] for each in found], bool).reshape(-1, len(at.face)) for k in range(2))
     a, b, c = np.moveaxis(casters.corners[at.face], 1, 0)
@@ -300,7 +302,7 @@ def visibility(casters: Casters, lights: Sequence[Light], at: Receivers) -> Visi
     with np.errstate(divide="ignore", invalid="ignore"):
         off = (REACH * sides[0] * sides[1] + OFF * (sides[0] + sides[1])) / length(normal)
     off = np.nan_to_num(off, nan=0.0, posinf=1.0)
-    return Visibility(~dark, unsure, unit(normal), off)
+    return Visibility(~dark, unsure, np.where(behind[:, None], -unit(normal), unit(normal)), off)
 
 
 # The terminator
@@ -311,23 +313,19 @@ def softened(normal: Floats, facing: Floats, to_light: Floats, reach: Floats) ->
     the largest within rounding. normal, facing, to_light: unit, (..., 3). reach: (...) how far cosines may be off.
 
     M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
-    (Ng.L)/((Ng.N)(N.L)), at most 1. The face's normal Ng is turned to the side of N. The share falls to 0 where the light
+    (Ng.L)/((Ng.N)(N.L)), at most 1. Ng is the normal of the face's side that is seen. The share falls to 0 where the light
     sinks below the face, whatever N says, and is 1 where N and Ng are the same.
     """
-    along = dot(facing, normal)
-    side = np.where(along < 0.0, -1.0, 1.0)
-    above, along, cosine = side * dot(facing, to_light), side * along, dot(normal, to_light)
+    none = ~(facing != 0.0).any(axis=-1)
+    above, along, cosine = dot(facing, to_light), dot(facing, normal), dot(normal, to_light)
 
     def share(rise: Floats, of_normal: Floats, of_light: Floats) -> Floats:
-        whole = np.maximum(of_normal, 0.0) * np.maximum(of_light, 0.0)
-        g = np.where(rise >= whole, 1.0, np.clip(rise / np.where(whole > 0.0, whole, 1.0), 0.0, 1.0))
+        whole = of_normal * np.maximum(of_light, 0.0)
+        g = np.where(rise < whole, rise / np.where(whole > 0.0, whole, 1.0), 1.0)
+        g = np.where(none, 1.0, np.where(rise > 0.0, g, 0.0))
         smooth: Floats = g + g * g - g * g * g
         return smooth
 
-    flat = (facing != 0.0).any(axis=-1)
-    either = flat & (along <= reach)  # Ng may be turned to either side
-    found = share(above, along, cosine)
     least = share(above - reach, along + reach, cosine + reach)
     most = share(above + reach, along - reach, cosine - reach)
-    least = np.where(flat, np.where(either, 0.0, least), found)
-    return found, least, np.where(flat, np.where(either, 1.0, most), found)
+    return share(above, along, cosine), least, most
