@@ -313,14 +313,14 @@ def softened(normal: Floats, facing: Floats, to_light: Floats, reach: Floats) ->
     the largest within rounding. normal, facing, to_light: unit, (..., 3). reach: (...) how far cosines may be off.
 
     M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
-    (Ng.L)/((Ng.N)(N.L)), at most 1. Ng is the normal of the face's side that is seen. The share falls to 0 where the light
+    (Ng.L)/(|Ng.N| (N.L)), at most 1. Ng is the normal of the face's side that is seen. The share falls to 0 where the light
     sinks below the face, whatever N says, and is 1 where N and Ng are the same.
     """
     none = ~(facing != 0.0).any(axis=-1)
-    above, along, cosine = dot(facing, to_light), dot(facing, normal), dot(normal, to_light)
+    above, along, cosine = dot(facing, to_light), np.abs(dot(facing, normal)), dot(normal, to_light)
 
     def share(rise: Floats, of_normal: Floats, of_light: Floats) -> Floats:
-        whole = of_normal * np.maximum(of_light, 0.0)
+        whole = np.maximum(of_normal, 0.0) * np.maximum(of_light, 0.0)
         g = np.where(rise < whole, rise / np.where(whole > 0.0, whole, 1.0), 1.0)
         g = np.where(none, 1.0, np.where(rise > 0.0, g, 0.0))
         smooth: Floats = g + g * g - g * g * g
