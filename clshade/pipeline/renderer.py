@@ -245,8 +245,12 @@ class Renderer:
             return
         positions = packed.positions.astype(np.float64)
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes)
+        none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
         self._shadow_tables = {
             "shadow_vertices": self._casters.vertices,
+            "shadow_nodes": self._casters.nodes,
+            "shadow_leaves": self._casters.leaves,
+            "shadow_casters": self._casters.casters if self.settings.shadows else none,
             "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
             "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
         }
@@ -273,8 +277,7 @@ class Renderer:
                 table[:] = rows
         if self._casters is not None:
             with self._shadow_tables["shadow_view"].writing() as table:
-                casters = self._face_count if self.settings.shadows else 0
-                write_shadow_view(table[0], space, self._casters.frame, casters)
+                write_shadow_view(table[0], space, self._casters.frame)
 
     def _write_image(self, frame: _Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution

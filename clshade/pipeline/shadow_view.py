@@ -14,8 +14,8 @@ from .struct_layout import SINGLE, SUBPIXEL_BITS
 _FARTHEST = 2.0**90  # products of three coordinates stay within float32's range
 
 
-def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame, casters: int) -> None:
-    """Fill a row of structs.ShadowView for a camera. casters: how many triangles cast shadows.
+def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> None:
+    """Fill a row of structs.ShadowView for a camera.
 
     Rays are counted from the pixel at the image's center, by whole 1/256 px that float32 holds.
     """
@@ -36,7 +36,7 @@ def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame, cast
         along, right, up = along / largest, right / largest, up / largest
     for name, vector in (("start", start), ("along", along), ("right", right), ("up", up)):
         row[name], row[f"{name}_low"] = np.split(split(np.clip(vector, -_FARTHEST, _FARTHEST)), 2)
-    row["center"], row["casters"] = center, casters
+    row["center"] = center
 
 
 def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> Array:

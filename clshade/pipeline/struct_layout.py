@@ -29,6 +29,7 @@ WHITE_POSITION = 2.0**124  # of what no color map colors
 LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
 SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
 SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
+MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -44,6 +45,7 @@ CONSTANTS = {
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
     "SHADOW_REACH": SHADOW_REACH,
+    "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
     "SHADOW_GRID": SHADOW_GRID,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
@@ -152,7 +154,11 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("float", "up", 3, "what 1/256 px up adds"),
         ("float", "up_low", 3, ""),
         ("int", "center", 2, "1/256 px"),
-        ("int", "casters", 1, "how many triangles cast shadows; 0: nothing is hidden, and the terminator not softened"),
+        ("int", "pad", 2, ""),
+    ],
+    "Casters": [
+        ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
+        ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
         ("int", "pad", 1, ""),
     ],
     "Material": [
@@ -294,6 +300,7 @@ class Structs(NamedTuple):
     Light: np.dtype
     ShadowLight: np.dtype
     ShadowView: np.dtype
+    Casters: np.dtype
     Material: np.dtype
     Environment: np.dtype
     Texture: np.dtype

@@ -45,7 +45,10 @@ class SurfaceInputs(NamedTuple):
     alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
     ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
-    shadow_vertices: Annotated[Buffer | None, "float"] = None  # V x 6, of Hierarchy; this and the rest with SHADOWS
+    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 6; this and the rest with SHADOWS
+    shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
+    shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
+    shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 1; without levels nothing is hidden
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
 
@@ -54,7 +57,7 @@ class SurfaceInputs(NamedTuple):
         return tuple(getattr(self, name) for name in self._fields if shadows or name not in SHADOWS_ALONE)
 
 
-SHADOWS_ALONE = ("shadow_vertices", "shadow_lights", "shadow_view")
+SHADOWS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
 @cache
