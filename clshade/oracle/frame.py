@@ -641,8 +641,8 @@ def _shade_batch(
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
     reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
     condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
-    place = np.stack([column, row], axis=1) * transform.SUBPIXELS + prepared.place
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, place)
+    at = transform.SUBPIXELS * column + prepared.place[0], transform.SUBPIXELS * row + prepared.place[1]
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, at)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

@@ -27,10 +27,10 @@ class Shape:
 
     parallel: whether its position is a unit vector toward it, the same everywhere. axis: (3,) unit, of its cone, away from
     the light; None without. inner, outer: cosines of the cone's angles. attenuates: with the square of the distance, and
-    ends at `range`. points: that stand for a light of finite size, 0 for others. radius: of a sphere. sides: (2, 3) half the
-    sides of a rectangle. front: (3,) unit, the normal of the side of a rectangle that shines. shift: (..., 2) of the points,
-    see `light_points.shifts`. blur: (...) of one of these points, how far rounding may move it, in units of which one is an
-    error 2^-24.
+    ends at `range`. points: that stand for a light of finite size, 0 for others. radius: of a sphere. sides: (2, 3) half
+    the sides of a rectangle. front: (3,) unit, the normal of the side of a rectangle that shines. shift: (..., 2) of the
+    points, see `light_points.shifts`. Of one of these points, offset: (..., 3) from the light's position; blur: (...) how
+    far rounding may move it, in units of which one is an error 2^-24.
     """
 
     parallel: bool = False
@@ -45,6 +45,7 @@ class Shape:
     front: Floats | None = None
     shift: Integers | int = 0
     blur: Floats | float = 0.0
+    offset: Floats | None = None
 
 
 POINT = Shape()
@@ -88,7 +89,7 @@ def each(
             else:
                 offset = light_points.on_disc(at, shape.radius, to_receiver)
                 blur = shape.radius * light_points.amplified(to_receiver, extent)
-            yield position + offset, intensity / shape.points, replace(one, blur=blur)
+            yield position + offset, intensity / shape.points, replace(one, blur=blur, offset=offset)
 
 
 def rounding_of_sums(shape: Shape) -> float:

@@ -47,6 +47,7 @@ UNUSUAL: dict[str, Any] = {
     "background": "scene",
     "layer_alpha": 0.5,
     "light_samples": 16,
+    "shadows": False,
 }
 
 SAVING = tuple(SavingOptions.__annotations__)

@@ -31,13 +31,13 @@ _MOST_INVERSE = 2.0**60  # of a range, scaled: nearer than 2^-50 nothing arrives
 
 class LightTable:
     """The lights of non-zero intensity. unit: what their intensities are expressed in. points: how many stand for a light
-    of finite size."""
+    of finite size. shadow_unit: of the casters' frame."""
 
     def __init__(self, lights: Sequence[Light], unit: float, structs: Structs, points: int) -> None:
         shining = [light for light in lights if light.intensity.any()]
         self._rows = np.zeros(max(len(shining), 1), structs.Light)
         self._real: Real = structs.real
-        self.count, self.unit = len(shining), unit
+        self.count, self.unit, self.shadow_unit = len(shining), unit, 1.0
         intensities = np.array([light.intensity for light in shining]).reshape(-1, 3) / unit
         sized = np.array([has_size(light) for light in shining], bool)
         intensities[sized] /= points
@@ -76,6 +76,7 @@ class LightTable:
         sides = np.ldexp(self._sides, exponents[:, None, None])
         sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
         self._rows["right"][self._placed], self._rows["up"][self._placed] = sides[:, 0], sides[:, 1]
+        self._rows["shadow_scale"][self._placed] = to_real(np.ldexp(self.shadow_unit, -exponents), self._real)
 
     def _write_attenuation(self, index: Array, exponents: Array) -> None:
         """Write what depends on distances, which the kernels count in 2^-exponent of the scene's unit, of the rows `index`

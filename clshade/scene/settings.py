@@ -80,6 +80,7 @@ class SettingsFields(TypedDict, total=False):
     background: ArrayLike | None
     layer_alpha: float
     light_samples: int
+    shadows: bool
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -167,6 +168,9 @@ class Settings:
         Points of each light of finite size (a PointLight with a radius, a RectangleLight) that its
         light is the mean of, 1 to 256 (`clshade.pipeline.light_points`). They are shifted from pixel
         to pixel, so that few of them look like fine grain.
+    shadows : bool, default False
+        A light reaches a point only if no triangle lies between them. Shader `gouraud` asks at the
+        corners of faces. Ambient light, emission and the environment are not shadowed.
 
     Raises
     ------
@@ -193,6 +197,7 @@ class Settings:
     background: Converted[ArrayLike | None, NamedBackground | Rgb | None] = field(default=kept("scene"))
     layer_alpha: float = 0.5
     light_samples: int = 16
+    shadows: bool = False
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -226,7 +231,7 @@ class Settings:
         layer_alpha = number(who, "layer_alpha", self.layer_alpha, least=0.0, expected="a number from 0 to 1")
         if layer_alpha > 1.0:
             raise value_error(who, "layer_alpha", "a number from 0 to 1", self.layer_alpha)
-        set_fields(self, layer_alpha=layer_alpha)
+        set_fields(self, layer_alpha=layer_alpha, shadows=flag(who, "shadows", self.shadows))
         set_fields(self, light_samples=integer(who, "light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES))
         if self.edges is not None and not isinstance(self.edges, Edges):
             if not isinstance(self.edges, str) and sequence(self.edges) is None:

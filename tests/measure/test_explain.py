@@ -89,10 +89,12 @@ NEEDS = {
     "OWNERS": {"layers": ()},
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
+    "SHADOWS": {"shadows": False},
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS"}
+    | {"TWO_SIDED", "NORMAL_INDICES"},
     "LIGHT_SHAPES": {"AREA_LIGHTS"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
@@ -117,7 +119,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, without: str = "", **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
-    fields["scalars"] = "data"
+    fields |= {"scalars": "data", "shadows": True}
     return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
 
 
@@ -134,6 +136,7 @@ OF_CORNERS = {
     "POWER",
     "LIGHT_SHAPES",
     "AREA_LIGHTS",
+    "SHADOWS",
     "TWO_SIDED",
     "VERTEX_COLORS",
     "MATERIALS",
