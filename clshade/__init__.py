@@ -17,6 +17,7 @@ _HOMES = {
     "Camera": "clshade.scene.camera",
     "PointLight": "clshade.scene.lights",
     "DirectionalLight": "clshade.scene.lights",
+    "RectangleLight": "clshade.scene.lights",
     "SpotLight": "clshade.scene.lights",
     "Material": "clshade.scene.model",
     "MetallicRoughness": "clshade.scene.model",
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from .scene.formats.load import load_animation as load_animation
     from .scene.lights import DirectionalLight as DirectionalLight
     from .scene.lights import PointLight as PointLight
+    from .scene.lights import RectangleLight as RectangleLight
     from .scene.lights import SpotLight as SpotLight
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh

@@ -81,7 +81,8 @@ def rich_scene(*without: str) -> Scene:
         meshes.append(replace(meshes[0], verts=verts, scalars={"data": generator.uniform(0, 1, 90)}))
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     ends = {} if "LIGHT_SHAPES" in without else {"attenuation": "inverse-square", "range": 9.0}
-    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), **ends))
+    radius = 0.0 if {"LIGHT_SHAPES", "AREA_LIGHTS"} & set(without) else 0.5
+    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), radius=radius, **ends))
     background = None if "BACKGROUND" in without else (0.1, 0.2, 0.3)
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
@@ -92,10 +93,13 @@ NEEDS = {
     "OWNERS": {"layers": ()},
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
+    "SHADOWS": {"shadows": False},
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS"}
+    | {"TWO_SIDED", "NORMAL_INDICES"},
+    "LIGHT_SHAPES": {"AREA_LIGHTS"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -119,7 +123,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, *without: str, **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
-    fields["scalars"] = "data"
+    fields |= {"scalars": "data", "shadows": True}
     for name in without:
         options |= NEEDS.get(name, {})
     return draw(device, rich_scene(*without), **{**fields, **options})
@@ -133,9 +137,9 @@ def needed_by(frame: Frame) -> set[str]:
 LEFT_OUT = (
     ("TEXTURED",),
     ("LIT", "DOUBLE_POSITIONS"),
-    ("AMBIENT", "TWO_SIDED", "MIPMAPS"),
+    ("AMBIENT", "TWO_SIDED", "MIPMAPS", "SHADOWS"),
     ("DIFFUSE", "NEAREST", "SIDES"),
-    ("SPECULAR", "UV_INDICES", "BACKGROUND"),
+    ("SPECULAR", "UV_INDICES", "BACKGROUND", "AREA_LIGHTS"),
     ("POWER", "NORMAL_INDICES", "ALPHA_TEST"),
     ("LIGHT_SHAPES", "BLEND", "OWNERS"),
     ("VERTEX_COLORS", "VERTEX_ALPHA"),
@@ -144,11 +148,22 @@ LEFT_OUT = (
     ("SORTED",),
 )
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
-OF_CORNERS = {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "VERTEX_COLORS", "MATERIALS"}
+OF_CORNERS = {
+    "AMBIENT",
+    "DIFFUSE",
+    "SPECULAR",
+    "POWER",
+    "LIGHT_SHAPES",
+    "AREA_LIGHTS",
+    "SHADOWS",
+    "TWO_SIDED",
+    "VERTEX_COLORS",
+    "MATERIALS",
+}
 LEFT_OUT_AT_CORNERS = (
-    ("AMBIENT", "TWO_SIDED"),
+    ("AMBIENT", "TWO_SIDED", "SHADOWS"),
     ("DIFFUSE", "LIGHT_SHAPES"),
-    ("SPECULAR", "VERTEX_COLORS"),
+    ("SPECULAR", "VERTEX_COLORS", "AREA_LIGHTS"),
     ("POWER", "MATERIALS"),
 )
 

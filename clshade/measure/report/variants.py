@@ -10,6 +10,7 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
+from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 
 BASE = "standard"
@@ -40,6 +41,7 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
+LIGHT_POINTS = (1, 4, 64, 256)  # besides 16
 VARIANTS = (
     Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
@@ -55,6 +57,10 @@ VARIANTS = (
     Variant("trilinear", "textures filtered by mip maps", {"texture_filter": "trilinear"}),
     Variant("trilinear-4", "mip maps and 4 samples", _samples(4, texture_filter="trilinear")),
     Variant("trilinear-16", "mip maps and 16 samples", _samples(16, texture_filter="trilinear")),
+    *(
+        Variant(f"light-{n}", f"{n} points of each light, 16 samples", _samples(16, light_samples=n))
+        for n in LIGHT_POINTS
+    ),
     Variant("painter", "nearest by mean depth", {"visibility": "painter"}),
     Variant("affine", "linear in the image", {"interpolation": "affine"}),
     Variant(
@@ -100,10 +106,11 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
     base: settings that they change.
     """
     textured = any(texture_applies(mesh) for mesh in scene.meshes)
+    without = set(() if textured else TEXTURES) | ({"light_samples"} if not any(map(has_size, scene.lights)) else set())
     found: dict[frozenset[tuple[str, Any]], Variant] = {}
     for each in VARIANTS:
         if possible(each.changes, base, device):
-            matters = {item for item in each.changes.items() if textured or item[0] not in TEXTURES}
+            matters = {item for item in each.changes.items() if item[0] not in without}
             found.setdefault(frozenset(matters), each)
     return list(found.values())
 

@@ -1,0 +1,26 @@
+// Shadow rays by themselves: receivers against one light.
+#include "shadow_packets.clh"
+
+// A work-item does LANES receivers.
+ITEM_BY_ITEM
+kernel void shadow_rays(global const float *points,   // 6 x K, high then low parts of x, y, z
+                        global const int *receivers,  // K, the face of each; negative: not asked
+                        global const float *vertices, global const int *faces, global const float *nodes,
+                        global const float *leaves, global const ShadowLight *lights,
+                        global const Casters *casters,
+                        global int *dark,             // K, 1 or 0
+                        int stride)                   // K
+{
+    int first = get_global_id(0) * LANES;
+    if (first >= stride)
+        return;
+    Shadows in = {vertices, faces, nodes, leaves, lights, casters};
+    ShadowReceiver at;
+#define POINTS(k) TO_REALS(LOAD_LANES(points + (size_t)(k) * stride + first))
+    at.point.x.high = POINTS(0), at.point.y.high = POINTS(1), at.point.z.high = POINTS(2);
+    at.point.x.low = POINTS(3), at.point.y.low = POINTS(4), at.point.z.low = POINTS(5);
+#undef POINTS
+    at.face = TO_INTS(LOAD_LANES(receivers + first));
+    ints hit = shadowed(&at, &in, 0, at.face >= 0);
+    STORE_LANES(TO_FIXEDS(hit ? (ints)(1) : (ints)(0)), dark + first);
+}

@@ -1,0 +1,237 @@
+"""Spheres and rectangles as lights, in whole frames: against the oracle, in closed form, and left out without them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from kernel_stages import OTHER_LANES
+
+from clshade import PointLight, RectangleLight, oracle
+from clshade.measure.check import oracle_bounds
+from clshade.oracle import light_points as points_of_oracle
+from clshade.pipeline import light_points, struct_layout
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.adjust_lights import rescaled_light
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene
+
+# A floor with a coarse grid of its own, seen from above. Its middle is the center of a pixel.
+CAMERA = Camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (41, 41))
+MATTE = Material(ka=0.0, kd=1.0, ks=0.0)
+GLOSSY = Material(ka=0.1, kd=0.7, ks=0.4, n=30.0)
+LIGHTS = {
+    "sphere": PointLight((0.3, -0.2, 1.5), (1.0, 0.9, 0.7), radius=0.5),
+    "attenuated sphere": PointLight((0.3, -0.2, 1.0), (1.0, 1.2, 1.4), "inverse-square", 2.5, 0.2),
+    "rectangle": RectangleLight((0.3, -0.2, 1.5), (0.5, 0.1, 0.0), (0.1, -0.4, 0.2), (1.0, 0.9, 0.7)),
+    "attenuated rectangle": RectangleLight(
+        (-0.4, 0.0, 1.0), (0.0, 0.5, 0.0), (0.3, 0.0, 0.2), (1.5, 1.5, 1.5), "inverse-square", 2.5
+    ),
+}
+
+
+def floor(material: Material, cells: int = 4) -> Mesh:
+    line = np.linspace(-2.5, 2.5, cells + 1)
+    x, y = (each.ravel() for each in np.meshgrid(line, line))
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    faces = [
+        np.stack([first, first + 1, first + cells + 2], 1),
+        np.stack([first, first + cells + 2, first + cells + 1], 1),
+    ]
+    return Mesh(np.stack([x, y, 0.0 * x], 1), np.concatenate(faces), material=material)
+
+
+def lit_by(*lights, material: Material = GLOSSY) -> Scene:
+    return Scene(floor(material), CAMERA, lights)
+
+
+def draw(device, scene: Scene, **options) -> Frame:
+    with Renderer(scene, device=device, **{"layers": ("Z", "id"), "shader": "phong", **options}) as renderer:
+        return renderer.render()
+
+
+def bounds_of(frame: Frame) -> float:
+    expected = oracle.render(frame.scene, frame.settings)
+    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"shader": "gouraud"},
+        {"shader": "pbr", "light_samples": 5},
+        {"light_samples": 1},
+        pytest.param({"preset": "course", "light_samples": 7}, marks=pytest.mark.long),
+        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
+        pytest.param({"precision": "fast"}, marks=pytest.mark.long),
+        pytest.param({"samples": 4, "sample_shading": True}, marks=pytest.mark.long),
+        pytest.param({"samples": 3, "light_samples": 256}, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
+def test_against_the_oracle(device, options):
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    for light in LIGHTS.values():
+        frame = draw(device, lit_by(light, PointLight((2.0, 2.0, 3.0), 0.3 * np.ones(3))), **options)
+        assert bounds_of(frame) < (3.0 if "precision" not in options else np.inf)
+        assert frame.rgb.max() > 0.2
+
+
+def test_an_error_in_any_of_them_is_noticed(device):
+    """A percent of the size, a thousandth of the intensity, another number of points, or one pixel's shift elsewhere."""
+    for wrong, right in (
+        (replace(LIGHTS["sphere"], radius=0.505), LIGHTS["sphere"]),
+        (replace(LIGHTS["rectangle"], right=(0.505, 0.1, 0.0)), LIGHTS["rectangle"]),
+        (replace(LIGHTS["rectangle"], intensity=(1.001, 0.9, 0.7)), LIGHTS["rectangle"]),
+    ):
+        frame = draw(device, lit_by(wrong))
+        frame.scene = lit_by(right)
+        with pytest.raises(AssertionError, match="bounds"):
+            bounds_of(frame)
+    frame = draw(device, lit_by(LIGHTS["sphere"]))
+    frame.settings = replace(frame.settings, light_samples=15)
+    with pytest.raises(AssertionError, match="bounds"):
+        bounds_of(frame)
+    moved = draw(device, lit_by(LIGHTS["sphere"]))
+    moved.rgb[20, 20] = moved.rgb[20, 21]
+    with pytest.raises(AssertionError, match="bounds"):
+        bounds_of(moved)
+
+
+def center_of(frame: Frame) -> float:
+    return float(frame.rgb[20, 20, 0])
+
+
+def at_center(device, light, points: int) -> float:
+    forced = {"AMBIENT", "SPECULAR", "POWER"}  # of 0: the program of the tests above
+    return center_of(draw(device, lit_by(light, material=MATTE), forced=forced, light_samples=points))
+
+
+def form_factor(a: float, b: float) -> float:
+    """Return the form factor of a rectangle, a x b, to a small area parallel to it below a corner, at a distance of 1 (J. R.
+    Howell, A catalog of radiation heat transfer configuration factors, B-3)."""
+    x, y = math.hypot(1.0, a), math.hypot(1.0, b)
+    return (a / x * math.atan(b / x) + b / y * math.atan(a / y)) / (2.0 * math.pi)
+
+
+def convergence(errors: list[float], counts: tuple[int, ...]) -> float:
+    """Return the slope of a line through the logarithms."""
+    return float(np.polyfit(np.log(counts), np.log(errors), 1)[0])
+
+
+@pytest.mark.parametrize(("half_width", "half_height"), [(0.5, 0.5), (1.0, 0.25)])
+def test_the_form_factor_of_a_rectangle(device, half_width, half_height):
+    """A matte surface opposite its middle sends pi times the form factor times the radiance, I over the area; the error
+    falls about as 1/N, as quadrature by points of low discrepancy does, not as 1/sqrt(N)."""
+    light = RectangleLight((0, 0, 2), (2 * half_width, 0, 0), (0, -2 * half_height, 0), (1, 1, 1), "inverse-square")
+    radiance = 1.0 / (16.0 * half_width * half_height)
+    expected = math.pi * 4.0 * form_factor(half_width, half_height) * radiance
+    counts = (4, 16, 64, 256)
+    errors = [abs(at_center(device, light, points) / expected - 1.0) for points in counts]
+    assert errors[-1] < 1e-3
+    assert convergence(errors, counts) < -0.7
+
+
+def test_a_sphere_above_a_floor(device):
+    """The mean of the cosine over the disc, 2 d (sqrt(d^2 + r^2) - d) / r^2; with attenuation of cos/l^2,
+    2 (1 - d / sqrt(d^2 + r^2)) / r^2."""
+    d, r = 2.0, 0.8
+    away = math.hypot(d, r)
+    plain = at_center(device, PointLight((0, 0, d), radius=r), 256)
+    assert plain == pytest.approx(2.0 * d * (away - d) / r**2, rel=2e-4)
+    near = at_center(device, PointLight((0, 0, d), (1, 1, 1), "inverse-square", radius=r), 256)
+    assert near == pytest.approx(2.0 * (1.0 - d / away) / r**2, rel=1e-3)
+
+
+def test_a_small_or_distant_sphere_is_a_point(device):
+    far = PointLight((2e5, 0.0, 1e6), (0.5, 1.0, 0.7))
+    point = draw(device, lit_by(far))
+    sphere = draw(device, lit_by(replace(far, radius=1.0)))
+    assert np.abs(sphere.rgb - point.rgb).max() < 5e-6
+    small = draw(device, lit_by(replace(LIGHTS["sphere"], radius=1e-7)))
+    assert np.abs(small.rgb - draw(device, lit_by(replace(LIGHTS["sphere"], radius=0.0))).rgb).max() < 5e-6
+
+
+def test_a_rectangle_shines_from_its_front_only(device):
+    light = RectangleLight(
+        (0.3, -0.2, 1.5), (0.5, 0.1, 0.0), (-0.1, 0.4, 0.0)
+    )  # right x up points up, away from the floor
+    turned = replace(light, right=light.up, up=light.right)
+    assert draw(device, lit_by(turned, material=MATTE), forced={"AMBIENT", "SPECULAR"}).rgb.max() > 0.2
+    assert (draw(device, lit_by(light, material=MATTE), forced={"AMBIENT", "SPECULAR"}).rgb == 0.0).all()
+    beside = RectangleLight((0, 0, 0), (0, 1, 0), (1, 0, 0))  # in the floor, shining down
+    assert (draw(device, lit_by(beside, material=MATTE), forced={"AMBIENT", "SPECULAR"}).rgb == 0.0).all()
+
+
+@pytest.mark.parametrize("scale", [2.0**-60, 2.0**40])
+def test_the_unit_of_length_does_not_matter(device, scale):
+    """Times a power of two, lights with it: the same bits."""
+    scene = lit_by(*LIGHTS.values())
+    camera = replace(CAMERA, eye=CAMERA.eye * scale)
+    mesh = replace(scene.meshes[0], verts=scene.meshes[0].verts * scale)
+    other = Scene(mesh, camera, tuple(rescaled_light(light, scale, 0.0) for light in scene.lights))
+    assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_lanes_do_not_change_a_bit(device, lanes):
+    scene = lit_by(*LIGHTS.values())
+    assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
+
+
+def test_points_leave_it_out_and_have_the_same_bits_with_it(device):
+    point = replace(LIGHTS["sphere"], radius=0.0)
+    scene = lit_by(point, PointLight((-3.0, 1.0, 1e6), (0.5, 1.0, 2.0)))
+    lean = draw(device, scene)
+    assert dict(lean.stats["left_out"])["AREA_LIGHTS"] == "no light has a size"
+    assert same_bits(lean, draw(device, scene, light_samples=3))
+    assert same_bits(lean, draw(device, scene, forced={"AREA_LIGHTS"}))
+    assert same_bits(lean, draw(device, scene, forced={"AREA_LIGHTS", "LIGHT_SHAPES"}))
+    dark = lit_by(point, replace(LIGHTS["rectangle"], intensity=(0, 0, 0)))
+    assert "AREA_LIGHTS" in draw(device, dark).stats["left_out"]
+
+
+def test_a_camera_that_moves(device):
+    """One renderer, other eyes: lights stay where they are in the scene."""
+    scene = lit_by(*LIGHTS.values())
+    with Renderer(scene, device=device, shader="phong", layers=("Z", "id"), light_samples=4) as renderer:
+        for eye in ((1.0, 2.0, 5.0), (0.0, -30.0, 20.0)):
+            frame = renderer.render(replace(CAMERA, eye=eye, focal=0.2 * math.dist(eye, (0, 0, 0))))
+            assert bounds_of(frame) < 3.0
+
+
+@pytest.mark.parametrize("points", [1, 2, 5, 16, 100, 256])
+def test_host_and_oracle_mean_the_same_points(points):
+    first, step = light_points.pattern(points)
+    i = np.arange(points)[:, None]
+    assert np.array_equal((np.array(first) + i * np.array(step)) % 2**32, points_of_oracle.coordinates(points))
+    u, v = points_of_oracle.coordinates(points).T / 2.0**32
+    np.testing.assert_allclose(u, (i[:, 0] + 0.5) / points, atol=1e-7)
+    np.testing.assert_allclose(v, (0.5 + (i[:, 0] - (points - 1) / 2) * (math.sqrt(5) - 1) / 2) % 1.0, atol=1e-7)
+
+
+def test_the_shifts_are_those_of_the_constants():
+    place = np.array([[256, 0], [0, 256], [5 * 256 + 64, 7 * 256 + 192]])
+    named = struct_layout.LIGHT_SHIFTS
+    column, row = (np.array([named[f"SHIFT_{c}_{way}"] for c in "UV"]) for way in ("COLUMN", "ROW"))
+    shifts = points_of_oracle.shifts(place) / 2**8
+    assert shifts[:2].tolist() == [column.tolist(), row.tolist()]
+    assert shifts[2].tolist() == ((5 * column + 7 * row + [2**24 * 3 // 4, 2**24 // 4]) % 2**24).tolist()
+
+
+def test_neighbors_complement_each_other(device):
+    """Of a half-covered light, the mean over 4 x 4 pixels is nearer to the truth than pixels with as many points in all
+    placed at random would be."""
+    wide = RectangleLight((0, 0, 1), (1.5, 0, 0), (0, -1.5, 0), (1, 1, 1), "inverse-square")
+    true = draw(device, lit_by(wide, material=MATTE), light_samples=256).rgb[8:32, 8:32, 0]
+    found = draw(device, lit_by(wide, material=MATTE), light_samples=4).rgb[8:32, 8:32, 0]
+    error = found.astype(np.float64) - true
+    means = error.reshape(6, 4, 6, 4).mean(axis=(1, 3))
+    assert error.std() > 1e-3
+    assert np.sqrt((means**2).mean()) < 0.5 * error.std() / 4.0

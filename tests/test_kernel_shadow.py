@@ -1,0 +1,180 @@
+"""shadow_predicate.clh and the kernel shadow_rays, against exact integer arithmetic, in scenes that are hard to decide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
+from exact_shadows import DARK, EITHER, LIT, ExactShadows
+from kernel_stages import LANES, Probe
+
+from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
+from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
+
+Array = np.ndarray
+U = 2.0**-24
+
+
+def compare(device, mesh: Mesh, light: list[float], *, points: tuple[Array, Array] | None = None, lanes=None) -> Array:
+    """Check shadows against the exact ones; return the exact ones."""
+    at, receivers = points if points is not None else random_points(mesh, 100)
+    found = Hierarchy(device, *mesh, lanes=lanes).shadowed(at, receivers, np.array(light))
+    expected = ExactShadows(*mesh).of(at, receivers, np.array(light))
+    wrong = np.flatnonzero((expected != EITHER) & (found != (expected == DARK)))
+    assert not len(wrong), (wrong, found[wrong], expected[wrong])
+    return expected
+
+
+LIGHTS = {
+    "near": [2.0, 1.5, 3.0, 1.0],
+    "inside": [0.1, -0.05, 0.2, 1.0],
+    "far": [1e9, -2e9, 3e9, 1.0],
+    "farther": [1e25, -2e25, 3e25, 1.0],
+    "directional": [0.3, 0.5, 1.0, 0.0],
+    "along an axis": [0.0, 0.0, 1.0, 0.0],
+}
+
+
+@pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("lanes", LANES)
+def test_triangles_that_cross(device, lanes, light):
+    expected = compare(device, soup(), light, lanes=lanes)
+    assert np.count_nonzero(expected == EITHER) == 0
+    assert {LIT, DARK} == set(expected) or np.all(expected == DARK)
+
+
+@pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("make", [box, sphere])
+def test_closed_meshes(device, make, light):
+    """From inside nothing outside is seen, also along edges and from points on edges and vertices."""
+    expected = compare(device, make(), light)
+    borders = compare(device, make(), light, points=border_points(make(), 100))
+    assert np.count_nonzero(expected == EITHER) == 0
+    assert np.count_nonzero(borders == EITHER) <= 15  # their rounding decides
+    if light is LIGHTS["near"]:
+        assert {LIT, DARK} == set(expected)
+
+
+STIFF = {
+    "in the plane of triangles": (joined(box(), moved(box(), 3.0)), [5.0, 0.5, 1.0, 1.0]),
+    "on a vertex": (joined(box(), moved(box(), 3.0)), [1.0, 1.0, 1.0, 1.0]),
+    "on an edge": (joined(box(), moved(box(), 3.0)), [1.0, 1.0, 0.25, 1.0]),
+    "just above the ground": (joined(lattice(), moved(box(), 0.2, 0.1)), [0.4, 0.1, 1e-6, 1.0]),
+    "on the ground": (joined(lattice(), moved(box(), 0.2, 0.1)), [0.4, 0.1, 0.0, 1.0]),
+    "far from the origin": (moved(joined(sphere(), moved(box(), 2.0)), 1e9), [1e9 + 4.0, 1e9 + 3.0, 1e9 + 5.0, 1.0]),
+    "slivers": (slivers(), [3.0, 2.0, 5.0, 1.0]),
+    "small beside large": (
+        joined(moved(box(), 0.0, 1e6), moved(sphere(), 1e6 + 2.0)), [1e6 + 9.0, 1e6 + 7.0, 1e6 + 20.0, 1.0]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("mesh", "light"), STIFF.values(), ids=STIFF)
+def test_stiff_cases(device, mesh, light):
+    compare(device, mesh, light)
+    compare(device, mesh, light, points=border_points(mesh, 60))
+
+
+@pytest.mark.parametrize("light", [[0.2, 0.1, 2.0, 1.0], [0.2, 0.1, 1e-3, 1.0], [1.0, 0.0, 1e-6, 0.0]])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_flat_mesh_casts_no_shadow_on_itself(device, turned, light):
+    mesh = lattice(12, turned)
+    if turned:
+        rotation, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
+        light = [*(rotation @ light[:3]), light[3]]
+    hierarchy = Hierarchy(device, *mesh)
+    for points in (random_points(mesh, 2000), border_points(mesh, 2000)):
+        assert not hierarchy.shadowed(*points, np.array(light)).any()
+
+
+def test_a_degenerate_triangle_casts_no_shadow(device):
+    floor = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
+    line = np.array([[-1.0, 0, 1], [1, 0, 1], [0, 0, 1]])
+    mesh = np.concatenate([floor, line]), np.array([[0, 1, 2], [3, 4, 5], [3, 4, 4]])
+    light = np.array([0.0, 0.0, 2.0, 1.0])
+    assert not Hierarchy(device, *mesh).shadowed(np.zeros((1, 3)), np.array([0]), light).any()
+
+
+# The arithmetic
+
+PAIRS = """
+#include "shadow_predicate.clh"
+
+#define BINARY(name, call)                                                                             \\
+    kernel void name(global const float *ah, global const float *al, global const float *bh,           \\
+                     global const float *bl, global float *out)                                        \\
+    {                                                                                                  \\
+        int i = get_global_id(0) * LANES;                                                              \\
+        float_pair a = {LOAD_LANES(ah + i), LOAD_LANES(al + i)};                                       \\
+        float_pair b = {LOAD_LANES(bh + i), LOAD_LANES(bl + i)};                                       \\
+        float_pair c = call(&a, &b);                                                                   \\
+        float high[LANES], low[LANES];                                                                 \\
+        STORE_LANES(c.high, high);                                                                     \\
+        STORE_LANES(c.low, low);                                                                       \\
+        for (int lane = 0; lane < LANES; ++lane)                                                       \\
+            vstore2((float2)(high[lane], low[lane]), i + lane, out);                                   \\
+    }
+
+BINARY(sum, fp_sum)
+BINARY(difference, fp_difference)
+BINARY(product, fp_product)
+#define SNAPPED(a, b) on_grid((a)->high, (a)->low)
+BINARY(snapped, SNAPPED)
+"""
+
+
+def pairs(count: int, seed: int) -> tuple[Array, Array]:
+    """Return normalized pairs of all magnitudes and signs, some of them close to the previous one."""
+    rng = np.random.default_rng(seed)
+    high = np.ldexp(rng.uniform(1.0, 2.0, count), rng.integers(-12, 15, count)) * rng.choice([-1.0, 1.0], count)
+    high[1::2] = -high[::2] * (1.0 + rng.integers(-3, 4, count // 2) * U)
+    high = high.astype(np.float32)
+    low = (high * rng.uniform(-U / 2, U / 2, count)).astype(np.float32)
+    return high, low
+
+
+def exactly(high: Array, low: Array) -> Array:
+    """Return pairs as Python integers, in units of 2^-149."""
+    return np.array([int(float(x) * 2.0**149) + int(float(y) * 2.0**149) for x, y in zip(high, low, strict=True)])
+
+
+@pytest.mark.parametrize("name", ["sum", "difference", "product"])
+def test_pair_arithmetic(device, name):
+    """Errors as pair_vectors.clh derives them, and normalized results."""
+    a, b = pairs(4000, 7), pairs(4000, 8)
+    a[0][::3], a[1][::3] = -np.roll(b[0], 1)[::3], np.roll(b[1], 1)[::3]
+    high, low = Probe(device, PAIRS)(name, *a, *b, width=2).T
+    found, x, y = exactly(high, low), exactly(*a), exactly(*b)
+    if name == "product":
+        error = np.abs((found << 149) - x * y)
+        assert (error << 48 <= 6.001 * np.abs(x * y)).all()
+    else:
+        error = np.abs(found - (x + y if name == "sum" else x - y))
+        assert (error << 48 <= 3.001 * (np.abs(x) + np.abs(y))).all()
+        assert error.any()
+    assert (np.abs(low) <= U * np.abs(high)).all()
+
+
+def test_differences_on_the_grid_are_exact(device):
+    rng = np.random.default_rng(9)
+    reach = round(SHADOW_REACH / SHADOW_GRID)
+    x, y = rng.integers(-reach, reach + 1, (2, 20_000))
+    x[::4] = y[::4] + rng.integers(-100, 100, len(x[::4]))
+    x[0], y[0] = reach, -reach
+    frame = CasterFrame(np.zeros(3), SHADOW_GRID)  # takes integers
+    parts = [frame.pairs(np.repeat(v[:, None], 3, axis=1).astype(float)) for v in (x, y)]
+    high, low = Probe(device, PAIRS)(
+        "difference", *(np.ascontiguousarray(p[:, k]) for p in parts for k in (0, 3)), width=2
+    ).T
+    assert np.array_equal((high.astype(np.float64) + low) / SHADOW_GRID, x - y)
+
+
+def test_receivers_snap_to_the_grid(device):
+    """Within 3/2 units, onto a multiple, also below the grid and where the high part is none."""
+    rng = np.random.default_rng(10)
+    value = np.ldexp(rng.uniform(-1.0, 1.0, 20_000), rng.integers(-40, 16, 20_000))
+    high = value.astype(np.float32)
+    low = (value - high).astype(np.float32)
+    found = Probe(device, PAIRS)("snapped", high, low, high, low, width=2).astype(np.float64).sum(axis=1) / SHADOW_GRID
+    assert np.array_equal(found, np.rint(found))
+    assert np.abs(found - (high.astype(np.float64) + low) / SHADOW_GRID).max() <= 1.5
