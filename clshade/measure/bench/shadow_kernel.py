@@ -1,0 +1,34 @@
+"""Our hierarchy and its kernel `shadow_rays`, as `bench --shadows` measures them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ...base.arrays import Array, Bools, Faces, Floats
+from ...pipeline import hierarchy
+from ...pipeline.opencl.device import Device
+from .shadow_rays import Receivers
+
+
+class ShadowKernel:
+    """A mesh in our hierarchy on a device. seconds: that building took. bytes: of its buffers."""
+
+    def __init__(self, device: Device, verts: Floats, faces: Faces) -> None:
+        self.title = device.title
+        start = time.perf_counter()
+        self._hierarchy = hierarchy.build(verts, faces, device)
+        self.seconds = time.perf_counter() - start
+        self.bytes = self._hierarchy.vertices.array.nbytes + self._hierarchy.faces.array.nbytes
+
+    def tracing(self, rays: Receivers) -> Callable[[], Array]:
+        """Return what traces all rays, lanes without one included: (16 B,) bool."""
+        points, faces = rays.points.reshape(-1, 3), rays.faces.reshape(-1)
+        light = np.append(rays.light, 1.0)
+        return lambda: self._hierarchy.shadowed(points, faces, light)
+
+    def shadowed(self, found: Array, rays: Receivers) -> Bools:
+        """Return what `tracing` found as (K,) bool."""
+        return found[rays.asked.reshape(-1)]
