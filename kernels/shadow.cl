@@ -5,14 +5,16 @@
 ITEM_BY_ITEM
 kernel void shadow_rays(global const float *points,   // 6 x K, high then low parts of x, y, z
                         global const int *receivers,  // K, the face of each; negative: not asked
-                        global const float *vertices, global const int *faces, global const ShadowLight *lights,
+                        global const float *vertices, global const int *faces, global const float *nodes,
+                        global const float *leaves, global const ShadowLight *lights,
+                        global const Casters *casters,
                         global int *dark,             // K, 1 or 0
-                        int face_count, int stride)   // stride: K
+                        int stride)                   // K
 {
     int first = get_global_id(0) * LANES;
     if (first >= stride)
         return;
-    Shadows in = {vertices, faces, lights, face_count};
+    Shadows in = {vertices, faces, nodes, leaves, lights, casters};
     ShadowReceiver at;
 #define POINTS(k) TO_REALS(LOAD_LANES(points + (size_t)(k) * stride + first))
     at.point.x.high = POINTS(0), at.point.y.high = POINTS(1), at.point.z.high = POINTS(2);

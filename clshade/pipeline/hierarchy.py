@@ -1,20 +1,23 @@
-"""The casters of shadows on the device: vertices in a frame of reference of their own, in which their differences are
-exact, and lights in that frame."""
+"""The casters of shadows on the device: a hierarchy of boxes over triangles, in a frame of reference in which differences
+of vertices are exact, and lights in that frame."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
-from .buffers import Buffer
-from .launches import shadow_stages
+from .buffers import Buffer, finish
+from .launches import Stages, hierarchy_stages, shadow_stages
 from .opencl.device import Device, open_device
 from .struct_layout import SHADOW_GRID, SHADOW_REACH, SINGLE
 
-_BLOCK = 16  # arrays of receivers are padded to its multiples, for any number of lanes
+_WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
+_LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
+_NO_CASTER = np.uint64(2**64 - 1)
 
 _LEAST_W = 2.0**-100  # a light so far away that its w would be less counts as directional
 
@@ -74,32 +77,104 @@ def split(values: Floats) -> Floats32:
 class Hierarchy:
     """The triangles of a scene on a device, which cast shadows; valid until a vertex moves.
 
-    vertices: (V, 3) float64. faces: (F, 3), indices of vertices; those without area cast no shadow.
+    A tree of boxes over leaves of 16 triangles in the order of Morton's curve: each node has 16 children, whose numbers
+    follow from its own. Built on the device, but for the sort.
+
+    vertices: (V, 3) float64. faces: (F, 3), indices of vertices; those without area, and those with a corner that is not
+    finite, cast no shadow.
     """
 
     def __init__(self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None) -> None:
-        self._device, self._stages = device, shadow_stages(device, lanes)
+        self._device, self._lanes = device, lanes
+        stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
         self.vertices = Buffer(device, self.frame.pairs(vertices))
-        self.faces = Buffer(device, np.asarray(faces, np.int32))
+        self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
+        keys = Buffer.empty(device, len(faces), np.uint64)
+        stages.hierarchy_keys(self.vertices, self.faces, keys, len(faces))
+        found = keys.to_host()
+        found.sort()
+        count = int(np.searchsorted(found, _NO_CASTER))
+        keys = Buffer(device, found)
+        sizes = _level_sizes(count)
+        self.leaves = Buffer.empty(device, (-(-count // _WIDTH), _LEAF_FLOATS), np.float32)
+        self.nodes = Buffer.empty(device, (sum(sizes), _NODE_FLOATS), np.float32)
+        table = np.zeros(1, SINGLE.Casters)
+        table["levels"] = len(sizes)
+        first = np.cumsum([0, *sizes])[:-1]
+        table["first_node"][0, : len(sizes)] = first
+        self.casters = Buffer(device, table)
+        if count:
+            arguments = (self.vertices, self.faces, keys, self.leaves, self.nodes)
+            stages.hierarchy_leaves(*arguments, sizes[0] * _WIDTH, count)
+            for k in range(1, len(sizes)):
+                stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
+        finish(device)
+
+    @property
+    def nbytes(self) -> int:
+        """Device memory of the hierarchy: what the faces need besides, a renderer has anyway."""
+        return sum(buffer.array.nbytes for buffer in (self.vertices, self.leaves, self.nodes, self.casters))
+
+    @cached_property
+    def _stages(self) -> Stages:
+        return shadow_stages(self._device, self._lanes)
 
     def shadowed(self, points: Floats, faces: Array, light: Floats) -> Bools:
         """Return whether triangles hide a light from points, (K,).
 
-        points: (K, 3), each on a face, within 2^-45 of the casters' box. faces: (K,), indices of those faces. light: (4,)
-        as of `CasterFrame.light`. Receivers are taken in their order, as many together as there are lanes.
+        points: (K, 3), each on a face, within 2^-45 of the casters' box. faces: (K,), indices of those faces, -1: not
+        asked. light: (4,) as of `CasterFrame.light`. Receivers are taken in their order, as many together as there are
+        lanes.
         """
-        count = len(points)
-        room = -(-count // _BLOCK) * _BLOCK
-        coordinates = np.zeros((6, room), np.float32)
-        coordinates[:, :count] = self.frame.pairs(points).T
-        receivers = np.full(room, -1, np.int32)
-        receivers[:count] = faces
-        inputs = Buffer(self._device, coordinates), Buffer(self._device, receivers)
-        lights, dark = Buffer(self._device, self.frame.light(light)), Buffer.empty(self._device, room, np.int32)
-        self._stages.shadow_rays(*inputs, self.vertices, self.faces, lights, dark, len(self.faces.array), room)
-        found: Bools = dark.to_host()[:count] != 0
+        rays = self.rays(points, faces, light)
+        self.trace(rays)
+        found: Bools = rays.dark.to_host()[: len(points)] != 0
         return found
+
+    def rays(self, points: Floats, faces: Array, light: Floats) -> ShadowRays:
+        """Return rays on the device, see `shadowed`."""
+        room = max(-(-len(points) // _WIDTH), 1) * _WIDTH
+        coordinates = np.zeros((6, room), np.float32)
+        coordinates[:, : len(points)] = self.frame.pairs(points).T
+        receivers = np.full(room, -1, np.int32)
+        receivers[: len(points)] = faces
+        return ShadowRays(
+            Buffer(self._device, coordinates),
+            Buffer(self._device, receivers),
+            Buffer(self._device, self.frame.light(light)),
+            Buffer.empty(self._device, room, np.int32),
+        )
+
+    def trace(self, rays: ShadowRays) -> None:
+        """Write to `rays.dark` which rays meet a caster, and wait until that is done."""
+        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
+        self._stages.shadow_rays(rays.points, rays.receivers, casters, rays.light, rays.dark, len(rays.dark.array))
+        finish(self._device)
+
+
+@dataclass(frozen=True)
+class ShadowRays:
+    """Rays toward one light on a device, K a multiple of 16.
+
+    points: (6, K) float32, high and low parts of x, y, z. receivers: (K,), the face of each or -1. light: one row of
+    structs.ShadowLight. dark: (K,), 1 where the light does not reach.
+    """
+
+    points: Buffer
+    receivers: Buffer
+    light: Buffer
+    dark: Buffer
+
+
+def _level_sizes(count: int) -> list[int]:
+    """Return the number of nodes of each level above `count` triangles, the parents of leaves first."""
+    sizes: list[int] = []
+    below = -(-count // _WIDTH)
+    while below and (not sizes or below > 1):
+        below = -(-below // _WIDTH)
+        sizes.append(below)
+    return sizes
 
 
 def build(vertices: Floats, faces: Array, device: Device | None = None, *, lanes: int | None = None) -> Hierarchy:

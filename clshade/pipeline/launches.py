@@ -95,6 +95,12 @@ def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
     return Stages(device, build(device, features, ("shadow.cl",), lanes=lanes))
 
 
+def hierarchy_stages(device: Device) -> Stages:
+    """Return the stages that build the hierarchy of casters."""
+    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    return Stages(device, build(device, features, ("hierarchy.cl",), lanes=1))
+
+
 class Stages:
     """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
@@ -168,20 +174,26 @@ class Stages:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
 
-    def shadow_rays(
-        self,
-        points: Buffer,
-        receivers: Buffer,
-        vertices: Buffer,
-        faces: Buffer,
-        lights: Buffer,
-        dark: Buffer,
-        face_count: int,
-        count: int,
+    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, count: int) -> cl.Event:
+        return self._per_item("hierarchy_keys", count, vertices, faces, keys)
+
+    def hierarchy_leaves(
+        self, vertices: Buffer, faces: Buffer, keys: Buffer, leaves: Buffer, nodes: Buffer, slots: int, count: int
     ) -> cl.Event:
-        arguments = (points, receivers, vertices, faces, lights, dark, face_count)
+        arguments = (vertices, faces, keys, leaves, nodes, len(leaves.array), slots)
+        return self._launch("hierarchy_leaves", (-(-slots // 16) * 16,), (16,), *arguments, count)
+
+    def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
+        arguments = (nodes, first, above, count)
+        return self._launch("hierarchy_level", (-(-slots // 16) * 16,), (16,), *arguments, slots)
+
+    def shadow_rays(
+        self, points: Buffer, receivers: Buffer, casters: tuple[Buffer, ...], lights: Buffer, dark: Buffer, count: int
+    ) -> cl.Event:
+        """casters: vertices, faces, nodes, leaves, Casters."""
         local = 1 if self.device.is_cpu else 64
         items = -(-count // (self.lanes * local)) * local
+        arguments = (points, receivers, *casters[:4], lights, casters[4], dark)
         return self._launch("shadow_rays", (max(1, items),), (local,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:

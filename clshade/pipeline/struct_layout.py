@@ -29,6 +29,7 @@ WHITE_POSITION = 2.0**124  # of what no color map colors
 LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
 SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
 SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
+MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -44,6 +45,7 @@ CONSTANTS = {
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
     "SHADOW_REACH": SHADOW_REACH,
+    "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
     "SHADOW_GRID": SHADOW_GRID,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
@@ -140,6 +142,11 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("float", "high", 3, "of its position relative to the casters' origin, in the units of shadows, times w"),
         ("float", "w", 1, "1, a smaller power of two for a distant light, 0 for a directional one: toward it"),
         ("float", "low", 3, "what rounding leaves of the position"),
+        ("int", "pad", 1, ""),
+    ],
+    "Casters": [
+        ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
+        ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
         ("int", "pad", 1, ""),
     ],
     "Material": [
@@ -280,6 +287,7 @@ class Structs(NamedTuple):
     Piece: np.dtype
     Light: np.dtype
     ShadowLight: np.dtype
+    Casters: np.dtype
     Material: np.dtype
     Environment: np.dtype
     Texture: np.dtype

@@ -108,7 +108,7 @@ class ExactShadows:
         may &= (direct[0] & ~near_must) | (central[0] & near_may)
         must &= (direct[1] | near_must) & (central[1] | ~near_may)
         for k in range(3):
-            edge = _cross(self.corners[:, k] - point, self.corners[:, (k + 1) % 3] - point)
+            edge = _cross(self.corners[:, k] - point, self.corners[:, (k + 1) % 3] - self.corners[:, k])
             passes = signs(*_dot(edge, toward), _ONE)
             products = [x * y for x in of_light for y in passes]
             may &= np.any([p >= 0 for p in products], axis=0)
