@@ -17,13 +17,13 @@ from .shadow_rays import WORKLOADS
 from .shadow_results import LightTimes, ShadowTimes
 from .tables import TARGETS, paths, verdict_row
 
-RATES = ("scene", "light", "rays", "dark", "our Mrays/s", "Embree's", "times as fast", "by medians", "95 %", "turns")
+RATES = ("scene", "light", "rays", "dark", "our Mrays/s", "Embree's", "ratio", "of medians", "95 %", "turns")
 BUILDS = ("scene", "triangles", "our build, ms", "Embree's", "our bytes a triangle", "Embree's")
 ANSWERS = ("scene", "light", "differ", "decided", "ties", "ours wrong", "Embree wrong", "of the others", "wrong")
 NOTES = (
     "rays: from what each pixel shows to the light, where it shines on that side of the face; blocks of 4x4 pixels; both "
     "traced in turns in a process that has one processor",
-    "Mrays/s: of the fastest turn; by medians: ratio of the medians, with its bootstrap interval",
+    "Mrays/s: of the fastest turn; of medians: their ratio with its bootstrap interval",
     "build: the fastest; Embree's bytes: by which its process grew when it first built, what it needs to build included",
     "decided: exactly, in integers, of the rays on which both differ, evenly spread; ties: where a change by 2^-40 of the "
     "lengths changes the answer; of the others: rays on which both agree, decided likewise",
