@@ -1,0 +1,144 @@
+"""The shadow rays of real images: what the pixels of a scene show, block by block, and the lights that may reach it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ...base.arrays import Array, Bools, Faces, Floats
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import render
+from ...scene.builtin.scenes import builtin
+from ...scene.camera import Camera
+from ...scene.geometry import camera_axes
+from ...scene.lights import plain_lights
+from ...scene.model import Scene
+from .workloads import HD, knot
+
+SIDE = 4  # pixels of a block, across and down
+NOBODY = -1  # face of a lane without a ray
+
+
+@dataclass(frozen=True, eq=False)
+class ShadowWorkload:
+    """A scene whose shadow rays are traced. at_least: least speedup over Embree."""
+
+    name: str
+    about: str
+    make: Callable[[], Scene]
+    at_least: float
+
+
+WORKLOADS = (
+    ShadowWorkload("teapot", "the built-in teapot, 800x600", partial(builtin, "teapot"), 2.0),
+    ShadowWorkload("knot", "torus knot of a million triangles, 1920x1080", partial(knot, 10**6, HD), 1.5),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Receivers:
+    """Points that one light may reach. Lane k of block i is a pixel of a square of SIDE x SIDE pixels, row by row.
+
+    points: (B, 16, 3), world space; 0 in lanes without a ray. faces: (B, 16), the face that each lies on, NOBODY
+    in lanes without a ray. light: (3,), position.
+    """
+
+    points: Floats
+    faces: Faces
+    light: Floats
+
+    @property
+    def asked(self) -> Bools:
+        """(B, 16): lanes with a ray."""
+        lanes: Bools = self.faces != NOBODY
+        return lanes
+
+
+def triangles(scene: Scene) -> tuple[Floats, Faces]:
+    """Return the vertices (V, 3) of all meshes and instances in world space, and the faces (F, 3) in the order in which
+    the layer `id` counts them."""
+    verts: list[Floats] = []
+    faces: list[Faces] = []
+    count = 0
+    for mesh in scene.meshes:
+        for placement in np.asarray(mesh.instances):
+            placed = mesh.verts.astype(np.float64)
+            if (placement != np.eye(4)).any():
+                placed = placed @ placement[:3, :3].T + placement[:3, 3]
+            verts.append(placed)
+            faces.append(mesh.faces + np.int32(count))
+            count += len(placed)
+    return np.concatenate(verts), np.concatenate(faces)
+
+
+def receivers(scene: Scene, device: Device) -> Iterator[Receivers]:
+    """Draw the scene, and yield for each light the visible points on faces that it shines on.
+
+    A face counts if light and camera are strictly on the same side of its plane. Blocks without a ray are left out.
+    """
+    camera = scene.camera
+    owners = render(scene, device=device, samples=1, layers=("id",))["id"].astype(np.int32) - 1
+    verts, faces = triangles(scene)
+    shown = owners >= 0
+    corners = verts[faces[owners[shown]]]
+    rays, origins = pixel_rays(camera)
+    points = np.zeros((*owners.shape, 3))
+    points[shown] = _on_face(origins[shown], rays[shown], corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards_camera = _height(normals, origins[shown] - corners[:, 0])
+    for light in plain_lights("bench", scene.lights):
+        facing = np.zeros(owners.shape, bool)
+        facing[shown] = towards_camera * _height(normals, light.position - corners[:, 0]) > 0.0
+        in_blocks = blocks(np.where(facing, owners, NOBODY))
+        kept = (in_blocks != NOBODY).any(axis=1)
+        yield Receivers(blocks(np.where(facing[..., None], points, 0.0))[kept], in_blocks[kept], light.position)
+
+
+def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
+    """Return directions and origins, (M, N, 3) each, of the rays through the pixels' centers, row 0 at the top."""
+    (height, width), (columns, rows) = camera.plane, camera.resolution
+    x = ((np.arange(columns) + 0.5) / columns - camera.principal[0]) * width
+    y = ((rows - np.arange(rows) - 0.5) / rows - camera.principal[1]) * height
+    across, up = np.broadcast_arrays(x, y[:, None])
+    axes = camera_axes(camera)
+    if camera.orthographic:
+        origins = camera.eye + across[..., None] * axes[0] + up[..., None] * axes[1]
+        return np.broadcast_to(axes[2], origins.shape), origins
+    forward = np.full_like(across, camera.focal)
+    rays = np.stack([across, up, forward], axis=-1) @ axes
+    return rays, np.broadcast_to(camera.eye, rays.shape)
+
+
+def _on_face(origins: Floats, rays: Floats, corners: Floats) -> Floats:
+    """Return where rays (K, 3) meet the planes of triangles (K, 3, 3): if outside of its triangle, as the image's grid
+    of 1/256 px allows, the point whose negative barycentric coordinates are 0 instead."""
+    a, b, c = corners.swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    along = _height(normals, a - origins) / _height(normals, rays)
+    points = origins + along[:, None] * rays
+    opposite = ((b, c), (c, a), (a, b))
+    weights = np.stack([_height(normals, np.cross(p - points, q - points)) for p, q in opposite], axis=1)
+    outside = (weights < 0.0).any(axis=1)
+    inner = np.maximum(weights[outside], 0.0)
+    inner /= inner.sum(axis=1, keepdims=True)
+    points[outside] = np.einsum("kc,kcx->kx", inner, corners[outside])
+    return points
+
+
+def _height(normals: Floats, offsets: Floats) -> Floats:
+    """Return the dot products of rows (K, 3)."""
+    products: Floats = np.einsum("kx,kx->k", normals, offsets)
+    return products
+
+
+def blocks(image: Array) -> Array:
+    """Return an image (M, N, ...) as blocks (B, 16, ...), row by row; pixels beyond its edges are NOBODY or 0."""
+    rows, columns = image.shape[:2]
+    beyond = [(0, -rows % SIDE), (0, -columns % SIDE), *[(0, 0)] * (image.ndim - 2)]
+    padded = np.pad(image, beyond, constant_values=NOBODY if image.ndim == 2 else 0)
+    high, wide = padded.shape[0] // SIDE, padded.shape[1] // SIDE
+    parts = padded.reshape(high, SIDE, wide, SIDE, *image.shape[2:]).swapaxes(1, 2)
+    return np.ascontiguousarray(parts.reshape(high * wide, SIDE * SIDE, *image.shape[2:]))
