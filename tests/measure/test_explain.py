@@ -219,13 +219,12 @@ def unneeded(shader: str, *needed: str, names: Sequence[str] = OPTIONAL) -> list
     return [(shader, {*needed}, each) for each in covering([name for name in names if name not in needed])]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("shader", "needed", "names"),
-    long_but_first(
-        unneeded("nolight")
-        + unneeded("phong", "LIT", "DIFFUSE")
-        + unneeded("gouraud", "LIT", "DIFFUSE", "SORTED", names=sorted(OF_CORNERS))
-    ),
+    unneeded("nolight")
+    + unneeded("phong", "LIT", "DIFFUSE")
+    + unneeded("gouraud", "LIT", "DIFFUSE", "SORTED", names=sorted(OF_CORNERS)),
     ids=lambda value: f"{len(value)} features" if isinstance(value, set) else value,
 )
 def test_features_that_are_not_needed_change_no_bit(device, names, shader, needed):

@@ -63,6 +63,7 @@ def compiled(code: str, folder: Path, opened: Device) -> dict[str, list[str]]:
     return called_builtins(folder)
 
 
+@pytest.mark.long
 def test_kernels_call_no_builtin_function(tmp_path: Path, opened: Device) -> None:
     calls = compiled(DRAWING + EVERYDAY, tmp_path, opened)
     assert {"project", "setup", "phong", "gouraud"} <= calls.keys()

@@ -178,7 +178,7 @@ PARALLEL = replace(lit.CAMERA, orthographic=True, plane=(4.0, 5.0), principal=(0
     [
         {"interpolation": "affine"},
         {"camera": PARALLEL},
-        {"shader": "phong"},
+        pytest.param({"shader": "phong"}, marks=pytest.mark.long),
         pytest.param({"shader": "gouraud", "precision": "float64"}, marks=pytest.mark.long),
         pytest.param({"camera": PARALLEL, "precision": "float64"}, marks=pytest.mark.long),
         pytest.param({"interpolation": "affine", "precision": "float64"}, marks=pytest.mark.long),

@@ -149,6 +149,7 @@ def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, nam
 SHARED = {"VERTEX_COLORS", "TEXTURED", "UV_INDICES", "NORMAL_INDICES", "TWO_SIDED", "POWER", "BACKGROUND", "MATERIALS"}
 
 
+@pytest.mark.long
 def test_pictures_of_valid_files(device):
     """The visible triangles; and every pixel is finite."""
     seen, ids = {}, {}
