@@ -108,7 +108,7 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
             return found
         return replace(found, lights=with_lights(replace(played.scene, lights=found.lights), arguments).lights)
 
-    return draw(arguments, scene, {frame: camera(frame) for frame in numbers}, _Frames(numbers, pose))
+    return draw(arguments, scene, _Frames(numbers, camera), _Frames(numbers, pose))
 
 
 def _rate(arguments: argparse.Namespace) -> float:
