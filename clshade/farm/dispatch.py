@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import queue
 import time
+import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -134,9 +135,11 @@ class Dispatcher:
         tasks = [flight.task for flight in flights]
         workers = None if allowed is None else sorted(allowed)
         try:
-            futures: list[Future[Any]] = self._client.map(
-                self._draw, [self._name] * len(tasks), tasks, key=keys, pure=False, workers=workers
-            )
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Sending large graph", UserWarning)  # a pose goes to one worker, once
+                futures: list[Future[Any]] = self._client.map(
+                    self._draw, [self._name] * len(tasks), tasks, key=keys, pure=False, workers=workers
+                )
         except Exception as error:
             raise self._gone() from error
         for flight, future in zip(flights, futures, strict=True):

@@ -109,6 +109,13 @@ def test_rotations_turn_evenly_on_the_shorter_arc(tmp_path, sign):
         np.testing.assert_allclose(instance(path, time=time)[:2, :2], expected, atol=1e-7)
 
 
+def test_the_lengths_of_quaternions_do_not_count(tmp_path):
+    turns = np.array([np.multiply(5, turn(0)), np.multiply(0.1, turn(90))], np.float32)
+    path = animated((0, "rotation", np.array([0, 3], np.float32), turns, "LINEAR")).glb(tmp_path / "a.glb")
+    angle = math.radians(30)
+    np.testing.assert_allclose(instance(path, time=1)[:2, 0], [math.cos(angle), math.sin(angle)], atol=1e-7)
+
+
 @pytest.mark.parametrize("degrees", [0.0, 1e-12, 1e-6, 1.0, 179.0, 180.0])
 def test_slerp_is_exact_for_every_angle(degrees):
     before, after = (np.array(turn(each, (1, 2, 3))) for each in (0.0, degrees))

@@ -169,10 +169,10 @@ def test_flat_normals_are_those_of_the_pose(tmp_path):
 
 def test_a_mirrored_skin_keeps_its_front(tmp_path):
     document = bar()
-    document.json["nodes"][0]["scale"] = [1, 1, -1]
+    document.json["nodes"][0] |= {"scale": [1, 1, -1], "translation": [0, 3, 4]}
     (mesh,) = quietly(document.glb(tmp_path / "a.glb")).meshes
     (matrix,) = mesh.instances
-    np.testing.assert_allclose(world(mesh), [[x, y, 0] for y in (0, 1, 2) for x in (-0.1, 0.1)], atol=1e-7)
+    np.testing.assert_allclose(world(mesh), [[x, y, 4] for y in (3, 4, 5) for x in (-0.1, 0.1)], rtol=1e-6)
     assert np.linalg.det(matrix[:3, :3]) < 0.0  # as for a placement that mirrors: winding is reversed
     inverse_transpose = np.linalg.inv(matrix[:3, :3]).T
     assert (mesh.normals @ inverse_transpose.T).tolist() == [[0, 0, -1]] * 6

@@ -93,9 +93,8 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
     console.note(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
     numbers = _numbers(frames, arguments, count, "are of the animation", "these")
     stage = arranged(played.stage, arguments)
-    extent = len(played.scene.meshes)  # the number of what only `stage` has
-    own = len(played.stage.meshes) - extent
-    scene = replace(stage, meshes=(*stage.meshes[:extent], *stage.meshes[extent + own :]))
+    shared, staged = len(played.scene.meshes), len(played.stage.meshes)
+    scene = replace(stage, meshes=(*stage.meshes[:shared], *stage.meshes[staged:]))  # the last may be a ground
 
     def camera(frame: int) -> Camera:
         if played.scene.fitted or arguments.fit:
@@ -105,15 +104,15 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
 
     def pose(frame: int) -> Pose:
         found = played.poses[frame]
-        if found.lights is None or arguments.environment == "none":
+        if found.lights is None:
             return found
         return replace(found, lights=with_lights(replace(played.scene, lights=found.lights), arguments).lights)
 
-    return draw(arguments, scene, {frame: camera(frame) for frame in numbers}, _Frames(numbers, pose))
+    return draw(arguments, scene, _Frames(numbers, camera), _Frames(numbers, pose))
 
 
 def _rate(arguments: argparse.Namespace) -> float:
-    """Return how many frames a second of the animation has; of a file of its own, `draw` checks what --fps says."""
+    """Return how many frames a second of the animation has. Raises InputError for a rate that is no number above 0."""
     if arguments.fps is None:
         return FPS
     try:

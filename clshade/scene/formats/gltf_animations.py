@@ -93,7 +93,7 @@ def slerp(t: float, before: Floats, after: Floats) -> Floats:
     angle = 2.0 * math.atan2(float(np.linalg.norm(after - before)), float(np.linalg.norm(after + before)))
     if angle < 1e-9:
         return unit((1.0 - t) * before + t * after)
-    return unit((math.sin((1.0 - t) * angle) * before + math.sin(t * angle) * after) / math.sin(angle))
+    return unit(math.sin((1.0 - t) * angle) * before + math.sin(t * angle) * after)
 
 
 def unit(quaternion: Floats) -> Floats:
