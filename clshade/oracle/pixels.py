@@ -205,8 +205,8 @@ def _seen(
 
 @dataclass(frozen=True, eq=False)
 class Unhidden:
-    """What share of each light arrives, (L, ...); of one of finite size that of each point. changes: by how much rounding may
-    change it, over how far it may turn a direction. doubtful: what arrives where either answer is right, else 0."""
+    """What share of each light arrives, (L, ...); of one of finite size that of each point. changes: by how much rounding
+    may change it, over how far it may turn a direction. doubtful: what arrives where either answer is right, else 0."""
 
     share: Floats
     changes: Floats
