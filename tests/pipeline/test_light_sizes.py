@@ -273,8 +273,8 @@ def test_shadows_against_the_oracle(device, options):
 
 
 def test_a_penumbra_in_closed_form(device):
-    """Below the edge of a half-plane at half the height of a rectangle, the lit part of the light grows linearly from one end
-    of the penumbra, as wide as the light, to the other."""
+    """Below the edge of a half-plane at half the height of a rectangle, the lit part of the light grows linearly from one
+    end of the penumbra, as wide as the light, to the other."""
     half = Mesh([[0, -30, 1], [0, 30, 1], [-60, 0, 1]], [[0, 1, 2]], material=MATTE)
     light = RectangleLight((0, 0, 2), (0.5, 0, 0), (0, -0.5, 0))
     open_ = lit_by(light, material=MATTE)
