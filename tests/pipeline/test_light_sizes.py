@@ -235,3 +235,71 @@ def test_neighbors_complement_each_other(device):
     means = error.reshape(6, 4, 6, 4).mean(axis=(1, 3))
     assert error.std() > 1e-3
     assert np.sqrt((means**2).mean()) < 0.5 * error.std() / 4.0
+
+
+# Shadows: each point of a light casts its own.
+
+
+def roofed(light, material: Material = GLOSSY) -> Scene:
+    """Return the floor below a small roof of two triangles."""
+    roof = Mesh([[-0.5, -0.5, 0.4], [0.6, -0.5, 0.4], [0.1, 0.6, 0.5], [-1, 1, 0.2]], [[0, 1, 2], [0, 2, 3]])
+    scene = lit_by(light, material=material)
+    return replace(scene, meshes=(*scene.meshes, replace(roof, material=material)))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        pytest.param({"shader": "gouraud"}, marks=pytest.mark.long),
+        pytest.param({"shader": "pbr"}, marks=pytest.mark.long),
+        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
+        pytest.param({"precision": "fast"}, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
+def test_shadows_against_the_oracle(device, options):
+    if options.get("precision") == "float64":
+        needs_float64(device)
+    for light in LIGHTS.values():
+        frame = draw(device, roofed(light), shadows=True, light_samples=3, **options)
+        expected = oracle.render(frame.scene, frame.settings)
+        found = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+        assert found.bounds < (3.0 if "precision" not in options else np.inf)
+        assert (expected.jump > 0.0).any(
+            axis=-1
+        ).mean() < 0.05  # where either answer is right, highlights' gates included
+        assert ((draw(device, roofed(light), **options).rgb > 1.1 * frame.rgb).any(axis=-1)).mean() > 0.02
+
+
+def test_a_penumbra_in_closed_form(device):
+    """Below the edge of a half-plane at half the height of a rectangle, the lit part of the light grows linearly from one
+    end of the penumbra, as wide as the light, to the other."""
+    half = Mesh([[0, -30, 1], [0, 30, 1], [-60, 0, 1]], [[0, 1, 2]], material=MATTE)
+    light = RectangleLight((0, 0, 2), (0.5, 0, 0), (0, -0.5, 0))
+    open_ = lit_by(light, material=MATTE)
+    camera = replace(CAMERA, eye=(0, 0, 0.9), focal=0.45, resolution=(21, 21))  # below the half-plane
+    hidden = replace(open_, meshes=(*open_.meshes, half), camera=camera)
+    ratio = (
+        draw(device, hidden, shadows=True, light_samples=256).rgb[10, :, 0]
+        / draw(device, replace(open_, camera=camera), light_samples=256).rgb[10, :, 0]
+    )
+    x = (np.arange(21) + 0.5 - 10.5) / 21 * 2.0  # on the floor
+    weight = np.clip(0.5 + x, 0.0, 1.0)
+    assert np.abs(ratio - weight)[np.abs(x) < 0.05].max() < 0.05
+    assert (ratio[x < -0.5] == 0.0).all()
+    assert ratio[x > 0.5] == pytest.approx(1.0, abs=1e-6)
+    assert (np.diff(ratio) > -0.01).all()
+
+
+def test_a_tiny_sphere_casts_the_shadow_of_a_point(device):
+    point = draw(device, roofed(PointLight((0.31, -0.23, 2.0))), shadows=True)
+    sphere = draw(device, roofed(PointLight((0.31, -0.23, 2.0), radius=1e-6)), shadows=True, light_samples=2)
+    assert (np.abs(point.rgb - sphere.rgb).max(axis=-1) < 1e-4).mean() > 0.998
+
+
+@pytest.mark.parametrize("lanes", [pytest.param(lanes, marks=pytest.mark.long) for lanes in OTHER_LANES])
+def test_lanes_do_not_change_a_bit_of_shadows(device, lanes):
+    scene = replace(roofed(LIGHTS["sphere"]), lights=tuple(LIGHTS.values()))
+    options = {"shadows": True, "light_samples": 3}
+    assert same_bits(draw(device, scene, **options), draw(device, scene, lanes=lanes, **options))
