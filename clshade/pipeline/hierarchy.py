@@ -34,7 +34,9 @@ class CasterFrame:
 
     @classmethod
     def around(cls, vertices: Floats) -> CasterFrame:
-        """Return the frame of vertices (V, 3) float64, finite."""
+        """Return the frame of vertices (V, 3) float64, of which those count that are finite."""
+        if not np.isfinite(vertices.sum()):
+            vertices = vertices[np.isfinite(vertices).all(axis=1)]
         if not len(vertices):
             return cls(np.zeros(3), 1.0)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -46,8 +48,8 @@ class CasterFrame:
     def pairs(self, positions: Floats) -> Floats32:
         """Return positions (K, 3) in this frame to the nearest multiple of SHADOW_GRID, (K, 6) float32: the rounded
         coordinates, then what rounding leaves of them."""
-        on_grid = np.rint((positions - self.origin) * (self.unit / SHADOW_GRID)) * SHADOW_GRID
-        return split(on_grid)
+        with np.errstate(invalid="ignore"):
+            return split(np.rint((positions - self.origin) * (self.unit / SHADOW_GRID)) * SHADOW_GRID)
 
     def light(self, position: Floats) -> Array:
         """Return a homogeneous position (4,) float64 as a row of structs.ShadowLight: w is 0 for a directional light,

@@ -1,0 +1,219 @@
+"""The hierarchy of casters: its tree, and shadow rays through it against all triangles one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, soup, sphere
+from kernel_stages import OTHER_LANES, mask
+
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.hierarchy import CasterFrame, Hierarchy, ShadowRays
+from clshade.pipeline.programs import build_text
+from clshade.pipeline.struct_layout import SHADOW_REACH
+
+Array = np.ndarray
+ONE_BY_ONE = """
+#include "shadow_predicate.clh"
+
+kernel void one_by_one(global const float *points, global const int *receivers, global const float *vertices,
+                       global const int *faces, global const ShadowLight *lights, global int *dark, int face_count,
+                       int stride)
+{
+    int first = get_global_id(0) * LANES;
+    float_pair3 point;
+    ShadowReceiver at;
+#define POINTS(k) TO_REALS(LOAD_LANES(points + (size_t)(k) * stride + first))
+    at.point.x.high = POINTS(0), at.point.y.high = POINTS(1), at.point.z.high = POINTS(2);
+    at.point.x.low = POINTS(3), at.point.y.low = POINTS(4), at.point.z.low = POINTS(5);
+    at.face = TO_INTS(LOAD_LANES(receivers + first));
+    ShadowLight light = lights[0];
+    ShadowRay ray;
+    fixeds asked = TO_FIXEDS(at.face) >= 0, hit = (fixeds)(0);
+    shadow_ray(&ray, &at, &light, vertices, faces, asked);
+    for (int triangle = 0; triangle < face_count; ++triangle)
+        hit |= casts_shadow(&ray, light.w, vertices, faces, triangle, asked);
+    STORE_LANES(hit ? (fixeds)(1) : (fixeds)(0), dark + first);
+}
+"""
+
+
+def one_by_one(device, hierarchy: Hierarchy, rays: ShadowRays) -> Array:
+    """Return whether rays meet any triangle, by the predicate alone."""
+    program = build_text(device, mask(), ONE_BY_ONE, lanes=16)
+    count = len(rays.receivers.array)
+    dark = Buffer.empty(device, count, np.int32)
+    buffers = (rays.points, rays.receivers, hierarchy.vertices, hierarchy.faces, rays.light, dark)
+    numbers = np.int32(len(hierarchy.faces.array)), np.int32(count)
+    program["one_by_one"].set_args(*(buffer.memory for buffer in buffers), *numbers)
+    cl.enqueue_nd_range_kernel(device.queue, program["one_by_one"], (count // 16,), (1,))
+    return dark.to_host() != 0
+
+
+def of_all_sizes(seed: int = 1) -> Mesh:
+    """Return triangles from 1e-5 to 3 across."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-5.0, 0.5, (300, 1, 1))
+    return (rng.normal(size=(300, 1, 3)) + size * rng.normal(size=(300, 3, 3))).reshape(-1, 3), np.arange(900).reshape(
+        -1, 3
+    )
+
+
+def crumpled(side: int = 16) -> Mesh:
+    """Return a lattice with heights: close receivers and casters, as in images."""
+    vertices, faces = lattice(side)
+    vertices[:, 2] = 0.1 * np.random.default_rng(2).random(len(vertices))
+    return vertices, faces
+
+
+def neighbors(mesh: Mesh, count: int, seed: int = 3) -> tuple[Array, Array]:
+    """Return points of which 16 in sequence lie on a face."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = mesh
+    chosen = np.repeat(rng.integers(0, len(faces), count // 16), 16)
+    weights = rng.dirichlet([1.0, 1.0, 1.0], len(chosen))
+    return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
+
+
+MESHES = {
+    "soup": soup(200),
+    "of all sizes": of_all_sizes(),
+    "crumpled": crumpled(),
+    "closed": joined(sphere(12, 16), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
+    "boxes side by side": joined(*(moved(box(), by, 0.25) for by in np.arange(8) * 0.5)),
+}
+
+
+def lights_for(mesh: Mesh) -> list[Array]:
+    rng = np.random.default_rng(4)
+    near = [[*(2.0 * rng.normal(size=3)), 1.0] for _ in range(4)]
+    lights = [*near, [3e9, 2e9, -1e9, 1.0], [0.2, -0.3, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1e-6, 1.0]]
+    lights += [[*mesh[0][5], 1.0], [*mesh[0][mesh[1][3]].mean(axis=0), 1.0], [1e3, 0.25, 0.25, 1.0]]
+    return [np.array(light) for light in lights]
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_the_same_as_one_by_one(device, mesh):
+    hierarchy = Hierarchy(device, *mesh)
+    for light in lights_for(mesh):
+        for points in (random_points(mesh, 1600), border_points(mesh, 800), neighbors(mesh, 1600)):
+            rays = hierarchy.rays(*points, light)
+            hierarchy.trace(rays)
+            found = rays.dark.to_host() != 0
+            wrong = np.flatnonzero(found != one_by_one(device, hierarchy, rays))
+            assert not len(wrong), (light, wrong[:9], found[wrong[:9]])
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_packets_of_any_size(device, lanes):
+    for mesh in MESHES.values():
+        for light in lights_for(mesh):
+            points = neighbors(mesh, 3200)
+            found = [Hierarchy(device, *mesh, lanes=each).shadowed(*points, light) for each in (16, lanes)]
+            assert np.array_equal(*found)
+
+
+def cage(offset: float) -> tuple[Mesh, Array]:
+    """Return closed meshes one within another over a ground, whose two faces are the last, and a point within all."""
+    rotation, _ = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))
+    turned = box()[0] @ rotation.T * 0.6, box()[1]
+    ground = np.array([[-40.0, -40, -3], [40, -40, -3], [40, 40, -3], [-40, 40, -3]])
+    mesh = joined(sphere(), turned, (ground, np.array([[0, 1, 2], [0, 2, 3]])))
+    return (mesh[0] + offset, mesh[1]), np.array([0.05, 0.02, 0.1]) + offset
+
+
+def leaks(device, shell: Mesh, mesh: Mesh, light: Array, count: int) -> tuple[int, int]:
+    """Return how many rays, along edges and through vertices of a shell around the light to the ground, are not hidden,
+    and how many there are."""
+    at, _ = border_points(shell, count, 9)
+    down = at[:, 2] < light[2] - 0.1
+    toward = at[down] - light
+    floor = mesh[0][mesh[1][-1, 0], 2]
+    points = light + toward * ((floor - light[2]) / toward[:, 2])[:, None]
+    points[:, 2] = floor
+    corner = mesh[0][mesh[1][-2, 0]]
+    inside = (np.abs(points[:, :2] - (corner[:2] + 40.0)) < 39.0).all(axis=1)
+    local = points[inside] - corner
+    faces = np.where(local[:, 1] <= local[:, 0], len(mesh[1]) - 2, len(mesh[1]) - 1)
+    dark = Hierarchy(device, *mesh).shadowed(points[inside], faces, np.array([*light, 1.0]))
+    return int(np.count_nonzero(~dark)), len(dark)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3, 1e9])
+@pytest.mark.parametrize("count", [20_000, pytest.param(1_500_000, marks=pytest.mark.long)])
+def test_closed_meshes_do_not_leak(device, offset, count):
+    """Each shell by itself, so that no other hides the ray."""
+    (vertices, faces), light = cage(offset)
+    ground = faces[-2:]
+    total = 0
+    for first, last in ((0, 80), (80, 92)):
+        shell = vertices, faces[first:last]
+        lost, rays = leaks(device, shell, (vertices, np.concatenate([shell[1], ground])), light, count)
+        assert lost == 0
+        total += rays
+    assert total > 0.4 * count
+
+
+# The tree
+
+
+def leaves_of(hierarchy: Hierarchy) -> tuple[Array, Array]:
+    """Return corners (L, 16, 3, 3) and faces (L, 16) of the leaves."""
+    rows = hierarchy.leaves.to_host().reshape(-1, 10, 16)
+    return rows[:, :9].transpose(0, 2, 1).reshape(-1, 16, 3, 3), np.ascontiguousarray(rows[:, 9]).view(np.int32)
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 256, 257, 4096, 4097])
+def test_tree(device, count):
+    """Every triangle is in one leaf, every box is that of what lies below."""
+    mesh = soup(count)
+    hierarchy = Hierarchy(device, *mesh)
+    corners, faces = leaves_of(hierarchy)
+    assert np.array_equal(np.unique(faces), np.arange(count))
+    assert len(faces) == -(-count // 16)
+    assert np.array_equal(corners, hierarchy.vertices.array[:, :3][mesh[1]][faces])
+    table = hierarchy.casters.array[0]
+    boxes = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
+    for level in range(table["levels"]):
+        first, size = table["first_node"][level], -(-len(boxes) // 16)
+        nodes = hierarchy.nodes.array[first : first + size].reshape(-1, 2, 3, 16).transpose(0, 3, 1, 2)
+        children = nodes.reshape(-1, 2, 3)
+        assert np.array_equal(children[: len(boxes)], boxes)
+        assert (children[len(boxes) :, 0] > children[len(boxes) :, 1]).all()
+        boxes = np.stack([nodes[:, :, 0].min(axis=1), nodes[:, :, 1].max(axis=1)], axis=1)
+    assert len(boxes) == 1
+
+
+def test_memory(device):
+    assert Hierarchy(device, *sphere(50, 100)).nbytes <= 64 * 9800
+
+
+def test_triangles_that_cast_nothing(device):
+    """Those with two equal corners or one that is not finite are left out, the others stay."""
+    vertices, faces = box()
+    vertices = np.concatenate([vertices, [[np.nan, 0, 0], [0, np.inf, 0]]])
+    faces = np.concatenate([faces, [[0, 1, 8], [9, 2, 3], [0, 0, 1], [1, 2, 1]]])
+    hierarchy = Hierarchy(device, vertices, faces)
+    assert np.array_equal(np.unique(leaves_of(hierarchy)[1]), np.arange(12))
+    point = np.array([[0.0, 0.0, -1.0]])
+    assert hierarchy.shadowed(point, [0], np.array([0.0, 0.0, 3.0, 1.0])).all()
+
+
+def test_no_casters(device):
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    hierarchy = Hierarchy(device, vertices, np.array([[0, 0, 1]]))
+    assert not hierarchy.shadowed(np.zeros((20, 3)), np.zeros(20, int), np.array([0.0, 0.0, 1.0, 1.0])).any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e9])
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+def test_frame(offset, scale):
+    """Coordinates fill the range, and are within half a unit of the grid of what they stand for."""
+    vertices = (np.random.default_rng(5).normal(size=(100, 3)) * [1.0, 0.1, 0.01] + offset) * scale
+    frame = CasterFrame.around(vertices)
+    pairs = frame.pairs(vertices).astype(np.float64)
+    found = pairs[:, :3] + pairs[:, 3:]
+    assert SHADOW_REACH / 2 <= np.abs(found).max() <= SHADOW_REACH
+    assert np.array_equal(found * 2.0**31, np.rint(found * 2.0**31))
+    assert np.abs(found - (vertices - frame.origin) * frame.unit).max() <= 2.0**-32
