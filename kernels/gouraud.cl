@@ -41,6 +41,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     }
     for (int k = 0; k < 3; ++k) {
         real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES];
+#if SHADOWS
+        real bend[LANES];
+#endif
         for (int lane = 0; lane < LANES; ++lane) {
 #if CENTROID
             real4 point = centroid_of(in, face[lane]);
@@ -58,6 +61,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             real4 color = (real4)(1.0f);
 #endif
             p[0][lane] = point.x, p[1][lane] = point.y, p[2][lane] = point.z;
+#if SHADOWS
+            bend[lane] = fabs(normal.w);
+#endif
             n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
             c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
             position[lane] = HAS_POSITIONS ? color.w : 0.0f;
@@ -67,6 +73,8 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
 #if SHADOWS
         see_corner_receivers(&at, in, shown, k);
+        at.smooth = at.normal;
+        at.bend = LOAD_LANES(bend);
 #endif
         shade(&at, &lighting, 1);
         STORE_LANES(at.color.r, c[0]);

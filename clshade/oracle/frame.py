@@ -82,7 +82,8 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
-    corners = gather(scene, None if settings.scalars is None else settings.scalars.name)
+    named = None if settings.scalars is None else settings.scalars.name
+    corners = gather(scene, named, bent=settings.shadows)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)

@@ -86,7 +86,7 @@ class Batch:
     (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
     gate: see `shade.jumps`. facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the
     corners. maps: per pixel. environment: of the scene, if it has one. seen: what reaches
-    the pixels, or with shader gouraud the corners (U, 3); None without shadows.
+    the pixels, or with shader gouraud the corners (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`.
     """
 
     points: Floats
@@ -109,6 +109,7 @@ class Batch:
     maps: Maps
     environment: Environment | None
     seen: shadows.Visibility | None = None
+    bends: Floats | None = None
 
     def flips(self, color: Floats) -> Floats:
         """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
@@ -175,6 +176,7 @@ def shade_pixels(
         maps=maps(scene, settings, corners, face, weights, steps, condition),
         environment=scene.environment,
         seen=_seen(scene, settings, corners, (used, where), behind, at),
+        bends=corners.bends[used],
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
@@ -214,12 +216,20 @@ class Unhidden:
 
 
 def _unhidden(
-    batch: Batch, point: Floats, normal: Floats, extent: Floats, normal_length: Floats, eye: Floats
+    batch: Batch, point: Floats, normals: tuple[Floats, Floats], extent: Floats, normal_length: Floats, eye: Floats
 ) -> Unhidden | None:
-    """Return what triangles leave of the lights; None without shadows. Arguments as of `shade.conditioning`."""
+    """Return what triangles leave of the lights; None without shadows. normals: the one that is lit, and before a map turned
+    it. Other arguments as of `shade.conditioning`."""
     seen, lights = batch.seen, batch.lights
     if seen is None or not len(lights.positions):
         return None
+    assert batch.bends is not None
+    bend = batch.bends
+    if len(point.shape) == 2:  # pixels
+        mean = blend(batch.weights, batch.bends[batch.where][..., None])[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend = np.nan_to_num(np.minimum(mean / length(normals[1]), shadows.MOST_BEND))
+    at = shadows.Normals(unit(normals[0]), unit(normals[1]), seen.facing, bend)
     share, changes, doubtful = [], [], []
     common = shade.conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), batch.view is not None)
     numbers = [number for number, shape in enumerate(lights.shapes) for _ in range(max(shape.points, 1))]
@@ -228,7 +238,7 @@ def _unhidden(
         kappa = np.fmax(common, shade.light_condition(point, extent, eye, position, batch.view is not None, shape))
         turned = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
         to_light = unit(place_of(point, position, shape) - point)
-        found, least, most = shadows.softened(unit(normal), seen.facing, to_light, turned + seen.off)
+        found, least, most = shadows.softened(at, to_light, turned + seen.off)
         reached, unsure = seen.reached(number, shape.offset, np.nan_to_num(batch.reach * shape.blur, posinf=1e300))
         share.append(np.where(reached | unsure, found, 0.0))
         changes.append(np.where(reached | unsure, (most - least) / turned, 0.0))
@@ -254,7 +264,7 @@ def _gouraud(batch: Batch) -> Shaded:
     normals = np.where(turned[:, None, None], -normals, normals)
     eye = batch.eye(points)
     given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, points, normals, batch.extent[:, None], np.ones(1), eye)
+    unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
     reaching = None if unhidden is None else unhidden.share
     lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes, reaching)
     factor = lit + ka_Ia if batch.tinted else lit
@@ -290,11 +300,12 @@ def _gouraud(batch: Batch) -> Shaded:
 
 @dataclass(frozen=True, eq=False)
 class Interpolated:
-    """What pixels show, (K, 3): point, normal, vertex color, and color; most: the largest magnitude that the color is a mean
-    of. extent, normal_length: (K,), see `shade.conditions`."""
+    """What pixels show, (K, 3): point, normal, the same before a map turned it, vertex color, and color; most: the largest
+    magnitude that the color is a mean of. extent, normal_length: (K,), see `shade.conditions`."""
 
     point: Floats
     normal: Floats
+    smooth: Floats
     vertex_color: Floats
     color: Floats
     most: Floats
@@ -309,12 +320,14 @@ def _interpolated(batch: Batch) -> Interpolated:
     vertex_color = blend(batch.weights, batch.colors[where])
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
+    smooth = normal
     if batch.maps.turned.any():
         normal = turned_normals(normal, batch.tangents[where], batch.weights, batch.turned, batch.maps)
         normal_length = np.where(batch.maps.turned, turned_length(normal, batch.maps, batch.reach), normal_length)
     return Interpolated(
         point=blend(batch.weights, batch.points[where]),
         normal=normal,
+        smooth=smooth,
         vertex_color=vertex_color,
         color=vertex_color * batch.texel.color * batch.mapped.color,
         # Corners whose colors differ in sign are each rounded separately.
@@ -330,7 +343,7 @@ def _phong(batch: Batch) -> Shaded:
     point, normal, color = at.point, at.normal, at.color
     eye = batch.eye(point)
     given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, point, normal, at.extent, at.normal_length, eye)
+    unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
     reaching = None if unhidden is None else unhidden.share
     lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes, reaching)
     factor = lit + surface.ka_Ia if batch.tinted else lit
@@ -380,7 +393,7 @@ def _pbr(batch: Batch) -> Shaded:
     place = at.extent, at.normal_length
     # A texel is right to 8 roundings, a quarter of `reach`, and its place to `slack` texels.
     wear = np.where(found.wear.found, 0.25 + found.wear.slack / batch.reach, 0.0)
-    unhidden = _unhidden(batch, at.point, at.normal, *place, eye)
+    unhidden = _unhidden(batch, at.point, (at.normal, at.smooth), *place, eye)
 
     def reflected(intensities: Floats, reaching: Floats | None) -> microfacet.Reflected:
         return microfacet.reflected(

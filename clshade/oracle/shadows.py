@@ -83,7 +83,7 @@ class Receivers:
     face: Integers
     off: Floats
 
-    def __getitem__(self, index: object) -> Receivers:
+    def __getitem__(self, index: slice | Integers) -> Receivers:
         return Receivers(self.point[index], self.face[index], self.off[index])
 
 
@@ -339,24 +339,48 @@ def visibility(
 # The terminator
 
 
-def softened(normal: Floats, facing: Floats, to_light: Floats, reach: Floats) -> tuple[Floats, Floats, Floats]:
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Unit normals at points (..., 3): turned by a map, interpolated, and of the face's side that is seen. bend: (...) sine
+    of the angle between the interpolated one and those of faces around."""
+
+    turned: Floats
+    smooth: Floats
+    facing: Floats
+    bend: Floats
+
+
+MOST_BEND = 0.5  # of `bend`, which is relative to the length of the interpolated normal
+
+
+def softened(normals: Normals, to_light: Floats, reach: Floats) -> tuple[Floats, Floats, Floats]:
     """Return what share of a light arrives at surfaces whose normals are not those of their faces, (...), and the least and
-    the largest within rounding. normal, facing, to_light: unit, (..., 3). reach: (...) how far cosines may be off.
+    the largest within rounding. to_light: unit, (..., 3). reach: (...) how far cosines may be off.
 
     M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
-    (Ng.L)/(|Ng.N| (N.L)), at most 1. Ng is the normal of the face's side that is seen. The share falls to 0 where the light
-    sinks below the face, whatever N says, and is 1 where N and Ng are the same.
+    (Ng.L)/(|Ng.N| (N.L)), at most 1. Here g is the least of three: of the face's side that is seen, Ng, and the interpolated
+    normal N, so that it falls to 0 where the light sinks below the face; of N and the normal that a map turned it to; and of
+    N and the faces around, whose Ng.L is at least N.L - bend, so that it changes without steps from face to face. It is 1
+    where all of them are the same.
     """
-    none = ~(facing != 0.0).any(axis=-1)
+    facing, normal = normals.facing, normals.smooth
+    flat = (facing != 0.0).any(axis=-1)
     above, along, cosine = dot(facing, to_light), np.abs(dot(facing, normal)), dot(normal, to_light)
+    turned, turned_along = dot(normals.turned, to_light), np.abs(dot(normals.turned, normal))
+    mapped = (normals.turned != normal).any(axis=-1)
 
-    def share(rise: Floats, of_normal: Floats, of_light: Floats) -> Floats:
-        whole = np.maximum(of_normal, 0.0) * np.maximum(of_light, 0.0)
-        g = np.where(rise < whole, rise / np.where(whole > 0.0, whole, 1.0), 1.0)
-        g = np.where(none, 1.0, np.where(rise > 0.0, g, 0.0))
+    def rising(part: Floats, whole: Floats) -> Floats:
+        share = np.where(part < whole, part / np.where(whole > 0.0, whole, 1.0), 1.0)
+        return np.where(part > 0.0, share, 0.0)
+
+    def share(off: Floats | float) -> Floats:
+        """Return the share with all cosines off by this much, in the same sense."""
+        lower, bend = np.maximum(cosine - off, 0.0), np.clip(normals.bend - off, 0.0, MOST_BEND)
+        g = np.where(flat, rising(above + off, np.maximum(along - off, 0.0) * lower), 1.0)
+        g = np.minimum(g, rising(cosine + off - bend, np.maximum(cosine + off, 0.0) * (1.0 - bend)))
+        of_map = rising(cosine + off, np.maximum(turned_along - off, 0.0) * np.maximum(turned - off, 0.0))
+        g = np.where(mapped, np.minimum(g, of_map), g)
         smooth: Floats = g + g * g - g * g * g
         return smooth
 
-    least = share(above - reach, along + reach, cosine + reach)
-    most = share(above + reach, along - reach, cosine - reach)
-    return share(above, along, cosine), least, most
+    return share(0.0), share(-reach), share(reach)

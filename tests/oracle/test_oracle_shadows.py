@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from clshade import builtin
 from clshade.oracle import shadows, signs
 from clshade.oracle.corners import gather
 from clshade.scene.camera import Camera
@@ -220,22 +221,42 @@ def test_points_lie_where_the_rays_meet_the_plane(orthographic):
 # The terminator
 
 
+def share(normal, face, to_light, bend: float = 0.0, turned=None):
+    """Return the share of a light, its least and its largest."""
+    normals = (np.broadcast_to(v, to_light.shape) for v in (normal if turned is None else turned, normal, face))
+    count = to_light.shape[:-1]
+    return shadows.softened(shadows.Normals(*normals, np.full(count, bend)), to_light, np.full(count, 1e-6))
+
+
 def test_the_terminator_is_soft_where_normals_differ_and_absent_where_they_agree():
     up = np.array([0.0, 1.0, 0.0])
     angle = np.linspace(-0.5, np.pi / 2, 60)
     to_light = np.stack([np.cos(angle), np.sin(angle), np.zeros(60)], axis=1)
-    flat = shadows.softened(np.broadcast_to(up, (60, 3)), np.broadcast_to(up, (60, 3)), to_light, np.full(60, 1e-6))
-    assert (flat[0][angle > 0.01] == 1.0).all()
+    assert (share(up, up, to_light)[0][angle > 0.01] == 1.0).all()
     bent = np.array([np.sin(0.3), np.cos(0.3), 0.0])
-    share, least, most = shadows.softened(
-        np.broadcast_to(bent, (60, 3)), np.broadcast_to(up, (60, 3)), to_light, np.full(60, 1e-6)
-    )
-    lit = to_light @ bent > 0.0
-    assert (share[lit & (angle <= 0.0)] == 0.0).all()
-    assert (np.diff(share[angle > 0.0]) >= 0.0).all()
-    assert (share[angle > 0.0][0] > 0.0) & (share[-1] == 1.0)
-    assert (least <= share).all()
-    assert (share <= most).all()
-    from_behind = shadows.softened(up, -up, np.array([0.6, 0.8, 0.0]), np.float64(1e-6))
-    assert from_behind == (0.0, 0.0, 0.0)
-    assert shadows.softened(up, np.zeros(3), np.array([0.6, 0.8, 0.0]), np.float64(1e-6))[0] == 1.0
+    for found in (share(bent, up, to_light), share(bent, bent, to_light, turned=bent, bend=0.2)):
+        assert (found[0][to_light @ bent > 0.999] > 0.99).all()
+        assert (np.diff(found[0]) >= 0.0)[angle[1:] < np.pi / 2 - 0.3].all()
+        assert (found[1] <= found[0]).all()
+        assert (found[0] <= found[2]).all()
+    assert (share(bent, up, to_light)[0][angle <= 0.0] == 0.0).all()
+    assert (share(up, up, to_light, turned=bent)[0][angle < 0.0] == 0.0).all()
+    assert share(up, -up, np.array([[0.6, 0.8, 0.0]]))[0] == 0.0
+    assert share(up, np.zeros(3), np.array([[0.6, 0.8, 0.0]]))[0] == 1.0
+
+
+def test_the_terminator_of_a_smooth_mesh_has_no_steps():
+    """Wherever any face of a sphere turns away from the light nothing arrives, by normals and bends alone: those are the
+    same on both sides of an edge."""
+    corners = gather(builtin("icosphere", level=2), bent=True)
+    to_light = np.array([0.6, 0.64, 0.48])
+    faces = shadows.Casters.of(corners).normals
+    weights = np.random.default_rng(1).dirichlet(np.ones(3), len(faces))
+    mean = (weights[:, :, None] * corners.normals).sum(axis=1)
+    size = np.sqrt((mean * mean).sum(axis=1))
+    bend = (weights * corners.bends).sum(axis=1) / size
+    normals = shadows.Normals(mean / size[:, None], mean / size[:, None], np.zeros_like(mean), bend)
+    arriving = shadows.softened(normals, np.broadcast_to(to_light, mean.shape), np.zeros(len(mean)))[0]
+    assert (arriving[faces @ to_light <= 0.0] == 0.0).all()
+    assert 0.4 < (arriving > 0.0).mean() < 0.5
+    assert (arriving[mean @ to_light > 0.9] > 0.99).all()

@@ -298,7 +298,8 @@ def test_a_tiny_sphere_casts_the_shadow_of_a_point(device):
     assert (np.abs(point.rgb - sphere.rgb).max(axis=-1) < 1e-4).mean() > 0.998
 
 
-@pytest.mark.parametrize("lanes", [pytest.param(lanes, marks=pytest.mark.long) for lanes in OTHER_LANES])
+@pytest.mark.long
+@pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit_of_shadows(device, lanes):
     scene = replace(roofed(LIGHTS["sphere"]), lights=tuple(LIGHTS.values()))
     options = {"shadows": True, "light_samples": 3}

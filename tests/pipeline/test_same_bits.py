@@ -22,7 +22,7 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
-SHADOWED_TEAPOT = "c3e0d93fe426d337"
+SHADOWED_TEAPOT = "e7f7478c1ac6482b"
 # (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {
     ("torus_knot", "samples", 5): "cca50022d326a2d3",
@@ -39,7 +39,7 @@ COMBINED = {
 }
 # A file of glTF by preset; that of `standard` is older than shader pbr.
 SPHERES = {"standard": "2d145a880ca35a5d", "pbr": "153ffa04bd48d5d3"}
-SHADOWED_SPHERES = "d6864a6118ab2b85"  # preset pbr
+SHADOWED_SPHERES = "23d334313d497186"  # preset pbr
 # Other programs of golden images: every number of lanes, with and without light, in either order.
 OTHERS = [
     *((key, {"forced": OPTIONAL}) for key in GOLDEN if key[0] in ("teapot", "course")),
