@@ -172,7 +172,7 @@ def test_tree(device, count):
     corners, faces = leaves_of(hierarchy)
     assert np.array_equal(np.unique(faces), np.arange(count))
     assert len(faces) == -(-count // 16)
-    assert np.array_equal(corners, hierarchy.vertices.array[:, :3][mesh[1]][faces])
+    assert np.array_equal(corners, hierarchy.vertices.array[:, 0, :3][mesh[1]][faces])
     table = hierarchy.casters.array[0]
     boxes = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
     for level in range(table["levels"]):
