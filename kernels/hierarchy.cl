@@ -1,6 +1,7 @@
 // The build of the hierarchy of casters: keys, which the host sorts; leaves of LEAF_TRIANGLES in that order, and their
 // boxes; then the boxes of each level above. A node has NODE_CHILDREN children, whose numbers follow from its own.
 #include "hierarchy.clh"
+#include "shadow_predicate.clh"
 
 // Spreads 12 bits to every third.
 ulong spread(ulong v)
@@ -13,7 +14,7 @@ ulong spread(ulong v)
 
 // A face's key: its class of size, so that large triangles do not widen the boxes of small ones; its place along
 // Morton's curve, 12 bits an axis; its index. NO_CASTER if it has no area or a corner that is not finite.
-kernel void hierarchy_keys(global const float *vertices,  // V x 6
+kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
                            global const int *faces,       // F x 3
                            global ulong *keys,            // F
                            int face_count)                // F
@@ -22,15 +23,16 @@ kernel void hierarchy_keys(global const float *vertices,  // V x 6
     if (i >= face_count)
         return;
     int v[3] = {faces[3 * (size_t)i], faces[3 * (size_t)i + 1], faces[3 * (size_t)i + 2]};
-    global const float *a = vertices + 6 * (size_t)v[0], *b = vertices + 6 * (size_t)v[1], *c = vertices + 6 * (size_t)v[2];
+    global const float *a = vertices + VERTEX_ROW * (size_t)v[0], *b = vertices + VERTEX_ROW * (size_t)v[1];
+    global const float *c = vertices + VERTEX_ROW * (size_t)v[2];
     const float cell = (float)(SHADOW_REACH) / 2048.0f;
     float largest = 0.0f, sum = 0.0f;
     ulong code = 0;
     for (int k = 0; k < 3; ++k) {
-        float low = fmin(a[k], fmin(b[k], c[k])), high = fmax(a[k], fmax(b[k], c[k]));
+        float low = LEAST_OF_TWO(a[k], LEAST_OF_TWO(b[k], c[k])), high = MOST_OF_TWO(a[k], MOST_OF_TWO(b[k], c[k]));
         float place = (0.5f * (low + high) + (float)(SHADOW_REACH)) / cell;
         code |= spread((ulong)clamp((int)place, 0, 4095)) << k;
-        largest = fmax(largest, high - low);
+        largest = MOST_OF_TWO(largest, high - low);
         sum += (a[k] + b[k]) + c[k];
     }
     int drop = v[0] == v[1] || v[1] == v[2] || v[2] == v[0] || !(fabs(sum) <= FLT_MAX);
@@ -63,11 +65,11 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
             // Room that is left repeats the last triangle.
             int face = (int)(keys[min(i * LEAF_TRIANGLES + s, count - 1)] & ((1 << KEY_INDEX_BITS) - 1));
             UNROLL for (int corner = 0; corner < 3; ++corner) {
-                global const float *v = vertices + 6 * (size_t)faces[3 * (size_t)face + corner];
+                global const float *v = vertices + VERTEX_ROW * (size_t)faces[3 * (size_t)face + corner];
                 UNROLL for (int k = 0; k < 3; ++k) {
                     leaf[(3 * corner + k) * LEAF_TRIANGLES + s] = v[k];
-                    low[k] = fmin(low[k], v[k]);
-                    high[k] = fmax(high[k], v[k]);
+                    low[k] = LEAST_OF_TWO(low[k], v[k]);
+                    high[k] = MOST_OF_TWO(high[k], v[k]);
                 }
             }
             leaf[9 * LEAF_TRIANGLES + s] = as_float(face);
@@ -87,8 +89,8 @@ kernel void hierarchy_level(global float *nodes, int first, int above, int below
         global const float *node = nodes + (size_t)(first + i) * NODE_SIZE;
         for (int k = 0; k < 3; ++k)
             for (int child = 0; child < NODE_CHILDREN; ++child) {
-                low[k] = fmin(low[k], node[k * NODE_CHILDREN + child]);
-                high[k] = fmax(high[k], node[(3 + k) * NODE_CHILDREN + child]);
+                low[k] = LEAST_OF_TWO(low[k], node[k * NODE_CHILDREN + child]);
+                high[k] = MOST_OF_TWO(high[k], node[(3 + k) * NODE_CHILDREN + child]);
             }
     }
     store_box(nodes + (size_t)(above + i / NODE_CHILDREN) * NODE_SIZE, i % NODE_CHILDREN, low, high);

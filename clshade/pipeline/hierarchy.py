@@ -35,11 +35,11 @@ class CasterFrame:
     @classmethod
     def around(cls, vertices: Floats) -> CasterFrame:
         """Return the frame of vertices (V, 3) float64, of which those count that are finite."""
-        if not np.isfinite(vertices.sum()):
-            vertices = vertices[np.isfinite(vertices).all(axis=1)]
-        if not len(vertices):
+        low, high = _extremes(vertices)
+        if not np.isfinite([low, high]).all():
+            low, high = _extremes(vertices[np.isfinite(vertices).all(axis=1)])
+        if not (low <= high).all():
             return cls(np.zeros(3), 1.0)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
         origin = low + (high - low) / 2
         reach = float(max((high - origin).max(), (origin - low).max()))
         exponent = math.frexp(reach)[1] if reach > 0.0 else 0
@@ -71,6 +71,17 @@ class CasterFrame:
         return row
 
 
+def _extremes(vertices: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the largest coordinates, (3,) each; infinity and -infinity without vertices."""
+    many = len(vertices) // 64 * 64  # NumPy reduces long rows faster than columns of three
+    low, high = np.full((2, 3), np.inf) * [[1.0], [-1.0]]
+    for part in (vertices[:many].reshape(-1, 64 * 3), vertices[many:]):
+        if len(part):
+            low = np.minimum(low, part.min(axis=0).reshape(-1, 3).min(axis=0))
+            high = np.maximum(high, part.max(axis=0).reshape(-1, 3).max(axis=0))
+    return low, high
+
+
 def split(values: Floats) -> Floats32:
     """Return the float32 nearest to each value, then those nearest to the remainders: (..., 2 N) of (..., N)."""
     high = values.astype(np.float32)
@@ -91,7 +102,9 @@ class Hierarchy:
         self._device, self._lanes = device, lanes
         stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
-        self.vertices = Buffer(device, self.frame.pairs(vertices))
+        rows = np.zeros((len(vertices), 2, 4), np.float32)
+        rows[:, :, :3] = self.frame.pairs(vertices).reshape(-1, 2, 3)
+        self.vertices = Buffer(device, rows)
         self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
         keys = Buffer.empty(device, len(faces), np.uint64)
         stages.hierarchy_keys(self.vertices, self.faces, keys, len(faces))

@@ -45,7 +45,7 @@ class SurfaceInputs(NamedTuple):
     alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
     ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
-    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 6; this and the rest with SHADOWS
+    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 8; this and the rest with SHADOWS
     shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 1; without levels nothing is hidden

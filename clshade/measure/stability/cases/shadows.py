@@ -14,11 +14,10 @@ from .bench import Bench, Case, Outcome, against_oracle, worst
 DARK = Material(ka=0.0, kd=0.8, ks=0.0)
 
 
-def _wall(z: float = -2.0, half: float = 3.0, **fields: object) -> Mesh:
+def _wall(z: float = -2.0, half: float = 3.0) -> Mesh:
     """Return a square across the view, behind what casts shadows on it."""
     corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]]) * (1 + 2.0**-40)
-    given = {"colors": np.full((4, 3), 0.9), "material": lit.MATERIAL, **fields}
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), **given)
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), colors=np.full((4, 3), 0.9), material=lit.MATERIAL)
 
 
 def _casters(count: int = 30) -> Mesh:
