@@ -14,7 +14,8 @@ from clshade.measure.stability.cases.lit import blob, patch
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.model import DirectionalLight, Light, Material, Mesh, PointLight, Scene, SpotLight
+from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.model import DirectionalLight, Light, Material, Mesh, PointLight, Scene, SpotLight, Texture
 
 CAMERA = Camera((0.3, 3.0, 4.5), (0.0, -0.3, 0.0), (0.0, 1.0, 0.0), 1.3, (1.0, 1.0), (61, 61))
 LIGHTS: dict[str, tuple[Light, ...]] = {
@@ -61,6 +62,16 @@ def glass(scene: Scene) -> Scene:
     return replace(scene, meshes=(*others, clear))
 
 
+def mapped() -> Scene:
+    """Return a sheet with a normal map below triangles."""
+    image = np.array([0.5, 0.5, 0.9]) + np.random.default_rng(3).normal(size=(8, 8, 3)) * [0.15, 0.15, 0.02]
+    facets = MetallicRoughness(0.2, 0.5, normal_texture=Texture(np.clip(image, 0.0, 1.0)))
+    flat = patch(size=2.0, cells=5, bend=0.5)
+    lying = flat.verts[:, [0, 2, 1]] * [1.0, 1.0, -1.0] - [0.0, 1.0, 0.0]
+    sheet = Mesh(lying, flat.faces, uvs=flat.verts[:, :2], material=Material(color=(0.8, 0.7, 0.6), pbr=facets))
+    return scene_of("points", sheet, replace(blob(20), verts=0.4 * blob(20).verts + [0.0, 0.3, 0.0]))
+
+
 def two_sided(scene: Scene) -> Scene:
     meshes = (replace(mesh, material=replace(MATERIAL, two_sided=True)) for mesh in scene.meshes)
     return replace(scene, meshes=tuple(meshes))
@@ -78,6 +89,7 @@ CASES = {
     "spot": ({}, lambda: scene_of("spot")),
     "pbr": ({"preset": "pbr"}, scene_of),
     "pbr, sun": ({"preset": "pbr"}, lambda: scene_of("sun")),
+    "normal map": ({"preset": "pbr"}, mapped),
     "samples": ({"samples": 4}, scene_of),
     "every sample": ({"samples": 3, "sample_shading": True}, scene_of),
     "glass": ({}, lambda: glass(scene_of())),
