@@ -38,7 +38,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="CAMERAS.json",
         help='a list such as [{"eye": [0, 1, 5]}, {"eye": [1, 1, 5], "fov": 40}]: frames 1, 2, ... of the scene as it is; '
-        "without it an animation of a glTF file is played: its length at --fps",
+        "without it an animation of a glTF file is played: its length at --fps; with --animation all, of several for one "
+        "property the last counts",
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
