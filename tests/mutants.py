@@ -104,6 +104,8 @@ TESTS = {
     "clshade/scene/formats/gltf_nodes.py": "gltf gltf_refusals gltf_skins gltf_animations limits",
     "clshade/scene/formats/gltf_animations.py": "gltf_animations",
     "clshade/scene/formats/gltf_skins.py": "gltf_skins",
+    "clshade/scene/formats/play.py": "play playing",
+    "clshade/scene/pose.py": "play playing",
     "clshade/scene/formats/gltf_lights.py": "gltf_lights",
     "clshade/scene/formats/gltf_materials.py": "gltf gltf_maps alpha_modes gltf_refusals",
     "clshade/scene/formats/course_npy.py": "course_files limits",

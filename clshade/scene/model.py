@@ -362,6 +362,14 @@ def _more_uvs(who: str, given: Any, uvs: Reals | None) -> tuple[Reals, ...]:
     return found
 
 
+def _texts(who: str, name: str, given: Any) -> tuple[str, ...]:
+    """Return a sequence of texts as a tuple; one text, whose items would be its letters, is refused."""
+    items = None if isinstance(given, str) else sequence(given)
+    if items is None or not all(isinstance(item, str) for item in items):
+        raise value_error(who, name, "a sequence of texts", given)
+    return items
+
+
 def _count(number: int, singular: str, plural: str = "") -> str:
     return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
@@ -487,6 +495,7 @@ class Scene:
         choice("Scene", "preset", self.preset, PRESETS)
         text("Scene", "name", self.name)
         set_fields(self, fitted=flag("Scene", "fitted", self.fitted))
+        set_fields(self, **{name: _texts("Scene", name, getattr(self, name)) for name in ("ignored", "animations")})
 
     @property
     def face_count(self) -> int:

@@ -139,7 +139,9 @@ def draw_film(
     path : str or path-like
         The film's file, which ends in .mp4, .webm, .gif, .apng or .webp.
     poses : mapping of int to Pose, optional
-        See `clshade.farm.draw_frames`.
+        See `clshade.farm.draw_frames`. If the mapping has an attribute `source`, as that of
+        `load_animation` has, that is compared in place of the poses to tell whether frames of an
+        earlier run are of this film.
     fps : number or str, default 30
         Frames per second, also as a fraction such as ``"30000/1001"``; at most 50 in a GIF, 90 in
         APNG and WebP.
@@ -188,7 +190,7 @@ def draw_film(
         options["files"] = (needed,)
         settings["layers"] = ()
     scene_drawn, settings_drawn = effective_settings(scene, **settings)
-    frames: Any = cameras if poses is None else [(k, camera, digest_of(poses[k])) for k, camera in cameras.items()]
+    frames: Any = cameras if poses is None else (list(cameras.items()), _source(poses, cameras))
     with folder.of(digest_of(scene_drawn, settings_drawn, frames, {**options, "files": None}), keep_frames):
         check(name)
         run = draw_frames(
@@ -230,6 +232,12 @@ def draw_film(
         encode_seconds=seconds,
         frames=folder.path if keep_frames else None,
     )
+
+
+def _source(poses: Mapping[int, Pose], cameras: Mapping[int, Camera]) -> Any:
+    """Return what poses are computed from, if they have a `source`, else a digest of each."""
+    source = getattr(poses, "source", None)
+    return [digest_of(poses[number]) for number in cameras] if source is None else source
 
 
 def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorbar: bool) -> tuple[int, int]:

@@ -17,6 +17,8 @@ from clshade.errors import InputError
 from clshade.farm import draw_frames
 from clshade.images import exr
 from clshade.scene.formats.load import load_animation
+from clshade.view.film import _source
+from clshade.view.film_frames import digest_of
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("--resolution", "48,32", "--preset", "course", "--deterministic", "--quiet")
@@ -84,6 +86,21 @@ def test_a_film_of_an_animation(folder, capsys):
     assert run(capsys, *other)[0] == 0  # others are of another film
     after = [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))]
     assert all(one != other for one, other in zip(before, after, strict=True))
+
+
+def test_a_film_tells_poses_by_their_source(folder, capsys, monkeypatch):
+    found = []
+    monkeypatch.setattr("clshade.cli.commands.animate.draw", lambda *given: found.append(given[3]) or 0)
+    command = ("animate", "bar.glb", "--count", "3", *SMALL, "-o", "f.#.exr")
+    for options in ((), (), ("--animation", "Bend"), ("--lights", "1"), ("--light-intensity", "2"), ("--flat",)):
+        assert run(capsys, *command, *options)[0] == 0
+    sources = [digest_of(_source(poses, {1: None})) for poses in found]
+    assert sources[0] == sources[1]
+    assert len(set(sources)) == 5
+    plain = [
+        _source({1: poses[1], 2: poses[2]}, dict.fromkeys(frames)) for poses in found[2:4] for frames in ([1], [2])
+    ]
+    assert len({each for (each,) in plain}) == 3  # the first pose changes nothing in either
 
 
 @needs_device

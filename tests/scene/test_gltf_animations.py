@@ -239,6 +239,33 @@ def test_broken_animations_are_refused_where_they_are_asked_for(tmp_path, docume
 
 
 @pytest.mark.parametrize(
+    ("animations", "names", "words"),
+    [
+        ([{"name": 5}], ("",), "animations[0].name: expected text, found 5"),
+        ([3], ("",), "animations[0]: expected an object, found 3"),
+        ({"name": "Run"}, (), "animations: expected a list"),
+    ],
+)
+def test_broken_entries_are_refused_where_they_are_asked_for(tmp_path, animations, names, words):
+    document = triangle()
+    document.json["animations"] = animations
+    path = document.glb(tmp_path / "a.glb")
+    assert load(path).animations == names
+    for options in ({"time": 0}, {"animation": 0}, {"animation": "all"}):
+        refusal(path, "a.glb: ", words, **options)
+
+
+def test_a_sound_animation_beside_a_broken_one(tmp_path):
+    document = triangle()
+    document.add("nodes", {"mesh": 0})
+    document.json["animations"] = [None]
+    document.animation((0, "translation", TIMES, PLACES, "LINEAR"), name="Run")
+    path = document.glb(tmp_path / "a.glb")
+    assert load(path).animations == ("", "Run")
+    assert instance(path, animation="Run")[:3, 3].tolist() == instance(path, animation=1)[:3, 3].tolist() == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
     ("where", "key", "value", "words"),
     [
         ("sampler", "input", None, "samplers[0].input: expected an index, found none"),

@@ -194,7 +194,23 @@ def test_blending_against_a_loop_over_vertices():
         moved = blended[:, :3] @ given["POSITION"][row] + blended[:, 3]
         np.testing.assert_allclose(found["POSITION"][row], moved, rtol=1e-12, atol=1e-12)
         normal = np.linalg.inv(blended[:, :3]).T @ given["NORMAL"][row] * np.linalg.det(blended[:, :3])
-        np.testing.assert_allclose(found["NORMAL"][row], normal, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(found["NORMAL"][row], normal / np.linalg.norm(normal), rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-24, 3e-7, 1e20, 1e200])
+def test_the_scale_of_a_joint_does_not_count_for_normals(scale):
+    turned = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    influences = Influences(np.zeros((3, 1), int), np.ones((3, 1)))
+    given = {"POSITION": np.zeros((3, 3)), "NORMAL": np.float32([[0.6, 0.8, 0], [0, 0, 5], [0, 0, 0]])}
+    normals = skinned(given, influences, scale * turned[None])[0]["NORMAL"]
+    np.testing.assert_allclose(normals, [[-0.8, 0.6, 0], [0, 0, 1], [0, 0, 0]], atol=1e-7)
+
+
+@pytest.mark.parametrize("scale", [1e-24, 1e20])
+def test_a_file_with_a_tiny_or_huge_joint(tmp_path, scale):
+    document = bar()
+    document.json["nodes"][0]["scale"] = [scale] * 3
+    assert quietly(document.glb(tmp_path / "a.glb")).meshes[0].normals.tolist() == [[0, 0, 1]] * 6
 
 
 def test_a_share_of_a_large_array_is_skinned_too(tmp_path):
@@ -397,6 +413,16 @@ def test_placements_share_a_mesh_but_for_those_with_weights_of_their_own(tmp_pat
     assert [len(mesh.instances) for mesh in meshes] == [2, 1]
     assert [mesh.verts[0, 2] for mesh in meshes] == [0, 1]
     assert meshes[1].instances[0, 0, 3] == 3
+
+
+@pytest.mark.parametrize("weights", [[], [0.0], [1, 2], "none"])
+def test_weights_of_a_mesh_without_morph_targets_do_not_count(tmp_path, weights):
+    document = triangle()
+    for x in (0, 5):
+        document.add("nodes", {"mesh": 0, "translation": [x, 0, 0], "weights": weights})
+    document.json["meshes"][0]["weights"] = weights
+    (mesh,) = quietly(document.glb(tmp_path / "a.glb")).meshes
+    assert mesh.instances[:, 0, 3].tolist() == [0, 5]
 
 
 def test_a_skinned_mesh_is_morphed_first(tmp_path):

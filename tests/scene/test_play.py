@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -10,9 +11,11 @@ from mesh_writers import bar, triangle
 
 import clshade
 from clshade.errors import InputError
+from clshade.scene.formats.gltf_animations import Animation
 from clshade.scene.formats.load import load, load_animation
-from clshade.scene.geometry import camera_axes
+from clshade.scene.geometry import bounding_box, camera_axes
 from clshade.scene.pose import POSED, Pose, pose_between
+from clshade.view.film_frames import digest_of
 
 HALF = math.sqrt(0.5)
 SECONDS = np.float32([0, 2])
@@ -67,7 +70,15 @@ def test_the_number_of_frames(tmp_path):
         ({"fps": 0}, "load_animation: fps: expected a finite number above 0, found 0"),
         ({"fps": 1e9}, "load_animation: fps: expected at most 1000000 frames, found 2 s of 1e+09"),
         ({"count": 0}, "load_animation: count: expected a whole number from 1 to 1000000, found 0"),
-        ({"crease": 3.0, "flat": True}, "crease: expected none beside flat"),
+        ({"crease": 3.0, "flat": True}, "load_animation: crease: expected none beside flat"),
+        ({"crease": 181}, "load_animation: crease: expected degrees"),
+        ({"flat": 1}, "load_animation: flat: expected True or False"),
+        ({"up": "w"}, "load_animation: up: expected one of"),
+        ({"two_sided": 1}, "load_animation: two_sided: expected True or False"),
+        ({"fit": 1}, "load_animation: fit: expected True or False"),
+        ({"resolution": 5}, "load_animation: resolution: expected two whole numbers"),
+        ({"resolution": (0, 5)}, "load_animation: resolution N: expected a whole number"),
+        ({"animation": 1.5}, "load_animation: animation: expected a name or a whole number"),
         ({"animation": "Run"}, "a.glb: animation: expected one of Bend, a number from 0 to 0, all, found 'Run'"),
     ):
         with pytest.raises(InputError) as caught:
@@ -122,6 +133,75 @@ def test_cameras_and_lights_of_the_file_move_and_keep_their_scale(tmp_path):
     fitted = load_animation(path, count=4, fit=True)
     assert fitted.scene.fitted
     assert fitted.cameras[1] is fitted.cameras[4]
+
+
+def studio(tmp_path, *, camera: bool, light: bool) -> str:
+    """Write the flying triangles with a camera and a light of their own."""
+    document = flying()
+    if camera:
+        document.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
+        document.add("nodes", {"camera": 0, "translation": [0, 0, 9]})
+    if light:
+        document.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
+        document.json["extensionsUsed"] = ["KHR_lights_punctual"]
+        document.add("nodes", {"extensions": {"KHR_lights_punctual": {"light": 0}}})
+    return document.glb(tmp_path / "studio.glb")
+
+
+@pytest.mark.parametrize(
+    ("camera", "light", "fit", "early"),
+    [(1, 1, False, 1), (1, 0, False, 8), (0, 1, False, 8), (1, 1, True, 8)],
+)
+def test_poses_are_computed_late_where_nothing_is_chosen_by_them(tmp_path, monkeypatch, camera, light, fit, early):
+    path = studio(tmp_path, camera=bool(camera), light=bool(light))
+    times, at = [], Animation.at
+    monkeypatch.setattr(Animation, "at", lambda animation, time: times.append(time) or at(animation, time))
+    played = load_animation(path, count=8, fit=fit)
+    assert len(times) == early
+    low, high = bounding_box(played.stage)
+    assert (low.tolist(), high.tolist()) == ([0, 0, 0], [36, 1, 0])
+    assert played.stage is played.stage
+    assert len(times) == 8
+
+
+def test_the_source_of_poses_tells_them_apart(tmp_path):
+    path = studio(tmp_path, camera=True, light=True)
+    digests = [
+        digest_of(load_animation(path, **options).poses.source)
+        for options in ({"count": 4}, {"count": 4}, {"count": 5}, {"count": 4, "crease": 30})
+    ]
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+    for change in (lambda document: None, lambda document: document.json["nodes"][0].update(scale=[1, 2, 3])):
+        document = flying()
+        change(document)
+        digests.append(digest_of(load_animation(document.gltf(tmp_path / "b.gltf", "b.bin"), count=4).poses.source))
+    data = bytearray((tmp_path / "b.bin").read_bytes())
+    data[-4] ^= 1  # of where it flies
+    (tmp_path / "b.bin").write_bytes(data)
+    digests.append(digest_of(load_animation(tmp_path / "b.gltf", count=4).poses.source))
+    assert len(set(digests)) == 6
+
+
+def test_a_buffer_that_is_needed_late_is_of_the_source(tmp_path):
+    document = flying()
+    places = document.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    document.json["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": places}]
+    document.animation((0, "weights", SECONDS, np.float32([0, 1]), "LINEAR"), name="Grow")
+    entry = document.json["accessors"][places]
+    late = document.add("bufferViews", {"buffer": 1, "byteLength": 36})
+    target = document.add("accessors", {**entry, "bufferView": late})
+    document.json["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": target}]
+    path = document.gltf(tmp_path / "a.gltf", "a.bin")
+    document.json["buffers"] += [{"byteLength": 36, "uri": "late.bin"}, {"byteLength": 4, "uri": "missing.bin"}]
+    (tmp_path / "a.gltf").write_text(json.dumps(document.json))
+    found = []
+    for data in (np.zeros(9, np.float32), np.ones(9, np.float32)):
+        (tmp_path / "late.bin").write_bytes(data.tobytes())
+        played = load_animation(path, "Grow", count=2)
+        found.append((digest_of(played.scene.meshes), digest_of(played.poses.source)))
+    assert found[0][0] == found[1][0]
+    assert found[0][1] != found[1][1]
 
 
 def test_frames_beyond_the_animation_do_not_exist(tmp_path):

@@ -50,6 +50,12 @@ CASES = {
     "image": (lambda: Texture("x"), "Texture: image: "),
     "n": (lambda: Material(n="x"), "Material: n: "),
     "light": (lambda: PointLight("x"), "PointLight: position: "),
+    "animations='Run'": (
+        lambda: Scene((), CAMERA, animations="Run"),
+        "Scene: animations: expected a sequence of texts",
+    ),
+    "animations=(5,)": (lambda: Scene((), CAMERA, animations=(5,)), "Scene: animations: expected a sequence of texts"),
+    "ignored=None": (lambda: Scene((), CAMERA, ignored=None), "Scene: ignored: expected a sequence of texts"),
     "meshes=5": (lambda: Scene(5, CAMERA), "Scene: meshes: "),
     "verts": (lambda: Mesh("x", [[0, 1, 2]]), "Mesh: verts: "),
     "faces": (lambda: Mesh(np.eye(3), "x"), "Mesh: faces: "),
@@ -113,3 +119,8 @@ def test_flags_of_numpy_are_taken():
     settings = Settings(cull=np.bool_(True), sample_shading=np.array([False])[0])
     assert (settings.cull, settings.sample_shading) == (True, False)
     assert isinstance(settings.cull, bool)
+
+
+def test_names_are_kept_as_a_tuple():
+    scene = Scene((), CAMERA, ignored=["points"], animations=iter(["Run", ""]))
+    assert (scene.ignored, scene.animations) == (("points",), ("Run", ""))

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ...errors import InputError
 from .farm_options import FPS, draw, output_options, worker_options
@@ -38,7 +38,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="CAMERAS.json",
         help='a list such as [{"eye": [0, 1, 5]}, {"eye": [1, 1, 5], "fov": 40}]: frames 1, 2, ... of the scene as it is; '
-        "without it an animation of a glTF file is played: its length at --fps",
+        "without it an animation of a glTF file is played: its length at --fps; with --animation all, of several for one "
+        "property the last counts",
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
@@ -92,8 +93,9 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
     count = len(played.times)
     console.note(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
     numbers = _numbers(frames, arguments, count, "are of the animation", "these")
-    stage = arranged(played.stage, arguments)
-    shared, staged = len(played.scene.meshes), len(played.stage.meshes)
+    whole = played.stage if played.scene.fitted or arguments.fit or arguments.ground else played.scene
+    stage = arranged(whole, arguments)
+    shared, staged = len(played.scene.meshes), len(whole.meshes)
     scene = replace(stage, meshes=(*stage.meshes[:shared], *stage.meshes[staged:]))  # the last may be a ground
 
     def camera(frame: int) -> Camera:
@@ -108,7 +110,10 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
             return found
         return replace(found, lights=with_lights(replace(played.scene, lights=found.lights), arguments).lights)
 
-    return draw(arguments, scene, _Frames(numbers, camera), _Frames(numbers, pose))
+    def source() -> Any:
+        return played.poses.source, arguments.lights, arguments.light_intensity, arguments.light_radius
+
+    return draw(arguments, scene, _Frames(numbers, camera), _Poses(numbers, pose, source))
 
 
 def _rate(arguments: argparse.Namespace) -> float:
@@ -153,3 +158,15 @@ class _Frames(Mapping[int, _T]):
 
     def __len__(self) -> int:
         return len(self._numbers)
+
+
+class _Poses(_Frames["Pose"]):
+    """Poses of these frames, and their `source`, see `draw_film`."""
+
+    def __init__(self, numbers: Sequence[int], make: Callable[[int], Pose], source: Callable[[], Any]) -> None:
+        super().__init__(numbers, make)
+        self._source = source
+
+    @property
+    def source(self) -> Any:
+        return self._source()

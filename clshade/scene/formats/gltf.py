@@ -94,8 +94,8 @@ class GltfFile:
             return None
         return camera_of(self.document, nodes, sphere, self.options.resolution)
 
-    def lights(self, nodes: Placed, sphere: tuple[Array, float], scale: float) -> tuple[Light, ...]:
-        """Return the file's lights, their intensities times `scale`."""
+    def lights(self, nodes: Placed, sphere: tuple[Array, float], scale: float | None = None) -> tuple[Light, ...]:
+        """Return the file's lights, their intensities times `scale`, default: as `lights_of` exposes them."""
         return lights_of(nodes.lights, sphere, self.ignored, scale)[0]
 
     def scene(self, pose: NodeValues) -> Scene:

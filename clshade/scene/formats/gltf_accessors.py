@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import base64
 import binascii
+import contextlib
+import hashlib
+import json
 import os
 import re
 import struct
@@ -14,6 +17,7 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
+from ...errors import InputError
 from .gltf_json import Item, parse
 
 MAX_BYTES = 1 << 31  # of a file
@@ -108,6 +112,14 @@ class Buffers:
             raise item.error("byteLength", f"at most the {len(data)} bytes that are there", str(length))
         self._buffers[index] = data[:length]
         return self._buffers[index]
+
+    def digest(self) -> str:
+        """Return a digest of the document and of all buffers that can be read."""
+        found = hashlib.sha256(json.dumps(self.document.value).encode())
+        for index in range(self.document.count("buffers")):
+            with contextlib.suppress(InputError):  # then nothing can use it
+                found.update(b"%d " % index + hashlib.sha256(self.buffer(index)).digest())
+        return found.hexdigest()
 
     def _loaded(self, item: Item) -> memoryview:
         text = item.text("uri")

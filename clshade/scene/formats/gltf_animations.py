@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -27,8 +27,9 @@ _POINTER = "KHR_animation_pointer"
 class Channel:
     """A property of a node over time.
 
-    times: (n,), seconds, increasing. values: (n, width), of quaternions the unit ones. tangents: (n, 2, width) of
-    CUBICSPLINE, those that arrive at each value and those that leave it, per second; else None.
+    times: (n,), seconds, increasing. values: (n, width); quaternions have length 1, but for those of CUBICSPLINE, which
+    are the file's. tangents: (n, 2, width) of CUBICSPLINE, those that arrive at each value and those that leave it, per
+    second; else None.
     """
 
     node: int
@@ -103,18 +104,26 @@ def unit(quaternion: Floats) -> Floats:
 
 
 def names_of(document: Item) -> tuple[str, ...]:
-    """Return the names of the file's animations, "" where they have none."""
-    return tuple(item.text("name") for item in document.items("animations"))
+    """Return the names of the file's animations, "" where they have none or are broken: `read_animation` refuses those."""
+    entries = document.value.get("animations")
+    return tuple(map(_name_of, entries)) if isinstance(entries, list) else ()
+
+
+def _name_of(entry: Any) -> str:
+    name = entry.get("name") if isinstance(entry, dict) else None
+    return name.encode("utf-8", "replace").decode("utf-8") if isinstance(name, str) else ""
 
 
 def read_animation(document: Item, buffers: Buffers, wanted: str | int | None, ignored: list[str]) -> Animation:
-    """Read an animation: by name, by number from 0, also as text, or the first; or all of them at once, by ALL.
+    """Read an animation: by name, by number from 0, also as text, or the first; or all of them at once, by ALL, of
+    which the last counts where several animate one property.
 
     ignored: collects a few words for each channel that is not rendered. Raises InputError for an unknown animation, and
     for broken samplers.
     """
-    if wanted == ALL and document.count("animations") and ALL not in names_of(document):
-        every = [_animation(document, buffers, index, ignored) for index in range(document.count("animations"))]
+    count = document.count("animations")
+    if wanted == ALL and count and ALL not in names_of(document):
+        every = [_animation(document, buffers, index, ignored) for index in range(count)]
         together = {(channel.node, channel.path): channel for each in every for channel in each.channels}
         return Animation(ALL, max(each.seconds for each in every), tuple(together.values()))
     return _animation(document, buffers, _chosen(document, wanted), ignored)

@@ -293,7 +293,7 @@ def _weights(item: Item, primitives: Sequence[Item], placement: Placement) -> Fl
     if placement.weights is not None:
         return placement.weights
     count = counts[0] if counts else 0
-    return item.numbers("weights", count) if "weights" in item.value else np.zeros(count)
+    return item.numbers("weights", count) if count and "weights" in item.value else np.zeros(count)
 
 
 def _world(document: Item, nodes: Placed) -> Callable[[int], Floats]:

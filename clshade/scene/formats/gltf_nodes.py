@@ -105,8 +105,9 @@ def _collect(node: Item, index: int, found: Placed, changed: Mapping[str, Floats
     mesh, camera = node.reference("mesh", "meshes"), node.reference("camera", "cameras")
     if mesh is not None:
         skin, weights = node.reference("skin", "skins"), changed.get("weights")
-        if weights is None and "weights" in node.value:
-            weights = node.numbers("weights", target_count(node))
+        count = target_count(node)
+        if weights is None and count and "weights" in node.value:
+            weights = node.numbers("weights", count)
         own = index if skin is not None or weights is not None else None
         found.meshes.setdefault(mesh, []).append(Placement(matrix, own, skin, weights))
     if camera is not None:

@@ -105,7 +105,8 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
 
     vectors: POSITION and NORMAL (V, 3), TANGENT (V, 4), of those that are there. matrices: see `joint_matrices`. Positions
     and tangents are moved by the blended matrix of each vertex, normals by the cofactors of its linear part, which are
-    parallel to its inverse transpose and exist for singular ones too. What overflows is infinite or NaN.
+    parallel to its inverse transpose and exist for singular ones too; normals then have length 1, or 0 where they vanish.
+    What overflows is infinite or NaN.
     The placement is the identity. But if most of the matrices mirror, the result is mirrored in x, and so is the placement:
     by it the renderer knows which sides are front.
     """
@@ -124,7 +125,10 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
                     blended += weight[:, None, None] * matrices[joint]
             linear = blended[:, :, :3]
             for name, values in found.items():
-                moved = _products(_cofactors(linear) if name == "NORMAL" else linear, values[part, :3])
+                if name == "NORMAL":
+                    values[part] = _unit(_products(_cofactors(_scaled(linear, (1, 2))), values[part]))
+                    continue
+                moved = _products(linear, values[part, :3])
                 values[part, :3] = moved + blended[:, :, 3] if name == "POSITION" else moved
     return found, np.diag([-1.0 if mirror else 1.0, 1.0, 1.0, 1.0])
 
@@ -133,6 +137,22 @@ def _products(matrices: Floats, vectors: Floats) -> Floats:
     """Return matrices (V, 3, 3) times vectors (V, 3), each a sum in a fixed order: the same on every machine."""
     x, y, z = (matrices[:, :, column] * vectors[:, column, None] for column in range(3))
     found: Floats = x + y + z
+    return found
+
+
+def _scaled(values: Floats, axes: int | tuple[int, ...]) -> Floats:
+    """Return values divided by their largest magnitude over these axes: products of them neither overflow nor vanish."""
+    largest = np.abs(values).max(axis=axes, keepdims=True)
+    found: Floats = values / np.where(largest == 0.0, 1.0, largest)
+    return found
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Return vectors (V, 3) at length 1; 0 stays 0."""
+    vectors = _scaled(vectors, 1)
+    x, y, z = vectors.T
+    lengths = np.sqrt(x * x + y * y + z * z)
+    found: Floats = vectors / np.where(lengths == 0.0, 1.0, lengths)[:, None]
     return found
 
 

@@ -15,21 +15,19 @@ from numpy.typing import ArrayLike
 from ...base import console
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, size_of
-from ...base.validation import flag, integer, value_error
+from ...base.validation import flag, value_error
 from ...base.validation import path as checked_path
 from ...errors import InputError
 from ..adjust_camera import refitted
-from ..camera import MAX_RESOLUTION
 from ..framing import Up
 from ..model import Scene, Texture
 from .course_npy import read_course, save_course
 from .gltf import read_gltf
 from .obj import DEFAULT_MATERIAL, read_obj
-from .options import Options
+from .options import Options, checked_resolution, options_for
 from .play import FPS, Played, play
 from .ply import read_ply
 from .stl import read_stl
-from .texture import as_texture
 
 __all__ = ["EXTENSIONS", "load", "load_animation", "save_course"]
 
@@ -97,7 +95,8 @@ def load(
         file has outside animations.
     animation : str or int, optional
         Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once, as
-        some exporters write one for each node. Without `time`: its beginning. Default: the first.
+        some exporters write one for each node; of several for one property the last counts. Without
+        `time`: its beginning. Default: the first.
 
     Returns
     -------
@@ -129,26 +128,32 @@ def load(
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
     owner, extension = _checked_file("load", path)
-    if resolution is not None:
-        resolution = _resolution(resolution)
-    flat = flag("load", "flat", flat)
-    two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
-    fit = flag("load", "fit", fit)
-    if flat and crease is not None:
-        raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
     with _refusals(owner), _told_when_slow(owner):
         if extension == ".npy":
-            if (crease, up, flat) != (None, None, False):
+            if (crease, up, flag("load", "flat", flat)) != (None, None, False):
                 raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
             _refuse_time(extension, time, animation)
+            two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
+            fit = flag("load", "fit", fit)
+            resolution = None if resolution is None else checked_resolution("load", resolution)
             scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
             scene = scene if two_sided is None else _lit(scene, two_sided)
             scene = refitted(scene) if fit else scene
         elif focal is not None:
             raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
         else:
-            own = None if texture is None else as_texture(texture, srgb=True)
-            options = Options(own, resolution, 0.0 if flat else crease, up, two_sided, fit, time, animation)
+            options = options_for(
+                "load",
+                texture=texture,
+                resolution=resolution,
+                crease=crease,
+                flat=flat,
+                up=up,
+                two_sided=two_sided,
+                fit=fit,
+                time=time,
+                animation=animation,
+            )
             _refuse_time(extension, time, animation)
             scene = _read_mesh(path, extension, options)
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
@@ -204,17 +209,16 @@ def load_animation(
     owner, extension = _checked_file("load_animation", path)
     if extension not in ANIMATED:
         raise file_error(owner, "extension", f"one of {', '.join(ANIMATED)}, which have animations", quoted(extension))
-    flat = flag("load", "flat", flat)
-    if flat and crease is not None:
-        raise value_error("load", "crease", "none beside flat, which is a crease of 0", crease)
     with _refusals(owner), _told_when_slow(owner):
-        options = Options(
-            None if texture is None else as_texture(texture, srgb=True),
-            None if resolution is None else _resolution(resolution),
-            0.0 if flat else crease,
-            up,
-            None if two_sided is None else flag("load", "two_sided", two_sided),
-            flag("load", "fit", fit),
+        options = options_for(
+            "load_animation",
+            texture=texture,
+            resolution=resolution,
+            crease=crease,
+            flat=flat,
+            up=up,
+            two_sided=two_sided,
+            fit=fit,
             animation=animation,
         )
         return play(path, options, count=count, fps=fps)
@@ -287,17 +291,6 @@ def _told_when_slow(owner: str) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-
-
-def _resolution(resolution: Any) -> tuple[int, int]:
-    try:
-        columns, rows = resolution
-    except (TypeError, ValueError):
-        raise value_error("load", "resolution", "two whole numbers (N, M)", resolution) from None
-    return (
-        integer("load", "resolution N", columns, 1, MAX_RESOLUTION),
-        integer("load", "resolution M", rows, 1, MAX_RESOLUTION),
-    )
 
 
 def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:

@@ -9,15 +9,17 @@ from numbers import Integral
 from types import NoneType
 from typing import Any
 
-from ...base.validation import choice, number, value_error
+from ...base.validation import choice, flag, integer, number, value_error
+from ..camera import MAX_RESOLUTION
 from ..framing import UPS, Up
 from ..model import Material, Scene, Texture
 from ..normals import crease_angle
+from .texture import as_texture
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `clshade.scene.formats.load.load` for mesh files, checked on construction.
+    """Options of `clshade.scene.formats.load.load` for mesh files, as `options_for` checks them.
 
     texture: a Texture in place of the file's. resolution: (N, M) or None. crease: degrees, 0 to 180, or None for the
     format's default. up: one of framing.UPS, or None. two_sided: True, False, or None for what the file asks for. fit:
@@ -34,16 +36,6 @@ class Options:
     time: float | None = None
     animation: str | int | None = None
 
-    def __post_init__(self) -> None:
-        if self.crease is not None:
-            object.__setattr__(self, "crease", crease_angle("load", "crease", self.crease))
-        if self.up is not None:
-            choice("load", "up", self.up, UPS)
-        if self.time is not None:
-            object.__setattr__(self, "time", number("load", "time", self.time, least=0.0))
-        if isinstance(self.animation, bool) or not isinstance(self.animation, (str, Integral, NoneType)):
-            raise value_error("load", "animation", "a name or a whole number", self.animation)
-
     def lit(self, material: Material, *, by_file: bool) -> Material:
         """Return the material with the requested sides drawn and lit.
 
@@ -54,6 +46,52 @@ class Options:
         if two_sided is None:
             return material if by_file else replace(material, two_sided=True)
         return replace(material, two_sided=two_sided, sides="both" if two_sided else material.sides)
+
+
+def options_for(
+    who: str,
+    *,
+    texture: Any,
+    resolution: Any,
+    crease: Any,
+    flat: Any,
+    up: Any,
+    two_sided: Any,
+    fit: Any,
+    time: Any = None,
+    animation: Any,
+) -> Options:
+    """Return the options that users give `who`, see `load`. Raises InputError, naming `who`, for one that is refused."""
+    if flag(who, "flat", flat):
+        if crease is not None:
+            raise value_error(who, "crease", "none beside flat, which is a crease of 0", crease)
+        crease = 0.0
+    if isinstance(animation, bool) or not isinstance(animation, (str, Integral, NoneType)):
+        raise value_error(who, "animation", "a name or a whole number", animation)
+    if up is not None:
+        choice(who, "up", up, UPS)
+    return Options(
+        resolution=None if resolution is None else checked_resolution(who, resolution),
+        crease=None if crease is None else crease_angle(who, "crease", crease),
+        up=up,
+        two_sided=None if two_sided is None else flag(who, "two_sided", two_sided),
+        fit=flag(who, "fit", fit),
+        time=None if time is None else number(who, "time", time, least=0.0),
+        animation=animation,
+        texture=None if texture is None else as_texture(texture, srgb=True),
+    )
+
+
+def checked_resolution(who: str, resolution: Any) -> tuple[int, int]:
+    """Return a resolution (N, M). Raises InputError, naming `who`, for anything else."""
+    try:
+        columns, rows = resolution
+    except (TypeError, ValueError):
+        raise value_error(who, "resolution", "two whole numbers (N, M)", resolution) from None
+    return (
+        integer(who, "resolution N", columns, 1, MAX_RESOLUTION),
+        integer(who, "resolution M", rows, 1, MAX_RESOLUTION),
+    )
 
 
 def warn_ignored(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +25,39 @@ from .options import Options
 FPS = 30
 MOST = 1_000_000  # frames
 _T = TypeVar("_T")
+
+
+class _Each(Mapping[int, _T]):
+    """What `make` makes of the time of each frame, by its number from 1, when it is looked up."""
+
+    def __init__(self, times: tuple[float, ...], make: Callable[[float], _T]) -> None:
+        self._times, self._make = times, make
+
+    def __getitem__(self, frame: int) -> _T:
+        if frame not in range(1, len(self._times) + 1):
+            raise KeyError(frame)
+        return self._make(self._times[frame - 1])
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(1, len(self._times) + 1))
+
+    def __contains__(self, frame: object) -> bool:
+        return frame in range(1, len(self._times) + 1)
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+
+class Poses(_Each[Pose]):
+    """Poses by frame number. source: what they are computed from, which tells them from others without computing them."""
+
+    def __init__(self, times: tuple[float, ...], make: Callable[[float], Pose], source: Callable[[], Any]) -> None:
+        super().__init__(times, make)
+        self._source = source
+
+    @functools.cached_property
+    def source(self) -> Any:
+        return self._source()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +81,21 @@ class Played:
         Camera of each frame: the file's, which may move, or that of `scene`.
     stage : Scene
         `scene` with one mesh more, last, of the boxes that its moving meshes fill in all frames: for
-        what is chosen to show everything.
+        what is chosen to show everything. Computed when looked up, if the file has a camera and
+        lights: that takes all poses.
     """
 
     scene: Scene
     name: str
     seconds: float
     times: tuple[float, ...]
-    poses: Mapping[int, Pose]
+    poses: Poses
     cameras: Mapping[int, Camera]
-    stage: Scene
+    _extent: Callable[[], tuple[Mesh, ...]] = field(repr=False)
+
+    @functools.cached_property
+    def stage(self) -> Scene:
+        return replace(self.scene, meshes=(*self.scene.meshes, *self._extent()))
 
 
 def play(path: Path, options: Options, *, count: int | None = None, fps: float = FPS) -> Played:
@@ -72,21 +111,24 @@ def play(path: Path, options: Options, *, count: int | None = None, fps: float =
     count = integer("load_animation", "count", count, 1, MOST)
     times = tuple(animation.seconds * k / count for k in range(count))
     meshes, nodes = file.meshes(animation.at(times[0]))
-    stage_meshes = (*meshes, *_extent(file, animation, times, meshes))
-    sphere = bounding_sphere(stage_meshes)
-    stage = file.framed(stage_meshes, nodes, sphere)
-    scene = replace(stage, meshes=meshes)
+    extent = functools.cache(lambda: _extent(file, animation, times, meshes))
+    sphere = bounding_sphere(meshes)
+    chosen = file.camera(nodes, sphere) is None or not file.lights(nodes, sphere)
+    stage_meshes = (*meshes, *extent()) if chosen else meshes
+    sphere = bounding_sphere(stage_meshes) if chosen else sphere
+    scene = replace(file.framed(stage_meshes, nodes, sphere), meshes=meshes)
 
     def pose(time: float) -> Pose:
         posed, nodes = file.meshes(animation.at(time))
-        lights = file.lights(nodes, sphere, stage.light_scale) if stage.own_lights else None
+        lights = file.lights(nodes, sphere, scene.light_scale) if scene.own_lights else None
         return pose_between(meshes, posed, lights)
 
     def camera(time: float) -> Camera:
-        own = None if stage.fitted else file.camera(file.nodes(animation.at(time)), sphere)
-        return own or stage.camera
+        own = None if scene.fitted else file.camera(file.nodes(animation.at(time)), sphere)
+        return own or scene.camera
 
-    return Played(scene, animation.name, animation.seconds, times, _Each(times, pose), _Each(times, camera), stage)
+    poses = Poses(times, pose, lambda: (file.buffers.digest(), options, animation.name, times))
+    return Played(scene, animation.name, animation.seconds, times, poses, _Each(times, camera), extent)
 
 
 def _extent(
@@ -110,24 +152,3 @@ def _extent(
 
 def _box(mesh: Mesh) -> tuple[Floats, Floats]:
     return bounding_box(Scene((mesh,), Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))))
-
-
-class _Each(Mapping[int, _T]):
-    """What `make` makes of the time of each frame, by its number from 1, when it is looked up."""
-
-    def __init__(self, times: tuple[float, ...], make: Callable[[float], _T]) -> None:
-        self._times, self._make = times, make
-
-    def __getitem__(self, frame: int) -> _T:
-        if frame not in range(1, len(self._times) + 1):
-            raise KeyError(frame)
-        return self._make(self._times[frame - 1])
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(range(1, len(self._times) + 1))
-
-    def __contains__(self, frame: object) -> bool:
-        return frame in range(1, len(self._times) + 1)
-
-    def __len__(self) -> int:
-        return len(self._times)
