@@ -81,7 +81,8 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
-    corners = gather(scene, None if settings.scalars is None else settings.scalars.name)
+    named = None if settings.scalars is None else settings.scalars.name
+    corners = gather(scene, named, bent=settings.shadows)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
@@ -633,7 +634,10 @@ def _shade_batch(
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
     reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
     condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition)
+    at = None
+    if settings.shadows:
+        at = transform.SUBPIXELS * column + prepared.place[0], transform.SUBPIXELS * row + prepared.place[1]
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, at)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

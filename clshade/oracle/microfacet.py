@@ -144,11 +144,13 @@ def reflected(
     wear: Floats | float = 0.0,
     shapes: Sequence[lights.Shape] = (),
     gate: float = GATE,
+    reaching: Floats | None = None,
 ) -> Reflected:
     """Return what surfaces reflect, and how far rounding may change it.
 
     most: (..., 3) the largest color that errors are relative to. reach: see `REACH`. extent, normal_length, parallel: as of
-    `shade.conditions`; shapes, gate: as of `shade.reflected` and `shade.jumps`. wear: (...) how far the roughness and the
+    `shade.conditions`; shapes, gate: as of `shade.reflected` and `shade.jumps`. reaching: (L, ...) factors of the lights,
+    which `spread` does not know. wear: (...) how far the roughness and the
     metallic part may be off, over `reach`.
 
     A cosine within r of its value, r being `reach` times the light's own condition number, bounds distribution, visibility
@@ -166,9 +168,10 @@ def reflected(
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
     each = lights.each(light_positions, light_intensities, shapes)
-    for (position, intensity, kind), most_intensity in zip(each, most_light, strict=True):
+    for k, ((position, intensity, kind), most_intensity) in enumerate(zip(each, most_light, strict=True)):
         at = angles(point, normal, eye, lights.place(point, position, kind))
-        arriving = intensity * lights.share(point, position, kind)[..., None]
+        share = lights.share(point, position, kind) * (1.0 if reaching is None else reaching[k])
+        arriving = intensity * share[..., None]
         lobe = np.where(at.mirrors, distribution(at.beside, alpha) * passing(at.n_l, at.n_v, alpha), 0.0)
         below = 1.0 - schlick(facets.f0.max(axis=-1, keepdims=True), facets.f90, at.v_h)
         grazing = (1.0 - at.v_h) ** 5

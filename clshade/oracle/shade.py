@@ -86,19 +86,21 @@ def reflected(
     light_positions: Floats,
     light_intensities: Floats,
     shapes: Sequence[Shape] = (),
+    reaching: Floats | None = None,
 ) -> Floats:
     """Return the light that a white surface reflects: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
 
     light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0. shapes: see
-    `lights.each`, here and below; Ip is the intensity times `lights.share`.
+    `lights.each`, here and below; Ip is the intensity times `lights.share`. reaching: (L, ...) factors of the lights.
     """
     point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
     total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, np.shape(kd), np.shape(ks)))
-    for position, intensity, shape in lights.each(light_positions, light_intensities, shapes):
+    for k, (position, intensity, shape) in enumerate(lights.each(light_positions, light_intensities, shapes)):
         n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
         diffuse = np.maximum(n_l, 0.0)[..., None]
         specular = np.where(n_l > 0.0, highlight(r_v, distance2, n), 0.0)[..., None]
-        arriving = intensity * lights.share(point, position, shape)[..., None]
+        share = lights.share(point, position, shape) * (1.0 if reaching is None else reaching[k])
+        arriving = intensity * share[..., None]
         total = total + arriving * (kd * diffuse + ks * specular)
     return total
 

@@ -45,6 +45,7 @@ OPTIONAL = (
     "EMISSION",
     "ENVIRONMENT",
     "LIGHT_SHAPES",
+    "SHADOWS",
     "TWO_SIDED",
     "NORMAL_INDICES",
     "VERTEX_COLORS",
@@ -462,6 +463,12 @@ def derive(
     unneeded = {
         **terms,
         "LIGHT_SHAPES": unread or _first((plain, "only points without attenuation shine")),
+        "SHADOWS": _first(
+            (not settings.shadows, "no shadows asked for"),
+            (bool(unread), unread),
+            (not any(light.intensity.any() for light in scene.lights), "no light shines"),
+            (not meshes, "no triangle"),
+        ),
         **_unneeded_normals(scene, meshes, unread),
         **_unneeded_maps(meshes, settings.shader, terms),
         **_unneeded_colors(meshes, settings, **corners),

@@ -41,7 +41,13 @@ class SavingOptions(TypedDict, total=False):
 
 
 # Settings that headers leave out where they have this value.
-UNUSUAL: dict[str, Any] = {"scalars": None, "edges": None, "background": "scene", "layer_alpha": 0.5}
+UNUSUAL: dict[str, Any] = {
+    "scalars": None,
+    "edges": None,
+    "background": "scene",
+    "layer_alpha": 0.5,
+    "shadows": False,
+}
 
 SAVING = tuple(SavingOptions.__annotations__)
 

@@ -278,9 +278,12 @@ class Stages:
         arguments = (made.triangles, image, made.bounds, chunks.made, chunks.counts, lists, made.counters)
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
+    def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
+        return surface.arguments(shadows=bool(self.pixel_features["SHADOWS"]))
+
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)
-        return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
+        return self._launch("gouraud_corners", (items,), (1,), *self._surface(surface), order, corner_light, count)
 
     def _draw(self, name: str, arguments: tuple[Any, ...], tiles: int) -> cl.Event:
         if self.lanes > 1:
@@ -289,13 +292,13 @@ class Stages:
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
     def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("phong", (*surface, *tile), tiles)
+        return self._draw("phong", (*self._surface(surface), *tile), tiles)
 
     def pbr(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("pbr", (*surface, *tile), tiles)
+        return self._draw("pbr", (*self._surface(surface), *tile), tiles)
 
     def gouraud(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("gouraud", (*surface, *tile), tiles)
+        return self._draw("gouraud", (*self._surface(surface), *tile), tiles)
 
     def bilerp(
         self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int
@@ -341,7 +344,9 @@ class Stages:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
         weights, scalars; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, *own, *outputs)
+        return self._launch(
+            "surface_layers", (tiles * items,), (items,), *surface.arguments(shadows=False), owners, *own, *outputs
+        )
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""

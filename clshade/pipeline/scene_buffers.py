@@ -92,7 +92,9 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features["DIFFUSE"] or features["SPECULAR"]:
-            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            found["normals"], found["normal_faces"] = gatherer.normals(
+                bool(features["NORMAL_INDICES"]), bends=bool(features["SHADOWS"])
+            )
         if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
             found["colors"] = gatherer.colors(bool(features["CORNER_COLORS"]))
         if features["SCALARS"]:

@@ -144,6 +144,18 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("float", "low", 3, "what rounding leaves of the position"),
         ("int", "pad", 1, ""),
     ],
+    "ShadowView": [
+        ("float", "start", 3, "where the rays begin, or with ORTHOGRAPHIC the center's, in the frame of shadows"),
+        ("float", "start_low", 3, "what rounding leaves of start, and so below"),
+        ("float", "along", 3, "direction of the center's ray"),
+        ("float", "along_low", 3, ""),
+        ("float", "right", 3, "what 1/256 px to the right adds to along, with ORTHOGRAPHIC to start"),
+        ("float", "right_low", 3, ""),
+        ("float", "up", 3, "what 1/256 px up adds"),
+        ("float", "up_low", 3, ""),
+        ("int", "center", 2, "1/256 px"),
+        ("int", "pad", 2, ""),
+    ],
     "Casters": [
         ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
         ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
@@ -287,6 +299,7 @@ class Structs(NamedTuple):
     Piece: np.dtype
     Light: np.dtype
     ShadowLight: np.dtype
+    ShadowView: np.dtype
     Casters: np.dtype
     Material: np.dtype
     Environment: np.dtype

@@ -78,6 +78,7 @@ class SettingsFields(TypedDict, total=False):
     edges: Edges | AskedKinds | None
     background: ArrayLike | None
     layer_alpha: float
+    shadows: bool
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -161,6 +162,9 @@ class Settings:
         own ray.
     layer_alpha : float, default 0.5
         Layers show the nearest surface whose alpha is at least this, 0 to 1.
+    shadows : bool, default False
+        A light reaches a point only if no triangle lies between them. Shader `gouraud` asks at the
+        corners of faces. Ambient light, emission and the environment are not shadowed.
 
     Raises
     ------
@@ -186,6 +190,7 @@ class Settings:
     edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
     background: Converted[ArrayLike | None, NamedBackground | Rgb | None] = field(default=kept("scene"))
     layer_alpha: float = 0.5
+    shadows: bool = False
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -219,7 +224,7 @@ class Settings:
         layer_alpha = number(who, "layer_alpha", self.layer_alpha, least=0.0, expected="a number from 0 to 1")
         if layer_alpha > 1.0:
             raise value_error(who, "layer_alpha", "a number from 0 to 1", self.layer_alpha)
-        set_fields(self, layer_alpha=layer_alpha)
+        set_fields(self, layer_alpha=layer_alpha, shadows=flag(who, "shadows", self.shadows))
         if self.edges is not None and not isinstance(self.edges, Edges):
             if not isinstance(self.edges, str) and sequence(self.edges) is None:
                 raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)

@@ -88,10 +88,11 @@ NEEDS = {
     "OWNERS": {"layers": ()},
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
+    "SHADOWS": {"shadows": False},
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "SHADOWS", "TWO_SIDED", "NORMAL_INDICES"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -115,7 +116,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, without: str = "", **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
-    fields["scalars"] = "data"
+    fields |= {"scalars": "data", "shadows": True}
     return draw(device, rich_scene(without), **{**fields, **options, **NEEDS.get(without, {})})
 
 
@@ -125,7 +126,17 @@ def needed_by(frame: Frame) -> set[str]:
 
 EVERY_DAY = ("TEXTURED",)  # each mask needs another program
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
-OF_CORNERS = {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "VERTEX_COLORS", "MATERIALS"}
+OF_CORNERS = {
+    "AMBIENT",
+    "DIFFUSE",
+    "SPECULAR",
+    "POWER",
+    "LIGHT_SHAPES",
+    "SHADOWS",
+    "TWO_SIDED",
+    "VERTEX_COLORS",
+    "MATERIALS",
+}
 
 
 def with_shader(shader: str, *values: Any) -> list[Any]:

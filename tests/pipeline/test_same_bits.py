@@ -22,11 +22,13 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
+SHADOWED_TEAPOT = "e7f7478c1ac6482b"
 # (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {
     ("torus_knot", "samples", 5): "cca50022d326a2d3",
     ("box_room", "precision", "float64"): "5b6582138bb71d2a",
     ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
+    ("teapot", "shadows", True): SHADOWED_TEAPOT,
 }
 # The same for several fields together: (scene, the fields' names and values).
 COMBINED = {
@@ -37,6 +39,7 @@ COMBINED = {
 }
 # A file of glTF by preset; that of `standard` is older than shader pbr.
 SPHERES = {"standard": "2d145a880ca35a5d", "pbr": "153ffa04bd48d5d3"}
+SHADOWED_SPHERES = "23d334313d497186"  # preset pbr
 LONG = [key for key in GOLDEN if key[0] in ("teapot", "course")]
 
 
@@ -66,6 +69,19 @@ def test_golden_glb(device, tmp_path, preset):
     with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **given) as renderer:
         frame = renderer.render()
     assert digest(frame) == SPHERES[preset]
+
+
+def test_golden_glb_with_shadows(device, tmp_path):
+    scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
+    with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, shadows=True) as renderer:
+        frame = renderer.render()
+    assert digest(frame) == SHADOWED_SPHERES
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+def test_shadows_with_any_number_of_lanes(device, lanes):
+    assert digest(draw(device, "teapot", "standard", "phong", shadows=True, lanes=lanes)) == SHADOWED_TEAPOT
 
 
 @pytest.mark.long

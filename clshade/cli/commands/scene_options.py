@@ -152,6 +152,12 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument(
+        "--shadows",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="lights reach only what no triangle hides (default: no)",
+    )
+    group.add_argument(
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
     )
     group.add_argument(

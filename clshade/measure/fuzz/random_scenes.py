@@ -54,6 +54,7 @@ class Kind:
     transparent: whether materials blend, with alphas at vertices. facets: whether the shader is pbr, with parameters of its
     own rather than those that follow from Phong's.
     transparent: whether materials blend, with alphas at vertices. backdrop: whether an environment is the background.
+    shadowed: whether lights reach only what no triangle hides.
     """
 
     settings: Settings
@@ -87,6 +88,7 @@ class Kind:
     transparent: bool = False
     facets: bool = False
     backdrop: bool = False
+    shadowed: bool = False
 
     @property
     def dim(self) -> bool:
@@ -183,6 +185,8 @@ def kind_of(seed: int, block: int) -> Kind:
     if often(0.15):
         shown = replace(kind.settings, background="environment")
         kind = replace(kind, settings=shown, backdrop=True, background=False)
+    if lit and often(0.3):
+        kind = replace(kind, settings=replace(kind.settings, shadows=True), shadowed=True)
     return kind
 
 

@@ -31,6 +31,7 @@ WORK = {
     "EMISSION": "emission",
     "ENVIRONMENT": "image-based light",
     "LIGHT_SHAPES": "directions, cones and attenuation of lights",
+    "SHADOWS": "shadows",
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",

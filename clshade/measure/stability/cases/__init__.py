@@ -25,6 +25,7 @@ def all_cases() -> tuple[Case, ...]:
         maps,
         microfacets,
         order,
+        shadows,
         surfaces,
         transparency,
     )
@@ -37,6 +38,7 @@ def all_cases() -> tuple[Case, ...]:
         lights,
         microfacets,
         around,
+        shadows,
         surfaces,
         maps,
         files,

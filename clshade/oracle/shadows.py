@@ -1,0 +1,355 @@
+"""Which lights reach a point: every triangle of the scene is tried, in float64.
+
+A point P of a face R is dark if a triangle T other than R lies between it and the light L: T has a vertex on the light's
+side of R's plane, P and L lie on opposite sides of T's plane, and the line through both meets T. A P in T's plane lies on
+the side of R's centroid. The signs are exact but for those within the reach of the device's rounding, where either answer
+is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..base.arrays import Bools, Floats, Integers
+from ..scene.camera import Camera
+from ..scene.model import DirectionalLight, Light
+from .corners import Corners
+from .signs import orientation
+from .transform import SUBPIXELS, camera_frame
+from .vectors import cross, dot, length, power_of_two, unit
+
+# How far pairs of float32 may be off (kernels/shadow_predicate.clh): a coordinate, of the scene's size; and a determinant,
+# of the product of its vectors' lengths. A coordinate counts in 2^-46 of half the size, and 9 of these along each axis
+# decide whether a receiver lies in a plane: 8 * 2^-46 along its normal. A determinant that counts as 0 is at most
+# 22 * 2^-48, and as much off, of the sum of its terms' magnitudes, which are at most 1.7 times that product.
+OFF, REACH = 2.0**-42, 2.0**-41
+INWARD = 3.0 * 2.0**-12  # how far toward the centroid, of the whole distance, Gouraud's shading sees a corner
+PAIRS = 1 << 20  # of points and triangles, tried at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Casters:
+    """The triangles of a scene. Lengths are relative to `origin`, over `scale`, a power of two.
+
+    world: (F, 3, 3) corners in world space. corners: (F, 3, 3) the same relative to the origin. solid: (T,) indices of those
+    that cast: finite, of an area above 0.
+    """
+
+    world: Floats
+    origin: Floats
+    scale: float
+
+    @classmethod
+    def of(cls, corners: Corners) -> Casters:
+        finite = corners.world[np.isfinite(corners.world).all(axis=(1, 2))].reshape(-1, 3)
+        if not len(finite):
+            return cls(corners.world, np.zeros(3), 1.0)
+        low, high = finite.min(axis=0), finite.max(axis=0)
+        origin = low + 0.5 * (high - low)
+        return cls(corners.world, origin, float(power_of_two(np.maximum(high - low, 1e-290))))
+
+    @cached_property
+    def corners(self) -> Floats:
+        relative: Floats = (self.world - self.origin) / self.scale
+        return relative
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(F, 3), twice the area long, on the side from which the corners run counter-clockwise."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        with np.errstate(invalid="ignore"):
+            return cross(b - a, c - a)
+
+    @cached_property
+    def solid(self) -> Integers:
+        return np.flatnonzero(np.isfinite(self.normals).all(axis=1) & (self.normals != 0.0).any(axis=1))
+
+    def toward(self, light: Light) -> tuple[Floats, bool]:
+        """Return where a light is, and whether that is a direction toward it."""
+        if isinstance(light, DirectionalLight):
+            return -unit(np.asarray(light.direction, np.float64)), True
+        return (light.position - self.origin) / self.scale, False
+
+
+@dataclass(frozen=True, eq=False)
+class Receivers:
+    """Points (K, 3) of faces (K,), relative to the casters' origin. off: (K,) how far from there the device may see them."""
+
+    point: Floats
+    face: Integers
+    off: Floats
+
+    def __getitem__(self, index: slice | Integers) -> Receivers:
+        return Receivers(self.point[index], self.face[index], self.off[index])
+
+
+def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: Integers) -> Receivers:
+    """Return where the rays through points (x, y) of the image (K,), 1/256 px, y up, meet the planes of faces (K,), clamped
+    to the faces.
+
+    Along the plane a point is as uncertain as the ray, over the cosine between it and the normal, over the sine of the angle
+    between the face's sides.
+    """
+    axes = camera_frame(camera.eye, camera.lookat, camera.up)
+    (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
+    right = (x / (SUBPIXELS * columns) - principal[0]) * width
+    up = (y / (SUBPIXELS * rows) - principal[1]) * height
+    across = right[:, None] * axes[0] + up[:, None] * axes[1]
+    start = np.broadcast_to((camera.eye - casters.origin) / casters.scale, across.shape)
+    if camera.orthographic:
+        start, along = start + across / casters.scale, np.broadcast_to(axes[2], across.shape)
+    else:
+        along = unit(across + camera.focal * axes[2])
+    a, b, c = np.moveaxis(casters.corners[face], 1, 0)
+    sides, normal = (b - a, c - a), casters.normals[face]
+    from_first = start - a
+    moment = cross(from_first, along)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        facing = -dot(normal, along)
+        second = dot(sides[1], moment) / facing
+        third = -dot(sides[0], moment) / facing
+        spread = length(sides[0]) * length(sides[1]) / np.abs(facing)
+    off = 2.0 * OFF * (length(start) + length(from_first) + 1.0) * spread
+    second, third = (np.clip(np.nan_to_num(share), 0.0, 1.0) for share in (second, third))
+    beyond = np.maximum(second + third, 1.0)
+    point = a + (second / beyond)[:, None] * sides[0] + (third / beyond)[:, None] * sides[1]
+    whole = np.maximum(length(sides[0]), length(sides[1]))
+    return Receivers(point, face, np.fmin(off, whole) + OFF)
+
+
+def at_corners(casters: Casters, face: Integers) -> Receivers:
+    """Return the corners of faces (U,) one after the other, (3 U,), each seen a little inside its own face: what hides a
+    face near its corner hides the corner, and faces that only touch it there do not."""
+    corners = casters.corners[face]
+    inside = corners + INWARD * (corners.mean(axis=1, keepdims=True) - corners)
+    return Receivers(inside.reshape(-1, 3), np.repeat(face, 3), np.full(3 * len(face), OFF))
+
+
+def shadowed(casters: Casters, light: Light, at: Receivers) -> tuple[Bools, Bools]:
+    """Return which receivers (K,) a light does not reach, and for which either answer is right."""
+    position, parallel = casters.toward(light)
+    dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
+    step = max(1, PAIRS // max(len(casters.solid), 1))
+    for start in range(0, len(at.face), step):
+        some = slice(start, start + step)
+        dark[some], doubtful[some] = _shadowed(casters, position, parallel, at[some])
+    return dark, doubtful & ~dark
+
+
+def _shadowed(casters: Casters, position: Floats, parallel: bool, at: Receivers) -> tuple[Bools, Bools]:
+    k, triangle = _candidates(casters, position, parallel, at)
+    found = _Tests(casters, position, parallel, at[k], triangle)
+    hit, open_ = found.hits()
+    dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
+    dark[k[hit]] = True
+    dark[found.between_two(k)] = True
+    doubtful[k[open_]] = True
+    return dark, doubtful
+
+
+def _candidates(casters: Casters, position: Floats, parallel: bool, at: Receivers) -> tuple[Integers, Integers]:
+    """Return pairs of receivers and triangles that the lines to the light may meet: where the volumes of line and sides, by
+    Plücker's coordinates, have the same sign within their rounding."""
+    a, b, c = np.moveaxis(casters.corners[casters.solid], 1, 0)
+    distance = np.broadcast_to(position, at.point.shape) if parallel else position - at.point
+    away = np.ones(len(at.face)) if parallel else length(distance)
+    along = unit(distance)
+    line = np.concatenate([along, cross(at.point, along)], axis=1)
+    with np.errstate(divide="ignore"):
+        slack = 32.0 * (REACH + 8.0 * (at.off + OFF) * (1.0 + 1.0 / away))[:, None]
+    positive, negative = np.ones((2, len(at.face), len(casters.solid)), bool)
+    for first, second in ((a, b), (b, c), (c, a)):
+        side = np.concatenate([cross(first, second), second - first], axis=1)
+        volume = line @ side.T
+        positive &= volume >= -slack
+        negative &= volume <= slack
+    k, column = np.nonzero((positive | negative) & (casters.solid[None] != at.face[:, None]))
+    return k, casters.solid[column]
+
+
+class _Tests:
+    """The tests of receivers (K,) with triangles (K,), all relative to the receivers."""
+
+    def __init__(self, casters: Casters, position: Floats, parallel: bool, at: Receivers, triangle: Integers) -> None:
+        self.casters, self.at, self.triangle, self.parallel = casters, at, triangle, parallel
+        self.corners = casters.corners[triangle] - at.point[:, None]
+        self.light = np.broadcast_to(position, at.point.shape) if parallel else position - at.point
+        self.own = casters.corners[at.face] - at.point[:, None]
+        self.light_off = 0.0 if parallel else OFF * float(length(position))
+
+    def hits(self) -> tuple[Bools, Bools]:
+        """Return which triangles are hit for certain, and which may be."""
+        above, between = self._above(), self._between()
+        self.facing = above[0] & between[0]
+        volume, margin = self.volumes
+        inside = (volume > margin).all(axis=0) | (volume < -margin).all(axis=0)
+        possible = (volume >= -margin).all(axis=0) | (volume <= margin).all(axis=0)
+        yes = self.facing & inside
+        return yes, above[1] & between[1] & possible & ~yes
+
+    def between_two(self, receiver: Integers) -> Integers:
+        """Return the receivers, of those of each pair, whose lines meet the common side of two triangles on either side of
+        it: whatever its rounding, one of the two is hit, for sides belong to their triangles."""
+        volume, margin = self.volumes
+        near = np.abs(volume) <= margin
+        beside = [
+            (volume > margin)[[k - 2, k - 1]].all(axis=0) | (volume < -margin)[[k - 2, k - 1]].all(axis=0)
+            for k in range(3)
+        ]
+        ends: dict[tuple[float, ...], float] = {}
+        found = []
+        for k in range(3):
+            for i in np.flatnonzero(self.facing & near[k] & beside[k]):
+                first, second = sorted(self.casters.world[self.triangle[i], [k, k - 2]].tolist())
+                a, b, c = self.corners[i, k], self.corners[i, k - 2], self.corners[i, k - 1]
+                side = float(np.sign(dot(cross(a, b), c)))
+                side *= 1.0 if self.casters.world[self.triangle[i], k].tolist() == first else -1.0
+                key = (float(receiver[i]), *first, *second)
+                if ends.setdefault(key, side) == -side:
+                    found.append(receiver[i])
+        return np.array(found, np.int64)
+
+    def _height_of_light(self, normal: Floats, first: Floats, sides: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        """Return the light's height over planes, times their normals' lengths, and how far it may be off."""
+        most = length(sides[0]) * length(sides[1])
+        if self.parallel:
+            return dot(normal, self.light), (REACH + 8.0 * OFF) * (most + length(sides[0]) + length(sides[1]))
+        away = self.light - first
+        off = REACH * most * length(away) + (self.light_off + 2.0 * self.at.off) * most
+        return dot(normal, away), off + 2.0 * OFF * (length(sides[0]) + length(sides[1])) * length(away)
+
+    def _above(self) -> tuple[Bools, Bools]:
+        """Whether triangles have a vertex strictly on the light's side of the receivers' faces."""
+        a, b, c = np.moveaxis(self.own, 1, 0)
+        sides, normal = (b - a, c - a), self.casters.normals[self.at.face]
+        height, off = self._height_of_light(normal, a, sides)
+        side = np.sign(height)
+        certain, possible = np.zeros(len(self.triangle), bool), np.abs(height) <= off
+        own, world = self.casters.world[self.at.face], self.casters.world[self.triangle]
+        most, around = length(sides[0]) * length(sides[1]), length(sides[0]) + length(sides[1])
+        for corner in range(3):
+            from_first = self.corners[:, corner] - a
+            margin = REACH * most * length(from_first) + 2.0 * OFF * (most + around * length(from_first))
+            rise = dot(normal, from_first) * side
+            certain |= rise > margin
+            near = np.flatnonzero(np.abs(rise) <= margin)
+            exact = orientation(own[near, 0], own[near, 1], own[near, 2], world[near, corner])
+            possible[near] |= exact * side[near] > 0.0
+            possible |= rise > margin
+        return certain & (np.abs(height) > off), possible
+
+    def _between(self) -> tuple[Bools, Bools]:
+        """Whether receivers and light lie on opposite sides of the triangles' planes."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        sides, normal = (b - a, c - a), self.casters.normals[self.triangle]
+        most, around = length(sides[0]) * length(sides[1]), length(sides[0]) + length(sides[1])
+        light, light_off = self._height_of_light(normal, a, sides)
+        own = -dot(normal, a)
+        own_off = REACH * most * length(a) + (self.at.off + OFF) * (most + around * length(a))
+        middle = self.own.mean(axis=1) - a
+        of_middle = dot(normal, middle)
+        middle_off = REACH * most * length(middle) + 2.0 * OFF * (most + around * length(middle))
+        clear, seen = np.abs(own) > own_off, np.abs(light) > light_off
+        beyond = seen & (np.abs(of_middle) > middle_off)
+        across, middle_across = own * light < 0.0, of_middle * light < 0.0
+        yes = seen & across & (clear | (beyond & middle_across))
+        no = seen & ~across & (clear | (beyond & ~middle_across))
+        return yes, ~no
+
+    @cached_property
+    def volumes(self) -> tuple[Floats, Floats]:
+        """The volumes of the lines to the light with each triangle's sides, (3, K), and how far they may be off: of one sign
+        where the line meets the triangle."""
+        volumes, margins = [], []
+        far = length(self.light)
+        for k in range(3):
+            a, b = self.corners[:, k], self.corners[:, (k + 1) % 3]
+            product = cross(a, b)
+            turned = cross(self.light, b - a) if self.parallel else cross(a - self.light, b - self.light)
+            volumes.append(dot(self.light, product))
+            margins.append(
+                REACH * far * length(a) * length(b)
+                + self.at.off * length(turned)
+                + OFF * far * (length(a) + length(b))
+                + (OFF if self.parallel else self.light_off) * length(product)
+            )
+        return np.array(volumes), np.array(margins)
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """What of L lights reaches receivers (...): reached, unsure (L, ...) bool, the latter where either is right. facing:
+    (..., 3) unit normals of their faces' sides that are seen, 0 without area. off: (...) how far these may be off on the
+    device."""
+
+    reached: Bools
+    unsure: Bools
+    facing: Floats
+    off: Floats
+
+
+def visibility(casters: Casters, lights: Sequence[Light], at: Receivers, behind: Bools) -> Visibility:
+    """Return what reaches receivers (K,). behind: (K,) whether their faces are seen from behind."""
+    found = [shadowed(casters, light, at) for light in lights]
+    dark, unsure = (np.array([each[k] for each in found], bool).reshape(-1, len(at.face)) for k in range(2))
+    a, b, c = np.moveaxis(casters.corners[at.face], 1, 0)
+    normal = casters.normals[at.face]
+    sides = length(b - a), length(c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = (REACH * sides[0] * sides[1] + OFF * (sides[0] + sides[1])) / length(normal)
+    off = np.nan_to_num(off, nan=0.0, posinf=1.0)
+    return Visibility(~dark, unsure, np.where(behind[:, None], -unit(normal), unit(normal)), off)
+
+
+# The terminator
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Unit normals at points (..., 3): turned by a map, interpolated, and of the face's side that is seen. bend: (...) sine
+    of the angle between the interpolated one and those of faces around."""
+
+    turned: Floats
+    smooth: Floats
+    facing: Floats
+    bend: Floats
+
+
+MOST_BEND = 0.5  # of `bend`, which is relative to the length of the interpolated normal
+
+
+def softened(normals: Normals, to_light: Floats, reach: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return what share of a light arrives at surfaces whose normals are not those of their faces, (...), and the least and
+    the largest within rounding. to_light: unit, (..., 3). reach: (...) how far cosines may be off.
+
+    M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
+    (Ng.L)/(|Ng.N| (N.L)), at most 1. Here g is the least of three: of the face's side that is seen, Ng, and the interpolated
+    normal N, so that it falls to 0 where the light sinks below the face; of N and the normal that a map turned it to; and of
+    N and the faces around, whose Ng.L is at least N.L - bend, so that it changes without steps from face to face. It is 1
+    where all of them are the same.
+    """
+    facing, normal = normals.facing, normals.smooth
+    flat = (facing != 0.0).any(axis=-1)
+    above, along, cosine = dot(facing, to_light), np.abs(dot(facing, normal)), dot(normal, to_light)
+    turned, turned_along = dot(normals.turned, to_light), np.abs(dot(normals.turned, normal))
+    mapped = (normals.turned != normal).any(axis=-1)
+
+    def rising(part: Floats, whole: Floats) -> Floats:
+        share = np.where(part < whole, part / np.where(whole > 0.0, whole, 1.0), 1.0)
+        return np.where(part > 0.0, share, 0.0)
+
+    def share(off: Floats | float) -> Floats:
+        """Return the share with all cosines off by this much, in the same sense."""
+        lower, bend = np.maximum(cosine - off, 0.0), np.clip(normals.bend - off, 0.0, MOST_BEND)
+        g = np.where(flat, rising(above + off, np.maximum(along - off, 0.0) * lower), 1.0)
+        g = np.minimum(g, rising(cosine + off - bend, np.maximum(cosine + off, 0.0) * (1.0 - bend)))
+        of_map = rising(cosine + off, np.maximum(turned_along - off, 0.0) * np.maximum(turned - off, 0.0))
+        g = np.where(mapped, np.minimum(g, of_map), g)
+        smooth: Floats = g + g * g - g * g * g
+        return smooth
+
+    return share(0.0), share(-reach), share(reach)

@@ -1,0 +1,52 @@
+"""The rays of a camera in the casters' frame, from which kernels find the points that receive shadows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..base.arrays import Array, Floats
+from ..scene.lights import DirectionalLight, unit_direction
+from ..scene.model import Light
+from .camera_space import CameraSpace
+from .hierarchy import CasterFrame, split
+from .struct_layout import SINGLE, SUBPIXEL_BITS
+
+_FARTHEST = 2.0**90  # products of three coordinates stay within float32's range
+
+
+def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> None:
+    """Fill a row of structs.ShadowView for a camera.
+
+    Rays are counted from the pixel at the image's center, by whole 1/256 px that float32 holds.
+    """
+    camera, steps = space.camera, 1 << SUBPIXEL_BITS
+    across, upward, forward = space.axes
+    columns, rows = camera.resolution
+    center = columns * steps // 2, rows * steps // 2
+    (height, width), principal = camera.plane, camera.principal
+    start = (camera.eye - frame.origin) * frame.unit
+    right, up = width / (columns * steps) * across, height / (rows * steps) * upward
+    middle = (center[0] - principal[0] * columns * steps) * right + (center[1] - principal[1] * rows * steps) * up
+    if camera.orthographic:
+        start, along = start + middle * frame.unit, forward
+        right, up = right * frame.unit, up * frame.unit
+    else:
+        along = middle + camera.focal * forward
+        largest = max(float(np.abs(along).max()), width, height)
+        along, right, up = along / largest, right / largest, up / largest
+    for name, vector in (("start", start), ("along", along), ("right", right), ("up", up)):
+        row[name], row[f"{name}_low"] = np.split(split(np.clip(vector, -_FARTHEST, _FARTHEST)), 2)
+    row["center"] = center
+
+
+def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> Array:
+    """Return rows of structs.ShadowLight of the lights that shine, in their order, at least one."""
+    rows = [frame.light(_homogeneous(light)) for light in lights if light.intensity.any()]
+    return np.concatenate(rows) if rows else np.zeros(1, SINGLE.ShadowLight)
+
+
+def _homogeneous(light: Light) -> Floats:
+    """Return the position of a light, w = 1, or the unit vector toward a directional one, w = 0."""
+    if isinstance(light, DirectionalLight):
+        return np.append(-unit_direction(light), 0.0)
+    return np.append(np.asarray(light.position, np.float64), 1.0)

@@ -1,0 +1,262 @@
+"""Shadows of the oracle: exact signs, closed forms, and lights and casters in each other's planes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from clshade import builtin
+from clshade.oracle import shadows, signs
+from clshade.oracle.corners import gather
+from clshade.scene.camera import Camera
+from clshade.scene.model import DirectionalLight, Light, Mesh, PointLight, Scene
+
+CAMERA = Camera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0, (1.0, 1.0), (8, 8))
+
+
+def quad(center: tuple[float, float, float], across: tuple[float, ...], along: tuple[float, ...]) -> Mesh:
+    """Return a parallelogram around a center, from half its sides."""
+    c, u, v = (np.array(each, np.float64) for each in (center, across, along))
+    return Mesh(np.array([c - u - v, c + u - v, c + u + v, c - u + v]), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+GROUND = quad((0.0, 0.0, 0.0), (8.0, 0.0, 0.0), (0.0, 0.0, -8.0))
+
+
+def casters_of(*meshes: Mesh) -> shadows.Casters:
+    return shadows.Casters.of(gather(Scene(meshes, CAMERA, ())))
+
+
+def on(casters: shadows.Casters, face: int, points: np.ndarray) -> shadows.Receivers:
+    """Return receivers at points (K, 3) in world space."""
+    own = (np.asarray(points, np.float64) - casters.origin) / casters.scale
+    return shadows.Receivers(own, np.full(len(own), face), np.full(len(own), shadows.OFF))
+
+
+def grid(count: int, reach: float, height: float = 0.0) -> np.ndarray:
+    """Return the centers of count^2 squares of the plane y = height, |x| and |z| at most reach."""
+    line = (np.arange(count) + 0.5) / count * 2.0 * reach - reach
+    x, z = (each.ravel() for each in np.meshgrid(line, line))
+    return np.stack([x, np.full_like(x, height), z], axis=1)
+
+
+def faces_of_ground(points: np.ndarray) -> np.ndarray:
+    """Return which of the ground's two triangles holds each point: corners run from (-8, 8), over (8, 8) to (8, -8)."""
+    return np.where(points[:, 0] + points[:, 2] > 0.0, 0, 1)
+
+
+def dark_on_ground(light: Light, points: np.ndarray, *meshes: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    casters = casters_of(GROUND, *meshes)
+    at = replace(on(casters, 0, points), face=faces_of_ground(points))
+    return shadows.shadowed(casters, light, at)
+
+
+# Signs
+
+
+def test_orientation_is_exact_where_float64_is_not():
+    """Points of a plane, moved by one step of float64 out of it: of all, the sign of rational arithmetic."""
+    generator = np.random.default_rng(5)
+    a, b, c = (generator.normal(size=(400, 3)) for _ in range(3))
+    share = generator.integers(-8, 9, size=(400, 2)) / 4.0
+    d = a + share[:, :1] * (b - a) + share[:, 1:] * (c - a)
+    d[::2, 0] = np.nextafter(d[::2, 0], 9.0)
+    a[:100], b[:100], c[:100], d[:100] = (np.round(4.0 * v[:100]) / 4.0 for v in (a, b, c, d))
+    d[:50] = a[:50] + 2.0 * (b[:50] - a[:50]) - (c[:50] - a[:50])
+    found = signs.orientation(a, b, c, d)
+    for k in range(len(a)):
+        rows = [
+            [Fraction(x) - Fraction(y) for x, y in zip(v[k].tolist(), a[k].tolist(), strict=True)] for v in (b, c, d)
+        ]
+        (p, q, r), (s, t, u), (v, w, x) = rows
+        volume = p * (t * x - u * w) - q * (s * x - u * v) + r * (s * w - t * v)
+        assert found[k] == (volume > 0) - (volume < 0)
+    assert (found[:50] == 0).all()
+    assert {-1, 0, 1} <= set(found.tolist())
+
+
+# Closed forms
+
+
+def test_the_umbra_of_a_square():
+    """A square of side 2 at height 1 below a light at height 3 hides a square of side 3, moved away from the light."""
+    light, square = PointLight((0.5, 3.0, 0.25)), quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+    points = grid(64, 4.0)
+    dark, unsure = dark_on_ground(light, points, square)
+    middle = np.array([-0.25, 0.0, -0.125])
+    inside = (np.abs(points - middle)[:, [0, 2]] < 1.5).all(axis=1)
+    assert np.array_equal(dark, inside)
+    assert not unsure.any()
+    assert inside.sum() * 0.125**2 == 9.0
+
+
+def test_the_shadow_of_a_square_in_the_sun():
+    """Of the same area, moved by the height times the slope."""
+    light, square = DirectionalLight((1.0, -2.0, 0.5)), quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+    points = grid(64, 4.0)
+    dark, unsure = dark_on_ground(light, points, square)
+    assert np.array_equal(dark, (np.abs(points - [0.5, 0.0, 0.25])[:, [0, 2]] < 1.0).all(axis=1))
+    assert not unsure.any()
+
+
+def test_a_closed_box_is_dark_inside():
+    """No light from outside comes in: along edges and at corners too, where rays meet no triangle's inside."""
+    sides = [quad((s, 0, 0), (0, 0, s), (0, 1, 0)) for s in (-1.0, 1.0)]
+    sides += [quad((0, s, 0), (s, 0, 0), (0, 0, 1)) for s in (-1.0, 1.0)]
+    sides += [quad((0, 0, s), (0, s, 0), (1, 0, 0)) for s in (-1.0, 1.0)]
+    casters = casters_of(*sides)
+    line = np.linspace(-1.0, 1.0, 9)
+    y, z = (each.ravel() for each in np.meshgrid(line, line))
+    at = np.concatenate([np.full(len(y), 0), np.full(len(y), 1)])
+    points = np.tile(np.stack([np.full_like(y, -1.0), y, z], axis=1), (2, 1))
+    for light in (PointLight((3.0, 0.0, 0.0)), PointLight((2.0, 2.0, 2.0)), DirectionalLight((-1.0, 0.0, 0.0))):
+        receivers = replace(on(casters, 0, points), face=at)
+        dark, unsure = shadows.shadowed(casters, light, receivers)
+        assert (dark | unsure).all()
+        assert dark.mean() > 0.5
+    dark, unsure = shadows.shadowed(casters, PointLight((0.3, 0.2, 0.1)), replace(on(casters, 0, points), face=at))
+    assert not dark.any()
+    assert unsure.mean() < 0.5
+
+
+# In each other's planes
+
+
+def test_a_light_in_the_plane_of_a_triangle_is_not_hidden_by_it():
+    """A wall seen edge-on hides nothing but along its line."""
+    wall = quad((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+    points = grid(40, 4.0)
+    dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 5.0)), points, wall)
+    assert not dark.any()
+    assert not unsure.any()
+    dark, unsure = dark_on_ground(PointLight((1.0, 3.0, 0.0)), points, wall)
+    assert dark.any()
+    assert not dark[points[:, 0] > 0.0].any()
+
+
+def test_coplanar_faces_cast_no_shadow_on_each_other():
+    """The ground's other half, and a second ground in the same plane or just below, from a light near that plane; of a
+    plane that rounding bends, the other half."""
+    turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    points = grid(30, 7.9)
+    for heights in (0.0, 1e-14):
+        other = quad((1.0, heights * -1.0, 1.0), (3.0, 0.0, 0.0), (0.0, 0.0, -3.0))
+        for light in (PointLight((20.0, 1e-3, 3.0)), DirectionalLight((1.0, -1e-6, 0.3))):
+            dark, unsure = dark_on_ground(light, points, other)
+            assert not dark.any()
+            assert not unsure.any()
+    casters = casters_of(replace(GROUND, verts=GROUND.verts @ turned.T))
+    at = replace(on(casters, 0, points @ turned.T), face=faces_of_ground(points))
+    dark, unsure = shadows.shadowed(casters, PointLight(np.array([20.0, 1e-3, 3.0]) @ turned.T), at)
+    assert not dark.any()
+    assert unsure.mean() < 0.01
+
+
+def test_a_face_below_the_receiver_hides_nothing():
+    below = quad((0.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, -2.0))
+    dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 0.0)), grid(20, 4.0), below)
+    assert not dark.any()
+    assert not unsure.any()
+
+
+def test_what_lies_behind_the_light_hides_nothing():
+    above = quad((0.0, 5.0, 0.0), (9.0, 0.0, 0.0), (0.0, 0.0, -9.0))
+    assert not dark_on_ground(PointLight((0.0, 3.0, 0.0)), grid(20, 4.0), above)[0].any()
+    assert dark_on_ground(PointLight((0.0, 7.0, 0.0)), grid(20, 4.0), above)[0].all()
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e9])
+@pytest.mark.parametrize("distance", [3.0, 1e9])
+def test_far_scenes_and_lights(shift, distance):
+    """The umbra of the square is the same wherever the scene lies, and for a light so far away that of the sun."""
+    toward = np.array([1.0, 2.0, 0.5])
+    square = quad((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+    points = grid(32, 4.0)
+    expected = dark_on_ground(PointLight(toward * distance), points, square)[0]
+    if distance > 1e6:
+        assert np.array_equal(expected, dark_on_ground(DirectionalLight(-toward), points, square)[0])
+    moved = [replace(mesh, verts=mesh.verts + shift) for mesh in (GROUND, square)]
+    casters = casters_of(*moved)
+    at = replace(on(casters, 0, points + shift), face=faces_of_ground(points))
+    dark, unsure = shadows.shadowed(casters, PointLight(toward * distance + shift), at)
+    assert (dark == expected)[~unsure].all()
+    assert unsure.mean() < 0.02
+
+
+def test_slivers_and_triangles_without_area_hide_at_most_what_they_cover():
+    """A triangle 1e-9 wide hides a line; one without area, or with a corner that is not finite, nothing."""
+    line = np.array([[0.0, 1.0, -2.0], [1e-9, 1.0, -2.0], [0.0, 1.0, 2.0]])
+    points = grid(41, 4.0)
+    sliver = Mesh(line, np.array([[0, 1, 2]]))
+    dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 0.0)), points, sliver)
+    assert not (dark | unsure)[np.abs(points[:, 0]) > 1e-6].any()
+    flat = Mesh(np.array([[0.0, 1.0, -2.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]]), np.array([[0, 1, 2]]))
+    dark, unsure = dark_on_ground(PointLight((0.0, 3.0, 0.0)), points, flat)
+    assert not (dark | unsure).any()
+
+
+# Receivers
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_points_lie_where_the_rays_meet_the_plane(orthographic):
+    camera = replace(CAMERA, orthographic=orthographic, plane=(4.0, 4.0), principal=(0.4, 0.7), resolution=(16, 8))
+    casters = casters_of(GROUND)
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(16) * 256 + 128, np.arange(8) * 256 + 40))
+    right, up = (x / 4096.0 - 0.4) * 4.0, (y / 2048.0 - 0.7) * 4.0
+    expected = np.stack([right, np.zeros(len(x)), -up], axis=1) * (1.0 if orthographic else 5.0)
+    seen = shadows.at_pixels(casters, camera, faces_of_ground(expected), x, y)
+    inside = (np.abs(expected) < 7.9).all(axis=1)
+    assert inside.sum() > 20
+    found = seen.point * casters.scale + casters.origin
+    assert np.abs(found - expected)[inside].max() < 1e-12
+    assert np.abs(found[:, 1]).max() == 0.0
+    assert np.abs(found).max() <= 8.0
+    assert seen.off.max() < 1e-9
+
+
+# The terminator
+
+
+def share(normal, face, to_light, bend: float = 0.0, turned=None):
+    """Return the share of a light, its least and its largest."""
+    normals = (np.broadcast_to(v, to_light.shape) for v in (normal if turned is None else turned, normal, face))
+    count = to_light.shape[:-1]
+    return shadows.softened(shadows.Normals(*normals, np.full(count, bend)), to_light, np.full(count, 1e-6))
+
+
+def test_the_terminator_is_soft_where_normals_differ_and_absent_where_they_agree():
+    up = np.array([0.0, 1.0, 0.0])
+    angle = np.linspace(-0.5, np.pi / 2, 60)
+    to_light = np.stack([np.cos(angle), np.sin(angle), np.zeros(60)], axis=1)
+    assert (share(up, up, to_light)[0][angle > 0.01] == 1.0).all()
+    bent = np.array([np.sin(0.3), np.cos(0.3), 0.0])
+    for found in (share(bent, up, to_light), share(bent, bent, to_light, turned=bent, bend=0.2)):
+        assert (found[0][to_light @ bent > 0.999] > 0.99).all()
+        assert (np.diff(found[0]) >= 0.0)[angle[1:] < np.pi / 2 - 0.3].all()
+        assert (found[1] <= found[0]).all()
+        assert (found[0] <= found[2]).all()
+    assert (share(bent, up, to_light)[0][angle <= 0.0] == 0.0).all()
+    assert (share(up, up, to_light, turned=bent)[0][angle < 0.0] == 0.0).all()
+    assert share(up, -up, np.array([[0.6, 0.8, 0.0]]))[0] == 0.0
+    assert share(up, np.zeros(3), np.array([[0.6, 0.8, 0.0]]))[0] == 1.0
+
+
+def test_the_terminator_of_a_smooth_mesh_has_no_steps():
+    """Wherever any face of a sphere turns away from the light nothing arrives, by normals and bends alone: those are the
+    same on both sides of an edge."""
+    corners = gather(builtin("icosphere", level=2), bent=True)
+    to_light = np.array([0.6, 0.64, 0.48])
+    faces = shadows.Casters.of(corners).normals
+    weights = np.random.default_rng(1).dirichlet(np.ones(3), len(faces))
+    mean = (weights[:, :, None] * corners.normals).sum(axis=1)
+    size = np.sqrt((mean * mean).sum(axis=1))
+    bend = (weights * corners.bends).sum(axis=1) / size
+    normals = shadows.Normals(mean / size[:, None], mean / size[:, None], np.zeros_like(mean), bend)
+    arriving = shadows.softened(normals, np.broadcast_to(to_light, mean.shape), np.zeros(len(mean)))[0]
+    assert (arriving[faces @ to_light <= 0.0] == 0.0).all()
+    assert 0.4 < (arriving > 0.0).mean() < 0.5
+    assert (arriving[mean @ to_light > 0.9] > 0.99).all()
