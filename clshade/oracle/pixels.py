@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Environment, Scene, Settings
-from . import environment, microfacet, shade, shadows
+from . import environment, microfacet, shade, shadows, transparency
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .lights import Shape, position_of, shape_of
@@ -189,19 +190,29 @@ def _seen(
     if not settings.shadows or settings.shader == "nolight":
         return None
     assert at is not None
-    casters, lit = shadows.Casters.of(corners), [light for light in scene.lights if light.intensity.any()]
+    veiling = transparency.veiling_faces(scene, corners)
+    factors = partial(transparency.veil_factors, scene, corners)
+    casters, lit = shadows.Casters.of(corners, veiling), [light for light in scene.lights if light.intensity.any()]
     used, where = faces
     if settings.shader != "gouraud":
-        return shadows.visibility(casters, lit, shadows.at_pixels(casters, scene.camera, used[where], *at), behind)
+        return shadows.visibility(
+            casters, lit, shadows.at_pixels(casters, scene.camera, used[where], *at), behind, factors
+        )
     of_face = np.zeros(len(used), bool)
     of_face[where] = behind  # all pixels of a face see the same side of it
-    found = shadows.visibility(casters, lit, shadows.at_corners(casters, used), np.repeat(of_face, 3))
+    found = shadows.visibility(casters, lit, shadows.at_corners(casters, used), np.repeat(of_face, 3), factors)
     shape = len(used), 3
     return shadows.Visibility(
         found.reached.reshape(-1, *shape),
         found.unsure.reshape(-1, *shape),
         found.facing.reshape(*shape, 3),
         found.off.reshape(shape),
+        shadows.Passed(
+            found.passed.share.reshape(-1, *shape),
+            found.passed.least.reshape(-1, *shape),
+            found.passed.most.reshape(-1, *shape),
+            found.passed.jumps.reshape(-1, *shape),
+        ),
     )
 
 
@@ -231,16 +242,18 @@ def _unhidden(
             bend = np.nan_to_num(np.minimum(mean / length(normals[1]), shadows.MOST_BEND))
     at = shadows.Normals(unit(normals[0]), unit(normals[1]), seen.facing, bend)
     share, changes, doubtful = [], [], []
-    each = zip(lights.positions, lights.shapes, seen.reached, seen.unsure, strict=True)
-    for position, shape, reached, unsure in each:
+    through = (shadows.Passed(*parts) for parts in zip(*seen.passed, strict=True))
+    each = zip(lights.positions, lights.shapes, seen.reached, seen.unsure, through, strict=True)
+    for position, shape, reached, unsure, passed in each:
         near = position[None][: not shape.parallel]
         kappa = shade.conditioning(point, extent, normal_length, eye, near, batch.view is not None)
         turned = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
         to_light = unit(place_of(point, position, shape) - point)
         found, least, most = shadows.softened(at, to_light, turned + seen.off)
+        found, least, most = found * passed.share, least * passed.least, most * passed.most
         share.append(np.where(reached | unsure, found, 0.0))
-        changes.append(np.where(reached | unsure, (most - least) / turned, 0.0))
-        doubtful.append(np.where(unsure, most, 0.0))
+        changes.append(np.where((reached | unsure) & ~passed.jumps, (most - least) / turned, 0.0))
+        doubtful.append(np.where(unsure, most, np.where(reached & passed.jumps, most - least, 0.0)))
     return Unhidden(np.array(share), np.array(changes), np.array(doubtful))
 
 

@@ -43,7 +43,7 @@ def rich_scene(without: str = "") -> Scene:
     filter = "linear" if without == "NEAREST" else "nearest"
     texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)), filter=filter)
     if without != "TEXTURED":
-        given |= {"texture": texture, "alpha_cutoff": None if without == "ALPHA_TEST" else 0.4}
+        given |= {"texture": texture, "alpha_cutoff": None if without in ("ALPHA_TEST", "SHADOW_ALPHA") else 0.4}
     else:
         given |= {"alpha_cutoff": 0.4}
     sides = "both" if without == "SIDES" else "front"
@@ -52,7 +52,7 @@ def rich_scene(without: str = "") -> Scene:
         Material(
             **{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]},
             sides=sides,
-            blend=without not in ("BLEND", "MATERIALS", "SORTED"),
+            blend=without not in ("BLEND", "MATERIALS", "SORTED", "SHADOW_ALPHA"),
         ),
     )
     faces = np.arange(90).reshape(-1, 3)
@@ -92,7 +92,10 @@ NEEDS = {
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "SHADOWS", "TWO_SIDED", "NORMAL_INDICES"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "SHADOWS", "SHADOW_ALPHA", "TWO_SIDED"}
+    | {"NORMAL_INDICES"},
+    "SHADOWS": {"SHADOW_ALPHA"},
+    "SHADOW_ALPHA": {"ALPHA_TEST", "BLEND", "VERTEX_ALPHA"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -133,6 +136,7 @@ OF_CORNERS = {
     "POWER",
     "LIGHT_SHAPES",
     "SHADOWS",
+    "SHADOW_ALPHA",
     "TWO_SIDED",
     "VERTEX_COLORS",
     "MATERIALS",

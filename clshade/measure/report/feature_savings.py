@@ -32,6 +32,7 @@ WORK = {
     "ENVIRONMENT": "image-based light",
     "LIGHT_SHAPES": "directions, cones and attenuation of lights",
     "SHADOWS": "shadows",
+    "SHADOW_ALPHA": "shadows of what is not opaque",
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",
