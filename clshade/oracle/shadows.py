@@ -390,7 +390,8 @@ class Visibility:
     def passed(self, number: int, offset: Floats | None = None, off: Floats | float = 0.0) -> Passed:
         """Return what share of a light veils let pass to the receivers, (...). offset, off: as of `reached`."""
         found = passed(self.casters, self.lights[number], self.at, self.factors, *self._flat(offset, off))
-        return Passed(*(each.reshape(self.off.shape) for each in found))
+        share, least, most = (each.reshape(self.off.shape) for each in found[:3])
+        return Passed(share, least, most, found.jumps.reshape(self.off.shape))
 
     def _flat(self, offset: Floats | None, off: Floats | float) -> tuple[Floats | None, Floats]:
         shape = self.off.shape

@@ -148,7 +148,7 @@ def test_frames_equal_the_oracle(opened, name, options):
 
 SIZED = {
     "sphere": replace(LIGHT, radius=0.5),
-    "rectangle": RectangleLight((0.0, 0.0, 10.0), (0.8, 0.0, 0.0), (0.0, -0.6, 0.0), (1.0, 1.0, 1.0)),
+    "rectangle": RectangleLight((0.0, 0.0, 10.0), (0.5, 0.0, 0.0), (0.0, -0.4, 0.0), (1.0, 1.0, 1.0)),
 }
 # How far from the line to its center the lines to a light's points meet the square at z = 3.
 PENUMBRA = 0.5 * 3.0 / 10.0
