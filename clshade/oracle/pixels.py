@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Environment, Scene, Settings
-from . import environment, light_points, microfacet, shade, shadows
+from . import environment, light_points, microfacet, shade, shadows, transparency
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .lights import Shape, position_of, shape_of
@@ -194,15 +195,17 @@ def _seen(
     if not settings.shadows or settings.shader == "nolight":
         return None
     assert at is not None
-    casters, lit = shadows.Casters.of(corners), [light for light in scene.lights if light.intensity.any()]
+    veiling = transparency.veiling_faces(scene, corners)
+    factors = partial(transparency.veil_factors, scene, corners)
+    casters, lit = shadows.Casters.of(corners, veiling), [light for light in scene.lights if light.intensity.any()]
     used, where = faces
     if settings.shader != "gouraud":
         receivers = shadows.at_pixels(casters, scene.camera, used[where], *at)
-        return shadows.visibility(casters, lit, receivers, behind, (len(where),))
+        return shadows.visibility(casters, lit, receivers, behind, (len(where),), factors)
     of_face = np.zeros(len(used), bool)
     of_face[where] = behind  # all pixels of a face see the same side of it
     receivers = shadows.at_corners(casters, used)
-    return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3))
+    return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,10 +242,13 @@ def _unhidden(
         turned = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
         to_light = unit(place_of(point, position, shape) - point)
         found, least, most = shadows.softened(at, to_light, turned + seen.off)
-        reached, unsure = seen.reached(number, shape.offset, np.nan_to_num(batch.reach * shape.blur, posinf=1e300))
+        of_point = number, shape.offset, np.nan_to_num(batch.reach * shape.blur, posinf=1e300)
+        reached, unsure = seen.reached(*of_point)
+        passed = seen.passed(*of_point)
+        found, least, most = found * passed.share, least * passed.least, most * passed.most
         share.append(np.where(reached | unsure, found, 0.0))
-        changes.append(np.where(reached | unsure, (most - least) / turned, 0.0))
-        doubtful.append(np.where(unsure, most, 0.0))
+        changes.append(np.where((reached | unsure) & ~passed.jumps, (most - least) / turned, 0.0))
+        doubtful.append(np.where(unsure, most, np.where(reached & passed.jumps, most - least, 0.0)))
     return Unhidden(np.array(share), np.array(changes), np.array(doubtful))
 
 

@@ -8,9 +8,10 @@ is right.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,27 +31,31 @@ OFF, REACH = 2.0**-42, 2.0**-41
 INWARD = 3.0 * 2.0**-12  # how far toward the centroid, of the whole distance, Gouraud's shading sees a corner
 PAIRS = 1 << 20  # of points and triangles, tried at a time
 
+Factors = Callable[[Integers, Floats, Floats], "Passed"]
+
 
 @dataclass(frozen=True, eq=False)
 class Casters:
     """The triangles of a scene. Lengths are relative to `origin`, over `scale`, a power of two.
 
-    world: (F, 3, 3) corners in world space. corners: (F, 3, 3) the same relative to the origin. solid: (T,) indices of those
-    that cast: finite, of an area above 0.
+    world: (F, 3, 3) corners in world space. corners: (F, 3, 3) the same relative to the origin. veiling: (F,) those that
+    may let light pass. solid, veils: indices of the others and of these, if they are finite and of an area above 0.
     """
 
     world: Floats
     origin: Floats
     scale: float
+    veiling: Bools
 
     @classmethod
-    def of(cls, corners: Corners) -> Casters:
+    def of(cls, corners: Corners, veiling: Bools | None = None) -> Casters:
+        veiling = np.zeros(len(corners.world), bool) if veiling is None else veiling
         finite = corners.world[np.isfinite(corners.world).all(axis=(1, 2))].reshape(-1, 3)
         if not len(finite):
-            return cls(corners.world, np.zeros(3), 1.0)
+            return cls(corners.world, np.zeros(3), 1.0, veiling)
         low, high = finite.min(axis=0), finite.max(axis=0)
         origin = low + 0.5 * (high - low)
-        return cls(corners.world, origin, float(power_of_two(np.maximum(high - low, 1e-290))))
+        return cls(corners.world, origin, float(power_of_two(np.maximum(high - low, 1e-290))), veiling)
 
     @cached_property
     def corners(self) -> Floats:
@@ -65,8 +70,17 @@ class Casters:
             return cross(b - a, c - a)
 
     @cached_property
+    def casting(self) -> Bools:
+        finite: Bools = np.isfinite(self.normals).all(axis=1) & (self.normals != 0.0).any(axis=1)
+        return finite
+
+    @cached_property
     def solid(self) -> Integers:
-        return np.flatnonzero(np.isfinite(self.normals).all(axis=1) & (self.normals != 0.0).any(axis=1))
+        return np.flatnonzero(self.casting & ~self.veiling)
+
+    @cached_property
+    def veils(self) -> Integers:
+        return np.flatnonzero(self.casting & self.veiling)
 
     def toward(self, light: Light) -> tuple[Floats, bool]:
         """Return where a light is, and whether that is a direction toward it."""
@@ -134,10 +148,7 @@ def shadowed(
 ) -> tuple[Bools, Bools]:
     """Return which receivers (K,) a light does not reach, and for which either answer is right. offset: (K, 3) of the
     light's points that light them, in world space from its position; off: (K,) how far the device may see these."""
-    position, parallel = casters.toward(light)
-    moved = position if offset is None else position + offset / casters.scale
-    positions = np.broadcast_to(moved, at.point.shape)
-    light_off = (0.0 if parallel else OFF * length(positions)) + off / casters.scale * np.ones(len(at.face))
+    positions, light_off, parallel = _light_points(casters, light, at, offset, off)
     dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
     step = max(1, PAIRS // max(len(casters.solid), 1))
     for start in range(0, len(at.face), step):
@@ -146,11 +157,23 @@ def shadowed(
     return dark, doubtful & ~dark
 
 
+def _light_points(
+    casters: Casters, light: Light, at: Receivers, offset: Floats | None, off: Floats | float
+) -> tuple[Floats, Floats, bool]:
+    """Return where the points of a light lie that light receivers (K,), (K, 3), and how far they may be off, (K,); and
+    whether these are directions. offset, off: as of `shadowed`."""
+    position, parallel = casters.toward(light)
+    moved = position if offset is None else position + offset / casters.scale
+    positions = np.broadcast_to(moved, at.point.shape)
+    light_off = (0.0 if parallel else OFF * length(positions)) + off / casters.scale * np.ones(len(at.face))
+    return positions, light_off, parallel
+
+
 def _shadowed(
     casters: Casters, position: Floats, light_off: Floats, parallel: bool, at: Receivers
 ) -> tuple[Bools, Bools]:
     """Return the same of positions (K, 3), or directions, of lights that may be off by light_off (K,)."""
-    k, triangle = _candidates(casters, position, light_off, parallel, at)
+    k, triangle = _candidates(casters, position, light_off, parallel, at, casters.solid)
     found = _Tests(casters, position[k], light_off[k], parallel, at[k], triangle)
     hit, open_ = found.hits()
     dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
@@ -161,25 +184,25 @@ def _shadowed(
 
 
 def _candidates(
-    casters: Casters, position: Floats, light_off: Floats, parallel: bool, at: Receivers
+    casters: Casters, position: Floats, light_off: Floats, parallel: bool, at: Receivers, tried: Integers
 ) -> tuple[Integers, Integers]:
     """Return pairs of receivers and triangles that the lines to the light may meet: where the volumes of line and sides, by
     Plücker's coordinates, have the same sign within their rounding."""
-    a, b, c = np.moveaxis(casters.corners[casters.solid], 1, 0)
+    a, b, c = np.moveaxis(casters.corners[tried], 1, 0)
     distance = position if parallel else position - at.point
     away = np.ones(len(at.face)) if parallel else length(distance)
     along = unit(distance)
     line = np.concatenate([along, cross(at.point, along)], axis=1)
     with np.errstate(divide="ignore"):
         slack = 32.0 * (REACH + 8.0 * ((at.off + OFF) * (1.0 + 1.0 / away) + light_off / away))[:, None]
-    positive, negative = np.ones((2, len(at.face), len(casters.solid)), bool)
+    positive, negative = np.ones((2, len(at.face), len(tried)), bool)
     for first, second in ((a, b), (b, c), (c, a)):
         side = np.concatenate([cross(first, second), second - first], axis=1)
         volume = line @ side.T
         positive &= volume >= -slack
         negative &= volume <= slack
-    k, column = np.nonzero((positive | negative) & (casters.solid[None] != at.face[:, None]))
-    return k, casters.solid[column]
+    k, column = np.nonzero((positive | negative) & (tried[None] != at.face[:, None]))
+    return k, tried[column]
 
 
 class _Tests:
@@ -299,33 +322,88 @@ class _Tests:
         return np.array(volumes), np.array(margins)
 
 
+class Passed(NamedTuple):
+    """What share of lights veils let pass, (...), and the least and the largest within rounding. jumps: bool, where rounding
+    decides whether a veil is crossed, or its alpha test passed."""
+
+    share: Floats
+    least: Floats
+    most: Floats
+    jumps: Bools
+
+
+def passed(
+    casters: Casters,
+    light: Light,
+    at: Receivers,
+    factors: Factors,
+    offset: Floats | None = None,
+    off: Floats | float = 0.0,
+) -> Passed:
+    """Return what share of a light reaches receivers (K,) through the veils: the product of 1 - alpha over those that the
+    segments cross, where they cross them. factors: of faces at weights of their corners, which are so far off. offset, off:
+    as of `shadowed`."""
+    share, least, most = np.ones((3, len(at.face)))
+    found = Passed(share, least, most, np.zeros(len(at.face), bool))
+    positions, light_off, parallel = _light_points(casters, light, at, offset, off)
+    step = max(1, PAIRS // max(len(casters.veils), 1))
+    for start in range(0, len(at.face) if len(casters.veils) else 0, step):
+        some = slice(start, start + step)
+        position, position_off, seen = positions[some], light_off[some], at[some]
+        k, triangle = _candidates(casters, position, position_off, parallel, seen, casters.veils)
+        tests = _Tests(casters, position[k], position_off[k], parallel, seen[k], triangle)
+        hit, open_ = tests.hits()
+        volume, margin = tests.volumes
+        whole = volume.sum(axis=0)
+        met = hit | (open_ & (volume * np.sign(whole) >= 0.0).all(axis=0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights = np.nan_to_num(np.roll(volume, -1, axis=0) / whole).T
+            weights_off = np.nan_to_num(margin.sum(axis=0) / np.abs(whole), posinf=1.0)
+        crossed = np.flatnonzero(hit | open_)
+        of = factors(triangle[crossed], np.clip(weights[crossed], 0.0, 1.0), np.minimum(weights_off[crossed], 1.0))
+        sure, here = hit[crossed], start + k[crossed]
+        np.multiply.at(found.share, here, np.where(met[crossed], of.share, 1.0))
+        np.multiply.at(found.least, here, of.least)
+        np.multiply.at(found.most, here, np.where(sure, of.most, 1.0))
+        np.logical_or.at(found.jumps, here, of.jumps | ~sure)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Visibility:
     """What of lights reaches receivers `at`, (K,), of which there are (...). facing: (..., 3) unit normals of their faces'
-    sides that are seen, 0 without area. off: (...) how far these may be off on the device."""
+    sides that are seen, 0 without area. off: (...) how far these may be off on the device. factors: as of `passed`."""
 
     casters: Casters
     lights: Sequence[Light]
     at: Receivers
     facing: Floats
     off: Floats
+    factors: Factors
 
     def reached(self, number: int, offset: Floats | None = None, off: Floats | float = 0.0) -> tuple[Bools, Bools]:
         """Return where a light reaches the receivers, and where either answer is right, (...). offset: (..., 3), off: (...)
         as of `shadowed`."""
+        dark, unsure = shadowed(self.casters, self.lights[number], self.at, *self._flat(offset, off))
+        return ~dark.reshape(self.off.shape), unsure.reshape(self.off.shape)
+
+    def passed(self, number: int, offset: Floats | None = None, off: Floats | float = 0.0) -> Passed:
+        """Return what share of a light veils let pass to the receivers, (...). offset, off: as of `reached`."""
+        found = passed(self.casters, self.lights[number], self.at, self.factors, *self._flat(offset, off))
+        share, least, most = (each.reshape(self.off.shape) for each in found[:3])
+        return Passed(share, least, most, found.jumps.reshape(self.off.shape))
+
+    def _flat(self, offset: Floats | None, off: Floats | float) -> tuple[Floats | None, Floats]:
         shape = self.off.shape
-        flat = None if offset is None else np.broadcast_to(offset, (*shape, 3)).reshape(-1, 3)
-        dark, unsure = shadowed(
-            self.casters, self.lights[number], self.at, flat, np.broadcast_to(off, shape).reshape(-1)
-        )
-        return ~dark.reshape(shape), unsure.reshape(shape)
+        offsets = None if offset is None else np.broadcast_to(offset, (*shape, 3)).reshape(-1, 3)
+        return offsets, np.broadcast_to(off, shape).reshape(-1)
 
 
 def visibility(
-    casters: Casters, lights: Sequence[Light], at: Receivers, behind: Bools, shape: tuple[int, ...]
+    casters: Casters, lights: Sequence[Light], at: Receivers, behind: Bools, shape: tuple[int, ...], factors: Factors
 ) -> Visibility:
     """Return what reaches receivers (K,), of which there are `shape`. behind: (K,) whether their faces are seen from
-    behind."""
+    behind. factors: as of `passed`."""
     a, b, c = np.moveaxis(casters.corners[at.face], 1, 0)
     normal = casters.normals[at.face]
     sides = length(b - a), length(c - a)
@@ -333,7 +411,7 @@ def visibility(
         off = (REACH * sides[0] * sides[1] + OFF * (sides[0] + sides[1])) / length(normal)
     off = np.nan_to_num(off, nan=0.0, posinf=1.0)
     facing = np.where(behind[:, None], -unit(normal), unit(normal))
-    return Visibility(casters, lights, at, facing.reshape(*shape, 3), off.reshape(shape))
+    return Visibility(casters, lights, at, facing.reshape(*shape, 3), off.reshape(shape), factors)
 
 
 # The terminator

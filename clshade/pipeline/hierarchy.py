@@ -98,7 +98,9 @@ class Hierarchy:
     finite, cast no shadow.
     """
 
-    def __init__(self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None) -> None:
+    def __init__(
+        self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None, veils: Array | None = None
+    ) -> None:
         self._device, self._lanes = device, lanes
         stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
@@ -109,6 +111,8 @@ class Hierarchy:
         keys = Buffer.empty(device, len(faces), np.uint64)
         stages.hierarchy_keys(self.vertices, self.faces, keys, len(faces))
         found = keys.to_host()
+        if veils is not None:
+            found[veils] = _NO_CASTER
         found.sort()
         count = int(np.searchsorted(found, _NO_CASTER))
         keys = Buffer(device, found)
@@ -117,6 +121,7 @@ class Hierarchy:
         self.nodes = Buffer.empty(device, (sum(sizes), _NODE_FLOATS), np.float32)
         table = np.zeros(1, SINGLE.Casters)
         table["levels"] = len(sizes)
+        table["veils"] = 0 if veils is None else len(veils)
         first = np.cumsum([0, *sizes])[:-1]
         table["first_node"][0, : len(sizes)] = first
         self.casters = Buffer(device, table)

@@ -244,7 +244,10 @@ class Renderer:
         if not self.features["SHADOWS"]:
             return
         positions = packed.positions.astype(np.float64)
-        self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes)
+        veils = (
+            np.flatnonzero(scene_buffers.veiling_faces(packed)) if self.features["SHADOW_ALPHA"] else np.zeros(0, int)
+        )
+        self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
         none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
         self._light_table.shadow_unit = self._casters.frame.unit
         self._shadow_tables = {
@@ -252,6 +255,7 @@ class Renderer:
             "shadow_nodes": self._casters.nodes,
             "shadow_leaves": self._casters.leaves,
             "shadow_casters": self._casters.casters if self.settings.shadows else none,
+            "shadow_veils": Buffer(self.device, veils.astype(np.int32)),
             "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
             "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
         }

@@ -71,6 +71,13 @@ def transparent_faces(packed: Packed) -> Array:
     return np.broadcast_to(of_face, len(packed.faces))
 
 
+def veiling_faces(packed: Packed) -> Array:
+    """Return which faces may let light pass, (F,) bool."""
+    veils = (packed.materials["blends"] != 0) | (packed.materials["alpha_tested"] != 0)
+    of_face = veils[0 if packed.face_materials is None else packed.face_materials]
+    return np.broadcast_to(of_face, len(packed.faces))
+
+
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
     """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
     features.derive."""

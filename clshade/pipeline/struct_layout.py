@@ -179,7 +179,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "Casters": [
         ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
         ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
-        ("int", "pad", 1, ""),
+        ("int", "veils", 1, "casters that are not opaque, which the hierarchy leaves out"),
     ],
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),

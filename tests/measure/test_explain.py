@@ -45,7 +45,7 @@ def rich_scene(*without: str) -> Scene:
         given |= plain.get(name, {})
     filter = "linear" if "NEAREST" in without else "nearest"
     texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)), filter=filter)
-    given["alpha_cutoff"] = None if "ALPHA_TEST" in without else 0.4
+    given["alpha_cutoff"] = None if {"ALPHA_TEST", "SHADOW_ALPHA"} & set(without) else 0.4
     if "TEXTURED" not in without:
         given["texture"] = texture
     sides = "both" if "SIDES" in without else "front"
@@ -54,7 +54,7 @@ def rich_scene(*without: str) -> Scene:
         Material(
             **{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]},
             sides=sides,
-            blend=not {"BLEND", "MATERIALS", "SORTED"} & set(without),
+            blend=not {"BLEND", "MATERIALS", "SORTED", "SHADOW_ALPHA"} & set(without),
         ),
     )
     faces = np.arange(90).reshape(-1, 3)
@@ -97,9 +97,11 @@ NEEDS = {
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS"}
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA"}
     | {"TWO_SIDED", "NORMAL_INDICES"},
     "LIGHT_SHAPES": {"AREA_LIGHTS"},
+    "SHADOWS": {"SHADOW_ALPHA"},
+    "SHADOW_ALPHA": {"ALPHA_TEST", "BLEND", "VERTEX_ALPHA"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -142,7 +144,7 @@ LEFT_OUT = (
     ("SPECULAR", "UV_INDICES", "BACKGROUND", "AREA_LIGHTS"),
     ("POWER", "NORMAL_INDICES", "ALPHA_TEST"),
     ("LIGHT_SHAPES", "BLEND", "OWNERS"),
-    ("VERTEX_COLORS", "VERTEX_ALPHA"),
+    ("VERTEX_COLORS", "VERTEX_ALPHA", "SHADOW_ALPHA"),
     ("MATERIALS",),
     ("SCALARS",),
     ("SORTED",),
@@ -156,13 +158,14 @@ OF_CORNERS = {
     "LIGHT_SHAPES",
     "AREA_LIGHTS",
     "SHADOWS",
+    "SHADOW_ALPHA",
     "TWO_SIDED",
     "VERTEX_COLORS",
     "MATERIALS",
 }
 LEFT_OUT_AT_CORNERS = (
     ("AMBIENT", "TWO_SIDED", "SHADOWS"),
-    ("DIFFUSE", "LIGHT_SHAPES"),
+    ("DIFFUSE", "LIGHT_SHAPES", "SHADOW_ALPHA"),
     ("SPECULAR", "VERTEX_COLORS", "AREA_LIGHTS"),
     ("POWER", "MATERIALS"),
 )

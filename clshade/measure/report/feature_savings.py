@@ -33,6 +33,7 @@ WORK = {
     "LIGHT_SHAPES": "directions, cones and attenuation of lights",
     "AREA_LIGHTS": "points of lights of finite size",
     "SHADOWS": "shadows",
+    "SHADOW_ALPHA": "shadows of what is not opaque",
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",

@@ -1,0 +1,180 @@
+"""Shadows of casters that are not opaque: what they let pass of a light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from kernel_stages import OTHER_LANES
+
+from clshade import oracle
+from clshade.measure.check import oracle_bounds
+from clshade.pipeline.frame import same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.model import Light, Material, Mesh, PointLight, RectangleLight, Scene, Texture
+
+CAMERA = Camera((0.2, -9.0, 7.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0, (1.2, 1.2), (48, 48))
+LIGHT = PointLight((0.0, 0.0, 10.0), (1.0, 1.0, 1.0))
+SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
+UVS = (SQUARE + 1.0) / 2.0
+
+
+def square(z: float, half: float = 1.0, **fields: Any) -> Mesh:
+    """Return a square of two triangles, parallel to the floor. fields: of its material."""
+    more = {name: fields.pop(name) for name in ("alphas", "uvs") if name in fields}
+    verts = np.concatenate([half * SQUARE, np.full((4, 1), z)], axis=1)
+    material = Material(ka=0.1, kd=0.8, ks=0.0, two_sided=True, **fields)
+    return Mesh(verts, np.array([[0, 1, 2], [0, 2, 3]]), material=material, **more)
+
+
+def card(z: float = 3.0, **fields: Any) -> Mesh:
+    """Return a square whose shadow is that of the square at z = 3."""
+    return square(z, (10.0 - z) / 7.0, **fields)
+
+
+def half(z: float = 3.0) -> Mesh:
+    return card(z, blend=True, opacity=0.5)
+
+
+def holed() -> Texture:
+    """Return a texture of alpha 1 with a square hole."""
+    image = np.ones((8, 8, 4), np.float32)
+    image[2:6, 2:6, 3] = 0.0
+    return Texture(image, name="holed")
+
+
+def scene_of(*cards: Mesh, light: Light = LIGHT) -> Scene:
+    return Scene((square(0.0, 4.0), *cards), CAMERA, (light,), np.zeros(3), (0.0, 0.0, 0.0))
+
+
+def draw(device, *cards: Mesh, light: Light = LIGHT, **options: Any):
+    with Renderer(
+        scene_of(*cards, light=light), device=device, layers=("Z", "P", "id"), shadows=True, **options
+    ) as renderer:
+        return renderer.render()
+
+
+def shares(device, *cards: Mesh, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of the light that arrives at the floor, (K,), and where the light meets the square at z = 3."""
+    frame, bare = draw(device, *cards, samples=1, **options), draw(device, samples=1, **options)
+    floor = (frame["id"] > 0) & (frame["id"] <= 2)
+    return frame.rgb[floor][:, 0] / bare.rgb[floor][:, 0], 0.7 * frame["P"][floor][:, :2]
+
+
+def inside(place: np.ndarray, edge: float = 1.0) -> np.ndarray:
+    return (np.abs(place) < edge - 0.01).all(axis=1)
+
+
+def outside(place: np.ndarray, edge: float = 1.0) -> np.ndarray:
+    return (np.abs(place) > edge + 0.01).any(axis=1)
+
+
+def test_one_card_halves_a_light_and_two_quarter_it(opened):
+    for cards, expected in (((half(),), 0.5), ((half(), half(2.0)), 0.25), ((half(), half(2.0), half(4.0)), 0.125)):
+        share, place = shares(opened, *cards)
+        assert inside(place).sum() > 50
+        assert (share[inside(place)] == np.float32(expected)).all()
+        assert (share[outside(place)] == 1.0).all()
+
+
+def test_an_opaque_card_before_or_behind_hides_it(opened):
+    share, place = shares(opened, half(), card(2.0))
+    assert (share[inside(place)] == 0.0).all()
+    assert (share[outside(place)] == 1.0).all()
+
+
+def test_a_masked_card_casts_its_hole(opened):
+    share, place = shares(opened, card(alpha_cutoff=0.5, texture=holed(), uvs=UVS))
+    assert inside(place, 0.4).sum() > 5
+    assert (share[inside(place, 0.4)] == 1.0).all()
+    rim = inside(place) & outside(place, 0.6)
+    assert rim.sum() > 10
+    assert (share[rim] == 0.0).all()
+
+
+def test_alpha_of_vertices_is_that_where_the_light_crosses(opened):
+    share, place = shares(opened, card(blend=True, alphas=np.array([0.0, 1.0, 1.0, 0.0])))
+    within = inside(place)
+    np.testing.assert_allclose(share[within], 1.0 - (place[within, 0] + 1.0) / 2.0, atol=2e-3)  # P is snapped
+
+
+def test_any_order_gives_the_same_bits(opened):
+    cards = [card(z, blend=True, opacity=o) for z, o in ((1.0, 0.3), (2.0, 0.7), (3.0, 0.13), (4.0, 0.41))]
+    first = draw(opened, *cards, samples=1)
+    floor = first["id"] <= 2
+    for order in ((3, 1, 0, 2), (2, 3, 1, 0)):
+        frame = draw(opened, *(cards[k] for k in order), samples=1)
+        both = floor & (frame["id"] <= 2)
+        assert both.sum() > 500
+        assert (frame.rgb[both] == first.rgb[both]).all()
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_the_same_bits_with_any_number_of_lanes(opened, lanes):
+    cards = half(), card(2.0, alpha_cutoff=0.5, texture=holed(), uvs=UVS)
+    assert same_bits(draw(opened, *cards), draw(opened, *cards, lanes=lanes))
+
+
+CARDS = {
+    "halves": (half(), half(2.0)),
+    "masked": (card(alpha_cutoff=0.5, texture=holed(), uvs=UVS), half(2.0)),
+    "textured": (card(blend=True, texture=holed(), uvs=UVS), card(2.0)),
+    "vertices": (card(blend=True, opacity=0.9, alphas=np.array([0.1, 1.0, 0.3, 0.6])),),
+}
+
+
+def test_another_alpha_is_noticed(opened):
+    frame = draw(opened, half(), samples=1)
+    other = scene_of(card(blend=True, opacity=0.501))
+    expected = oracle.render(other, frame.settings)
+    with pytest.raises(AssertionError):
+        oracle_bounds.assert_frame(frame, expected, other, frame.settings)
+
+
+@pytest.mark.parametrize("name", CARDS)
+@pytest.mark.parametrize("options", [{}, {"shader": "gouraud"}, {"preset": "pbr"}, {"precision": "float64"}], ids=str)
+def test_frames_equal_the_oracle(opened, name, options):
+    if options.get("precision") == "float64" and not opened.has_fp64:
+        pytest.skip("the device has no float64")
+    light = replace(LIGHT, position=(0.3, -0.2, 10.0))
+    frame = draw(opened, *CARDS[name], light=light, **options)
+    expected = oracle.render(frame.scene, frame.settings)
+    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    assert agreement.gates.mean() < 0.02
+
+
+SIZED = {
+    "sphere": replace(LIGHT, radius=0.5),
+    "rectangle": RectangleLight((0.0, 0.0, 10.0), (0.5, 0.0, 0.0), (0.0, -0.4, 0.0), (1.0, 1.0, 1.0)),
+}
+# How far from the line to its center the lines to a light's points meet the square at z = 3.
+PENUMBRA = 0.5 * 3.0 / 10.0
+
+
+@pytest.mark.parametrize("name", SIZED)
+def test_a_card_halves_each_point_of_a_light_of_finite_size(opened, name):
+    share, place = shares(opened, half(), light=SIZED[name], light_samples=4)
+    assert inside(place, 1.0 - PENUMBRA).sum() > 30
+    assert (share[inside(place, 1.0 - PENUMBRA)] == 0.5).all()
+    assert (share[outside(place, 1.0 + PENUMBRA)] == 1.0).all()
+    assert ((share > 0.51) & (share < 0.99)).sum() > 10  # some points of the light shine past the card
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, *(pytest.param(each, marks=pytest.mark.long) for each in ({"shader": "gouraud"}, {"preset": "pbr"}))],
+    ids=str,
+)
+@pytest.mark.parametrize("name", SIZED)
+def test_lights_of_finite_size_equal_the_oracle(opened, name, options):
+    cards = half(), card(2.0, blend=True, alphas=np.array([0.1, 1.0, 0.3, 0.6]))
+    frame = draw(opened, *cards, light=SIZED[name], light_samples=3, samples=1, **options)
+    expected = oracle.render(frame.scene, frame.settings)
+    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    assert agreement.gates.mean() < 0.02
+    open_ = draw(opened, light=SIZED[name], light_samples=3, samples=1, **options)
+    floor = (frame["id"] > 0) & (frame["id"] <= 2)
+    assert (frame.rgb < 0.9 * open_.rgb)[floor].any()
