@@ -99,7 +99,7 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
 
 TYPED = {
     camera: {"Camera"},
-    lights: {"PointLight", "DirectionalLight", "SpotLight"},
+    lights: {"PointLight", "DirectionalLight", "SpotLight", "RectangleLight"},
     model: {"Mesh", "Scene"},
     texture: {"Texture"},
 }
