@@ -268,9 +268,8 @@ def render_options(settings: Settings, scene: Scene) -> list[str]:
         parts = [] if preset == scene.preset else ["--preset", preset]
         for name, value in changes.items():
             option = name.replace("_", "-")
-            parts += (
-                [f"--{option if value else f'no-{option}'}"] if isinstance(value, bool) else [f"--{option}", str(value)]
-            )
+            parts.append(f"--no-{option}" if value is False else f"--{option}")
+            parts += [] if isinstance(value, bool) else [str(value)]
         return parts
 
     return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]
