@@ -149,7 +149,7 @@ QUANTIZED = 0.013
 @pytest.mark.parametrize("tangents", [False, True], ids=["computed", "from the file"])
 def test_maps_shade_as_geometry_does(drawn, tangents):
     """Turned, mirrored and half mirrored coordinates. A wrong sign of a tangent changes cells by more than ten times the
-    bound. Without shadows: a dome of geometry may cast one on itself, a mapped one lies flat."""
+    bound. Without shadows, whose terminator is softened by the faces, which lie otherwise below maps."""
     write = partial(surfaces.normal_tangent, tangents=tangents)
     image = drawn(write, 4, 4, ASLANT, side=surfaces.GRID, ambient=0.0, shadows=False).image[:, :, 2:-2, 2:-2]
     geometry = image[0, 0]
@@ -159,7 +159,7 @@ def test_maps_shade_as_geometry_does(drawn, tangents):
 
 
 def test_negative_scales(drawn):
-    """Front sides stay in front; geometry and maps are shaded alike, but for shadows, which maps do not cast."""
+    """Front sides stay in front; geometry and maps are shaded alike, but for shadows' softening."""
     cells = drawn(surfaces.negative_scale, 4, 4, ASLANT, side=surfaces.GRID, shadows=False)
     assert passing(cells.inner()[:2]).all()
     domes = cells.image[2:, :, 2:-2, 2:-2]
