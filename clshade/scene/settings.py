@@ -168,7 +168,7 @@ class Settings:
         Points of each light of finite size (a PointLight with a radius, a RectangleLight) that its
         light is the mean of, 1 to 256 (`clshade.pipeline.light_points`). They are shifted from pixel
         to pixel, so that few of them look like fine grain.
-    shadows : bool, default False
+    shadows : bool, default False, with preset `pbr` True
         A light reaches a point only if no triangle lies between them. Shader `gouraud` asks at the
         corners of faces. Ambient light, emission and the environment are not shadowed.
 
@@ -248,7 +248,8 @@ class Settings:
         ----------
         preset : {"course", "standard", "pbr"}
             `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at
-            vertex, ambient plain. `standard`: the defaults. `pbr`: the defaults with shader pbr.
+            vertex, ambient plain. `standard`: the defaults. `pbr`: the defaults with shader pbr and
+            shadows.
         **fields
             Fields of `Settings` to change.
 
@@ -278,7 +279,7 @@ class Settings:
                 "ambient": "plain",
             }
         elif preset == "pbr":
-            values = {"shader": "pbr"}
+            values = {"shader": "pbr", "shadows": True}
         known("Settings", fields, cls.__dataclass_fields__)
         return cls(**{**values, **fields})
 

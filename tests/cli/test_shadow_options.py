@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import pytest
 from command_line import needs_device, run
+from mesh_writers import triangle
 
 from clshade import exr
+from clshade.cli.commands.scene_options import load_scene, picture_settings
+from clshade.cli.main import _parser
+from clshade.pipeline.effective_settings import effective_settings
 from clshade.scene.settings import Settings
 
 SMALL = ("render", "teapot", "--resolution", "48,36", "--samples", "1")
@@ -45,3 +49,18 @@ def test_explain_says_why_there_are_none(capsys, tmp_path):
 @pytest.mark.parametrize("preset", ["course", "standard"])
 def test_presets_of_phongs_model_have_no_shadows(preset):
     assert not Settings.from_preset(preset).shadows
+
+
+def test_those_of_metallic_roughness_have_them(tmp_path):
+    path = triangle().glb(tmp_path / "a.glb")
+    for options, shadows in (
+        ((), True),
+        (("--no-shadows",), False),
+        (("--preset", "standard"), False),
+        (("--preset", "course"), False),
+        (("--preset", "standard", "--shadows"), True),
+    ):
+        parsed = _parser(["render"]).parse_args(["render", path, *options])
+        scene = load_scene(parsed, path)
+        settings = effective_settings(scene, parsed.preset, **picture_settings(parsed, scene))[1]
+        assert settings.shadows == shadows, options

@@ -172,7 +172,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         "--shadows",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="lights reach only what no triangle hides (default: no)",
+        help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
     )
     group.add_argument(
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"

@@ -267,7 +267,9 @@ def render_options(settings: Settings, scene: Scene) -> list[str]:
         changes = {name: value for name, value in vars(settings).items() if value != before[name]}
         parts = [] if preset == scene.preset else ["--preset", preset]
         for name, value in changes.items():
-            parts += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+            option = name.replace("_", "-")
+            parts.append(f"--no-{option}" if value is False else f"--{option}")
+            parts += [] if isinstance(value, bool) else [str(value)]
         return parts
 
     return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]

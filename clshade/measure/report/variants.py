@@ -81,10 +81,10 @@ SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene) -> Settings:
-    """Return the preset `standard` with the scene's own ambient term and model of reflection, which approximate no
+    """Return the preset `standard` with the scene's own ambient term, model of reflection and shadows, which approximate no
     other."""
     own = Settings.from_preset(scene.preset)
-    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader)
+    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader, shadows=own.shadows)
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
