@@ -245,6 +245,7 @@ class Renderer:
             return
         positions = packed.positions.astype(np.float64)
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes)
+        self._scene_bytes += self._casters.nbytes
         none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
         self._light_table.shadow_unit = self._casters.frame.unit
         self._shadow_tables = {
