@@ -9,7 +9,7 @@ from exact_shadows import DARK, EITHER, LIT, ExactShadows
 from kernel_stages import LANES, Probe
 
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
-from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
+from clshade.pipeline.struct_layout import RECEIVER_UNITS, SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 U = 2.0**-24
@@ -85,6 +85,20 @@ def test_a_flat_mesh_casts_no_shadow_on_itself(device, turned, light):
     hierarchy = Hierarchy(device, *mesh)
     for points in (random_points(mesh, 2000), border_points(mesh, 2000)):
         assert not hierarchy.shadowed(*points, np.array(light)).any()
+
+
+@pytest.mark.parametrize("units", range(1, 11))
+def test_receivers_off_their_plane(device, units):
+    """To either side: by as much as rounding may move them, on a flat mesh, they are as if they were on it."""
+    mesh = joined(lattice(4), moved(box(), 0.5, 0.1))
+    frame = CasterFrame.around(mesh[0])
+    at, receivers = random_points(lattice(4), 60)
+    for off in (units, -units):
+        points = at + [0.0, 0.0, off * SHADOW_GRID / frame.unit]
+        for light in ([1.0, 0.8, 1.5, 1.0], [0.2, 0.1, -1.0, 1.0], [0.3, 0.2, 1e-3, 1.0], [1.0, 0.5, 0.7, 0.0]):
+            found = compare(device, mesh, light, points=(points, receivers))
+            if units <= RECEIVER_UNITS:
+                assert np.array_equal(found, compare(device, mesh, light, points=(at, receivers)))
 
 
 def test_a_degenerate_triangle_casts_no_shadow(device):

@@ -95,7 +95,7 @@ class Hierarchy:
     follow from its own. Built on the device, but for the sort.
 
     vertices: (V, 3) float64. faces: (F, 3), indices of vertices; those without area, and those with a corner that is not
-    finite, cast no shadow.
+    finite, cast no shadow (the tree leaves out the latter, and those with two equal indices).
     """
 
     def __init__(

@@ -248,6 +248,7 @@ class Renderer:
             np.flatnonzero(scene_buffers.veiling_faces(packed)) if self.features["SHADOW_ALPHA"] else np.zeros(0, int)
         )
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
+        self._scene_bytes += self._casters.nbytes
         none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
         self._light_table.shadow_unit = self._casters.frame.unit
         self._shadow_tables = {

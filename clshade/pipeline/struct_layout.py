@@ -37,6 +37,7 @@ LIGHT_SHIFTS = {
 }
 SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
 SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
+RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver may lie along each axis
 MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
@@ -56,6 +57,7 @@ CONSTANTS = {
     "SHADOW_REACH": SHADOW_REACH,
     "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
     "SHADOW_GRID": SHADOW_GRID,
+    "RECEIVER_UNITS": RECEIVER_UNITS,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
     "BRDF_SIDE": BRDF_SIDE,

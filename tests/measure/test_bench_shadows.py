@@ -380,3 +380,9 @@ def test_refusals(capsys):
     for further in (("--workers", "2"), ("--scaling",), ("--peers", "none")):
         assert main(["bench", "--shadows", *further]) == 2
         assert "--shadows" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--turn", "3"], ["--scaling"], ["--peers", "numpy"], ["--workers", "2"]])
+def test_options_of_other_benchmarks_are_refused(capsys, option):
+    assert main(["bench", "--shadows", *option]) == 2
+    assert "expected either --shadows" in capsys.readouterr().err

@@ -11,7 +11,7 @@ from kernel_stages import OTHER_LANES, mask
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy, ShadowRays
 from clshade.pipeline.programs import build_text
-from clshade.pipeline.struct_layout import SHADOW_REACH
+from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 ONE_BY_ONE = """
@@ -76,12 +76,19 @@ def neighbors(mesh: Mesh, count: int, seed: int = 3) -> tuple[Array, Array]:
     return (vertices[faces[chosen]] * weights[:, :, None]).sum(axis=1), chosen
 
 
+def sheets() -> Mesh:
+    """Return lattices 5e-12 to 5e-9 above one another: their receivers have lights close by, and triangles before these."""
+    above = [moved(lattice(3), np.array([0.0, 0.0, z])) for z in (0.0, 5e-12, 5e-11, 5e-10, 5e-9)]
+    return joined(*above)
+
+
 MESHES = {
     "soup": soup(200),
     "of all sizes": of_all_sizes(),
     "crumpled": crumpled(),
     "closed": joined(sphere(12, 16), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
     "boxes side by side": joined(*(moved(box(), by, 0.25) for by in np.arange(8) * 0.5)),
+    "sheets": sheets(),
 }
 
 
@@ -90,6 +97,12 @@ def lights_for(mesh: Mesh) -> list[Array]:
     near = [[*(2.0 * rng.normal(size=3)), 1.0] for _ in range(4)]
     lights = [*near, [3e9, 2e9, -1e9, 1.0], [0.2, -0.3, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1e-6, 1.0]]
     lights += [[*mesh[0][5], 1.0], [*mesh[0][mesh[1][3]].mean(axis=0), 1.0], [1e3, 0.25, 0.25, 1.0]]
+    vertices, faces = mesh
+    points, chosen = neighbors(mesh, 1600)
+    for k, distance in enumerate((1e-8, 1e-9, 1e-10, 1e-11)):
+        a, b, c = vertices[faces[chosen[400 * k]]]
+        normal = np.cross(b - a, c - a)
+        lights.append([*(points[400 * k] + distance * normal / np.linalg.norm(normal)), 1.0])
     return [np.array(light) for light in lights]
 
 
@@ -103,6 +116,38 @@ def test_the_same_as_one_by_one(device, mesh):
             found = rays.dark.to_host() != 0
             wrong = np.flatnonzero(found != one_by_one(device, hierarchy, rays))
             assert not len(wrong), (light, wrong[:9], found[wrong[:9]])
+
+
+@pytest.mark.parametrize("distance", [1e-8, 1e-9, 1e-10, 1e-11])
+def test_lights_next_to_receivers(device, distance):
+    """A triangle halfway to a light that is at the receivers as far as float32 tells, with any number of lanes."""
+    floor = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
+    mesh = joined((floor, np.array([[0, 1, 2]])), (0.5 * floor + [0, 0, 0.5 * distance], np.array([[0, 1, 2]])))
+    hierarchies = [Hierarchy(device, *mesh, lanes=lanes) for lanes in (16, 4, 1)]
+    rng = np.random.default_rng(12)
+    points, receivers = np.zeros((16, 3)), np.zeros(16, int)
+    dark = 0
+    for spread in (0.1, 1.0, 10.0):
+        for _ in range(12):
+            center = rng.uniform(-0.3, 0.3, 2)
+            points[:, :2] = center + spread * distance * rng.uniform(-1.0, 1.0, (16, 2))
+            light = np.array([*center, distance, 1.0])
+            expected = one_by_one(device, hierarchies[0], hierarchies[0].rays(points, receivers, light))
+            for hierarchy in hierarchies:
+                assert np.array_equal(hierarchy.shadowed(points, receivers, light), expected)
+            dark += np.count_nonzero(expected)
+    assert 0.2 < dark / (3 * 12 * 16) < 0.9
+
+
+def test_a_light_at_the_receiver_reaches_it(device):
+    """Also where triangles pass less than their bound from it."""
+    floor = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
+    layers = [(floor + [0, 0, z], np.array([[0, 1, 2]])) for z in np.arange(-12, 13) * SHADOW_GRID / 2.0**14]
+    hierarchy = Hierarchy(device, *joined(*layers))
+    points = np.array([[0.1, -0.2, z] for z in np.arange(-12, 13) * SHADOW_GRID / 2.0**14])
+    for k, point in enumerate(points):
+        for receiver in (k, 12):
+            assert not hierarchy.shadowed(point[None], np.array([receiver]), np.array([*point, 1.0])).any()
 
 
 def test_triangles_seen_edge_on(device):

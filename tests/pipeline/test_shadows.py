@@ -170,3 +170,12 @@ def test_a_camera_that_moves_sees_the_same_shadow(device):
             frame = renderer.render(replace(CAMERA, eye=eye))
             expected = oracle.render(frame.scene, frame.settings)
             oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+
+
+def test_the_hierarchy_counts_as_memory_of_the_scene(device):
+    scene = scene_of()
+    with Renderer(scene, device=device, shader="phong", shadows=True) as renderer:
+        own = renderer.render().stats["bytes"]["scene"]
+        hierarchy = renderer._casters.nbytes
+    assert hierarchy > 0
+    assert own == draw(device, scene, layers=(), shader="phong", shadows=False).stats["bytes"]["scene"] + hierarchy

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clshade.pipeline.hierarchy import CasterFrame
-from clshade.pipeline.struct_layout import SHADOW_GRID
+from clshade.pipeline.struct_layout import RECEIVER_UNITS, SHADOW_GRID
 
 Array = np.ndarray
 LIT, DARK, EITHER = 0, 1, 2
@@ -16,7 +16,6 @@ _SCALE = 1 << 180  # every float32 of a light is a multiple of 1 / _SCALE, but f
 _ONE = 22, 48  # 22 * 2^-48 of the magnitude: of one determinant
 _TWO = 25, 48
 _CENTROID = 28, 48
-_OFF = 4  # units of the grid
 
 _integers = np.frompyfunc(int, 1, 1)
 
@@ -96,7 +95,7 @@ class ExactShadows:
         a = self.corners[:, 0]
         of_light = light_side(self.normals, a)
         height, magnitude = _dot(self.normals, a - point)
-        bound = _ONE[0] * magnitude + (_OFF * abs(self.normals[0]).sum(axis=-1) << 48)  # times 2^48
+        bound = _ONE[0] * magnitude + (RECEIVER_UNITS * abs(self.normals[0]).sum(axis=-1) << 48)  # times 2^48
         exact, size = _sign(-height), abs(height) << 48
         near = size <= 2 * bound, 2 * size <= bound  # may be, must be
         centroid = (self.corners[receiver] - a[:, None]).sum(axis=1)

@@ -23,7 +23,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--turn",
         type=int,
         metavar="N",
-        default=BENCH_TURN,
         help=f"frames in a row, when alternating with a peer (default: {BENCH_TURN})",
     )
     parser.add_argument(
@@ -67,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         names=arguments.workloads,
         peers_named=peers,
         frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        turn=arguments.turn,
+        turn=BENCH_TURN if arguments.turn is None else arguments.turn,
         with_scaling=arguments.scaling,
         targets=arguments.targets,
         out=arguments.out,
@@ -95,9 +94,10 @@ def _run_crews(arguments: argparse.Namespace) -> int:
 def _run_shadows(arguments: argparse.Namespace) -> int:
     from ...measure.bench import shadows
 
-    if arguments.workers or arguments.scheduler or arguments.scaling or arguments.peers:
+    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
+    if any(others) or arguments.turn is not None:
         raise InputError(
-            "bench: expected either --shadows, or --workers, --scheduler, --scaling and --peers, found both"
+            "bench: expected either --shadows, or --workers, --scheduler, --scaling, --peers and --turn, found both"
         )
     passed = shadows.run(
         arguments.device,
