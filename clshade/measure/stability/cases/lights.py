@@ -80,7 +80,7 @@ def spheres(bench: Bench) -> Outcome:
     lights += [
         PointLight((0.1, 0.2, 1.0), (power, 0.5 * power, 0.2 * power), attenuation, radius=radius)
         for radius in (1e17, 1e20)
-        for attenuation, power in zip(ATTENUATIONS, (1.0, radius**2), strict=True)
+        for attenuation, power in zip(ATTENUATIONS, (1.0, min(radius**2, 1e38)), strict=True)
     ]
     lights += [PointLight(vertex, (0.3, 0.2, 0.1), "inverse-square", radius=radius) for radius in (1e-7, 0.5)]
     lights.append(PointLight(vertex - np.array([2.0, 3.0, 5.0]) / 4.0, radius=0.5))
