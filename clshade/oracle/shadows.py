@@ -187,7 +187,12 @@ def _candidates(
     casters: Casters, position: Floats, light_off: Floats, parallel: bool, at: Receivers, tried: Integers
 ) -> tuple[Integers, Integers]:
     """Return pairs of receivers and triangles that the lines to the light may meet: where the volumes of line and sides, by
-    Plücker's coordinates, have the same sign within their rounding."""
+    Plücker's coordinates, have the same sign within their rounding.
+
+    slack is more than the margins of `_Tests.volumes` over the line's length d, e being the receiver's `off`, l the
+    light's: no two points of the casters' box are more than m = sqrt(3) apart, so these are at most REACH m^2
+    + e m (1 + m/d) + 2 OFF m + l m^2/d; of a direction, d = 1 and OFF is l.
+    """
     a, b, c = np.moveaxis(casters.corners[tried], 1, 0)
     distance = position if parallel else position - at.point
     away = np.ones(len(at.face)) if parallel else length(distance)
@@ -259,6 +264,8 @@ class _Tests:
         """Return the light's height over planes, times their normals' lengths, and how far it may be off."""
         most = length(sides[0]) * length(sides[1])
         if self.parallel:
+            # Corners off by OFF turn the product of the sides by 2 OFF times their lengths, a direction off by OFF adds OFF
+            # times `most`: 8 OFF is four times the one and more than the other.
             return dot(normal, self.light), (REACH + 8.0 * OFF) * (most + length(sides[0]) + length(sides[1]))
         away = self.light - first
         off = REACH * most * length(away) + (self.light_off + 2.0 * self.at.off) * most

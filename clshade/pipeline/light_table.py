@@ -31,13 +31,14 @@ _MOST_INVERSE = 2.0**60  # of a range, scaled: nearer than 2^-50 nothing arrives
 
 class LightTable:
     """The lights of non-zero intensity. unit: what their intensities are expressed in. points: how many stand for a light
-    of finite size. shadow_unit: of the casters' frame."""
+    of finite size. shadow_factors: what `shadow_view.shadow_factors` returns of the same lights, 1 without shadows."""
 
     def __init__(self, lights: Sequence[Light], unit: float, structs: Structs, points: int) -> None:
         shining = [light for light in lights if light.intensity.any()]
         self._rows = np.zeros(max(len(shining), 1), structs.Light)
         self._real: Real = structs.real
-        self.count, self.unit, self.shadow_unit = len(shining), unit, 1.0
+        self.count, self.unit = len(shining), unit
+        self.shadow_factors: Floats = np.ones(len(shining))
         intensities = np.array([light.intensity for light in shining]).reshape(-1, 3) / unit
         sized = np.array([has_size(light) for light in shining], bool)
         intensities[sized] /= points
@@ -62,21 +63,24 @@ class LightTable:
     def rows(self, eye: Array, scale: float) -> Array:
         """Return rows of structs.Light, at least one, for an eye (3,) and the scale of its coordinates, a power of two."""
         if len(self._placed):
-            place = self._positions, eye, scale, self._most, self._sizes
+            place = self._positions, eye, scale, self._most
             self._rows["position"][self._placed] = relative_lights(*place)
-            exponents = light_exponents(*place)
+            exponents = light_exponents(*place, self._sizes)
         if self._sizes.any():
-            self._write_sides(exponents)
+            self._write_sides(exponents, exponents - light_exponents(*place))
         if self._attenuated.any():
             self._write_attenuation(self._placed[self._attenuated], exponents[self._attenuated])
         return self._rows
 
-    def _write_sides(self, exponents: Array) -> None:
-        """Write what spans the lights of finite size, counted in 2^-exponent of the scene's unit."""
+    def _write_sides(self, exponents: Array, smaller: Array) -> None:
+        """Write what spans the lights of finite size, counted in 2^-exponent of the scene's unit: 2^smaller times what their
+        positions would be."""
         sides = np.ldexp(self._sides, exponents[:, None, None])
         sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
         self._rows["right"][self._placed], self._rows["up"][self._placed] = sides[:, 0], sides[:, 1]
-        self._rows["shadow_scale"][self._placed] = to_real(np.ldexp(self.shadow_unit, -exponents), self._real)
+        self._rows["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
+        factors = self.shadow_factors[self._placed]
+        self._rows["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
 
     def _write_attenuation(self, index: Array, exponents: Array) -> None:
         """Write what depends on distances, which the kernels count in 2^-exponent of the scene's unit, of the rows `index`

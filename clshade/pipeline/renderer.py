@@ -34,7 +34,7 @@ from .light_table import LightTable
 from .lines import Lines
 from .opencl.device import Device, shared_device
 from .pixel_pass import draw_pixels
-from .shadow_view import shadow_lights, write_shadow_view
+from .shadow_view import shadow_factors, shadow_lights, write_shadow_view
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
@@ -250,7 +250,7 @@ class Renderer:
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
         self._scene_bytes += self._casters.nbytes
         none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
-        self._light_table.shadow_unit = self._casters.frame.unit
+        self._light_table.shadow_factors = shadow_factors(self.scene.lights, self._casters.frame)
         self._shadow_tables = {
             "shadow_vertices": self._casters.vertices,
             "shadow_nodes": self._casters.nodes,

@@ -138,13 +138,11 @@ def light_unit(
     return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
 
 
-def relative_lights(
-    positions: Array, eye: Array, scale: float, most: Array | int = 60, sizes: Array | float = 0.0
-) -> Floats:
+def relative_lights(positions: Array, eye: Array, scale: float, most: Array | int = 60) -> Floats:
     """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^most (half of
-    that along an axis), or as large, only the direction is kept. most, sizes: a number, or (L,)."""
+    that along an axis) only the direction is kept. most: a number, or (L,)."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
-    relative: Floats = np.ldexp(half, light_exponents(positions, eye, scale, most, sizes)[:, None] + 1)
+    relative: Floats = np.ldexp(half, light_exponents(positions, eye, scale, most)[:, None] + 1)
     return relative
 
 
@@ -152,7 +150,7 @@ def light_exponents(
     positions: Array, eye: Array, scale: float, most: Array | int = 60, sizes: Array | float = 0.0
 ) -> Array:
     """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
-    2^most."""
+    2^most. sizes: a number, or (L,), of what is to be scaled with them and no larger than 2^most either."""
     half = positions * 0.5 - eye * 0.5
     exponent = np.frexp(np.maximum(np.abs(half).max(axis=1, initial=0.0), 0.5 * np.asarray(sizes)))[1]
     return np.asarray(np.minimum(math.frexp(scale)[1], most - exponent) - 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..base.arrays import Array, Floats
@@ -10,7 +12,7 @@ from ..scene.model import Light
 from .camera_space import CameraSpace
 from .hierarchy import CasterFrame, split
 from .light_points import sides_of
-from .struct_layout import SINGLE, SUBPIXEL_BITS
+from .struct_layout import SHADOW_REACH, SINGLE, SUBPIXEL_BITS
 
 _FARTHEST = 2.0**90  # products of three coordinates stay within float32's range
 
@@ -44,6 +46,21 @@ def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> Array:
     """Return rows of structs.ShadowLight of the lights that shine, in their order, at least one."""
     rows = [frame.light(_homogeneous(light), _size(light)) for light in lights if light.intensity.any()]
     return np.concatenate(rows) if rows else np.zeros(1, SINGLE.ShadowLight)
+
+
+def shadow_factors(lights: tuple[Light, ...], frame: CasterFrame) -> Floats:
+    """Return what turns lengths into the units of the rows of `shadow_lights`, one of each light that shines: the frame's
+    unit times w, which the row has as 0 if it is too small."""
+    factors = []
+    for light in lights:
+        if light.intensity.any():
+            w = 0.0
+            if not isinstance(light, DirectionalLight):
+                moved = (np.asarray(light.position, np.float64) - frame.origin) * frame.unit
+                reach = float(np.abs(moved).max()) + _size(light) * frame.unit
+                w = 1.0 if reach <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(reach)[1]
+            factors.append(frame.unit * w)
+    return np.array(factors)
 
 
 def _size(light: Light) -> float:

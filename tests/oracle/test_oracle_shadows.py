@@ -186,6 +186,41 @@ def test_far_scenes_and_lights(shift, distance):
     assert unsure.mean() < 0.02
 
 
+def pairs_of_all(casters: shadows.Casters, light: Light, at: shadows.Receivers, off: float) -> tuple[set, set]:
+    """Return the pairs of receivers and triangles that are candidates, and those of all that are hit or may be."""
+    position, parallel = casters.toward(light)
+    positions = np.broadcast_to(position, at.point.shape)
+    light_off = (0.0 if parallel else shadows.OFF * np.linalg.norm(positions, axis=1)) + np.full(len(positions), off)
+    tried = shadows._candidates(casters, positions, light_off, parallel, at)
+    k, column = np.nonzero(at.face[:, None] != casters.solid)
+    triangle = casters.solid[column]
+    every = shadows._Tests(casters, positions[k], light_off[k], parallel, at[k], triangle)
+    found = np.logical_or(*every.hits())
+    pairs = zip(k[found].tolist(), triangle[found].tolist(), strict=True)
+    return set(zip(*map(np.ndarray.tolist, tried), strict=True)), set(pairs)
+
+
+@pytest.mark.parametrize("uncertain", [0.0, 1e-6, 1e-2])
+def test_no_pair_that_is_hit_or_may_be_is_left_untried(uncertain):
+    """Corners on a coarse grid, so that lines meet sides, corners and planes; receivers and lights known as exactly as on
+    the device or less."""
+    generator = np.random.default_rng(11)
+    corners = generator.integers(-4, 5, size=(120, 3, 3)) / 4.0
+    corners[:20, 2] = corners[:20, 1] + generator.normal(size=(20, 3)) * 1e-9  # slivers
+    casters = casters_of(Mesh(corners.reshape(-1, 3), np.arange(360).reshape(-1, 3)))
+    face = generator.choice(casters.solid, 60)
+    share = generator.choice([0.0, 0.25, 0.5, 1.0], size=(60, 3)) + 1e-3
+    points = (share[:, :, None] * casters.corners[face]).sum(axis=1) / share.sum(axis=1)[:, None]
+    at = shadows.Receivers(points, face, np.full(60, shadows.OFF + uncertain))
+    lights: list[Light] = [PointLight(place) for place in ((0, 0, 0), (0.25, 0.5, -0.5), (2, 3, 1), (1e9, 2e9, 0))]
+    lights += [DirectionalLight((0, -1, 0)), DirectionalLight((1, 2, -3))]
+    for light in lights:
+        tried, hit = pairs_of_all(casters, light, at, uncertain)
+        assert len(hit) > 60
+        assert hit <= tried
+        assert len(tried) < len(at.face) * len(casters.solid)
+
+
 def test_slivers_and_triangles_without_area_hide_at_most_what_they_cover():
     """A triangle 1e-9 wide hides a line; one without area, or with a corner that is not finite, nothing."""
     line = np.array([[0.0, 1.0, -2.0], [1e-9, 1.0, -2.0], [0.0, 1.0, 2.0]])

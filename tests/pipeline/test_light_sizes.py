@@ -15,7 +15,9 @@ from clshade.measure.check import oracle_bounds
 from clshade.oracle import light_points as points_of_oracle
 from clshade.pipeline import light_points, struct_layout
 from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.hierarchy import CasterFrame
 from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.shadow_view import shadow_factors, shadow_lights
 from clshade.scene.adjust_lights import rescaled_light
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene
@@ -269,12 +271,23 @@ def test_shadows_against_the_oracle(device, options):
         assert (expected.jump > 0.0).any(
             axis=-1
         ).mean() < 0.05  # where either answer is right, highlights' gates included
-        assert ((draw(device, roofed(light), **options).rgb > 1.1 * frame.rgb).any(axis=-1)).mean() > 0.02
+        open_ = draw(device, roofed(light), light_samples=3, **options)
+        assert ((open_.rgb > 1.1 * frame.rgb).any(axis=-1)).mean() > 0.02
+
+
+def lit_part(x: np.ndarray) -> np.ndarray:
+    """Return what part of a square light, 1 x 1, 2 above places x (K,) of a floor, arrives where a half-plane halfway
+    between hides its points p < -x: each counts with the product of the cosines at both ends, 4/(4 + distance^2)."""
+    line = (np.arange(1000) + 0.5) / 1000 - 0.5
+    squares = (line - x[:, None])[:, :, None] ** 2 + line**2
+    weights = (4.0 / (4.0 + squares)).sum(axis=2)
+    return (weights * (line > -x[:, None])).sum(axis=1) / weights.sum(axis=1)
 
 
 def test_a_penumbra_in_closed_form(device):
     """Below the edge of a half-plane at half the height of a rectangle, the lit part of the light grows linearly from one
-    end of the penumbra, as wide as the light, to the other."""
+    end of the penumbra, as wide as the light, to the other. One of 256 points may lie on the wrong side of the edge; the
+    tolerance is two."""
     half = Mesh([[0, -30, 1], [0, 30, 1], [-60, 0, 1]], [[0, 1, 2]], material=MATTE)
     light = RectangleLight((0, 0, 2), (0.5, 0, 0), (0, -0.5, 0))
     open_ = lit_by(light, material=MATTE)
@@ -285,11 +298,47 @@ def test_a_penumbra_in_closed_form(device):
         / draw(device, replace(open_, camera=camera), light_samples=256).rgb[10, :, 0]
     )
     x = (np.arange(21) + 0.5 - 10.5) / 21 * 2.0  # on the floor
-    weight = np.clip(0.5 + x, 0.0, 1.0)
-    assert np.abs(ratio - weight)[np.abs(x) < 0.05].max() < 0.05
+    inside = np.abs(x) < 0.5
+    assert inside.sum() > 8
+    assert np.abs(ratio - lit_part(x))[inside].max() < 2.0 / 256
+    assert np.abs(lit_part(x) - (0.5 + x))[inside].max() < 0.03  # the cosines' share of it
     assert (ratio[x < -0.5] == 0.0).all()
     assert ratio[x > 0.5] == pytest.approx(1.0, abs=1e-6)
     assert (np.diff(ratio) > -0.01).all()
+
+
+@pytest.mark.parametrize("far", [1e18, 1e20, 1e25])
+def test_a_sphere_so_far_away_that_it_counts_as_directional_casts_a_penumbra(device, far):
+    """Half as large as it is far away, above a scene 1e-12 across: each of its points has its own direction."""
+    scene = roofed(PointLight((0.1 * far, -0.2 * far, far), radius=0.5 * far), material=MATTE)
+    meshes = tuple(replace(mesh, verts=mesh.verts * 1e-12) for mesh in scene.meshes)
+    tiny = replace(scene, meshes=meshes, camera=replace(CAMERA, eye=CAMERA.eye * 1e-12))
+    frame = draw(device, tiny, shadows=True, light_samples=16)
+    assert bounds_of(frame) < 3.0
+    assert len(np.unique(np.round(frame.rgb[..., 0], 3))) > 30
+    assert light_rows_are_directional(tiny) == (far > 1e18)
+
+
+def light_rows_are_directional(scene: Scene) -> bool:
+    frame = CasterFrame.around(np.concatenate([mesh.verts for mesh in scene.meshes]))
+    row = shadow_lights(scene.lights, frame)[0]
+    factor = shadow_factors(scene.lights, frame)[0]
+    assert row["w"] in (0.0, factor / frame.unit)
+    return bool(row["w"] == 0.0)
+
+
+@pytest.mark.parametrize("radius", [1e17, 1e20, 1e40])
+@pytest.mark.parametrize("shadows", [False, True])
+def test_a_sphere_far_larger_than_the_scene_turns_its_disc_toward_each_point(device, radius, shadows):
+    """The radius is scaled down into float32's range, but not the center, which each disc's direction depends on."""
+    place, light = (1.0, 2.0, 1.5), np.array([1.0, 0.9, 0.7])
+    plain = roofed(PointLight(place, light, radius=radius))
+    frame = draw(device, plain, shadows=shadows, light_samples=4)
+    assert bounds_of(frame) < 3.0
+    assert np.ptp(frame.rgb[20, :, 0]) > 0.05
+    bright = light * min(radius, 1e18) ** 2
+    attenuated = roofed(PointLight(place, bright, "inverse-square", radius=radius))
+    assert bounds_of(draw(device, attenuated, shadows=shadows, light_samples=4)) < 3.0
 
 
 def test_a_tiny_sphere_casts_the_shadow_of_a_point(device):

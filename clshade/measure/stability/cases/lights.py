@@ -68,7 +68,7 @@ def far_away(bench: Bench) -> Outcome:
 
 
 def spheres(bench: Bench) -> Outcome:
-    """Spheres 1e-7 to 1e6 in radius, around a vertex of the sheet and around the whole of it, and one whose disc faces a
+    """Spheres 1e-7 to 1e20 in radius, around a vertex of the sheet and around the whole of it, and one whose disc faces a
     vertex that is where its mirror plane is not defined."""
     mesh = lit.patch()
     vertex = mesh.verts[24]
@@ -76,6 +76,11 @@ def spheres(bench: Bench) -> Outcome:
         PointLight((0.1, 0.2, 1.0), (1.0, 0.5, 0.2), attenuation, radius=radius)
         for radius in (1e-7, 0.3, 3.0, 1e6)
         for attenuation in ATTENUATIONS
+    ]
+    lights += [
+        PointLight((0.1, 0.2, 1.0), (power, 0.5 * power, 0.2 * power), attenuation, radius=radius)
+        for radius in (1e17, 1e20)
+        for attenuation, power in zip(ATTENUATIONS, (1.0, min(radius**2, 1e38)), strict=True)
     ]
     lights += [PointLight(vertex, (0.3, 0.2, 0.1), "inverse-square", radius=radius) for radius in (1e-7, 0.5)]
     lights.append(PointLight(vertex - np.array([2.0, 3.0, 5.0]) / 4.0, radius=0.5))
