@@ -321,7 +321,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 def test_where_all_that_phong_has_is_needed_that_of_pbr_is_left_out(device):
     options = {"layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter", "scalars": "data"}
-    found = feature_savings.explain(rich_scene(), frames=1, device=device, **options)
+    found = feature_savings.explain(rich_scene(), frames=1, device=device, shadows=True, **options)
     assert set(found.left_out) == OF_PBR
     assert found.passed
     nothing = replace(found, frames=0, left_out={}, full=found.lean)

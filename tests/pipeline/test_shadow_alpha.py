@@ -146,7 +146,7 @@ def test_frames_equal_the_oracle(opened, name, options):
     assert agreement.gates.mean() < 0.02
 
 
-SIZED = {
+SIZED: dict[str, Light] = {
     "sphere": replace(LIGHT, radius=0.5),
     "rectangle": RectangleLight((0.0, 0.0, 10.0), (0.5, 0.0, 0.0), (0.0, -0.4, 0.0), (1.0, 1.0, 1.0)),
 }
