@@ -191,7 +191,7 @@ def pairs_of_all(casters: shadows.Casters, light: Light, at: shadows.Receivers, 
     position, parallel = casters.toward(light)
     positions = np.broadcast_to(position, at.point.shape)
     light_off = (0.0 if parallel else shadows.OFF * np.linalg.norm(positions, axis=1)) + np.full(len(positions), off)
-    tried = shadows._candidates(casters, positions, light_off, parallel, at)
+    tried = shadows._candidates(casters, positions, light_off, parallel, at, casters.solid)
     k, column = np.nonzero(at.face[:, None] != casters.solid)
     triangle = casters.solid[column]
     every = shadows._Tests(casters, positions[k], light_off[k], parallel, at[k], triangle)

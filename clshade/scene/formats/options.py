@@ -77,7 +77,7 @@ def options_for(
         two_sided=None if two_sided is None else flag(who, "two_sided", two_sided),
         fit=flag(who, "fit", fit),
         time=None if time is None else number(who, "time", time, least=0.0),
-        animation=animation,
+        animation=int(animation) if isinstance(animation, Integral) else animation,
         texture=None if texture is None else as_texture(texture, srgb=True),
     )
 
