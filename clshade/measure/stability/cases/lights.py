@@ -117,10 +117,10 @@ CASES = (
     Case(
         "24g",
         "spheres",
-        "lights that are spheres, tiny, huge, around what they light",
+        "spheres: tiny, huge, around what they light",
         "within the bound",
         spheres,
         True,
     ),
-    Case("24h", "rectangles", "lights that are rectangles, tiny, huge, edge-on", "within the bound", rectangles),
+    Case("24h", "rectangles", "rectangles: tiny, huge, edge-on", "within the bound", rectangles),
 )
