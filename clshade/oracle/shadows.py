@@ -240,7 +240,8 @@ class _Tests:
 
     def between_two(self, receiver: Integers) -> Integers:
         """Return the receivers, of those of each pair, whose lines meet the common side of two triangles on either side of
-        it: whatever its rounding, one of the two is hit, for sides belong to their triangles."""
+        it: whatever its rounding, one of the two is hit, for sides belong to their triangles, but for receivers in their
+        planes."""
         volume, margin = self.volumes
         near = np.abs(volume) <= margin
         beside = [
@@ -250,7 +251,7 @@ class _Tests:
         ends: dict[tuple[float, ...], float] = {}
         found = []
         for k in range(3):
-            for i in np.flatnonzero(self.facing & near[k] & beside[k]):
+            for i in np.flatnonzero(self.facing & self.clear & near[k] & beside[k]):
                 first, second = sorted(self.casters.world[self.triangle[i], [k, k - 2]].tolist())
                 a, b, c = self.corners[i, k], self.corners[i, k - 2], self.corners[i, k - 1]
                 side = float(np.sign(dot(cross(a, b), c)))
@@ -302,7 +303,8 @@ class _Tests:
         middle = self.own.mean(axis=1) - a
         of_middle = dot(normal, middle)
         middle_off = REACH * most * length(middle) + 2.0 * OFF * (most + around * length(middle))
-        clear, seen = np.abs(own) > own_off, np.abs(light) > light_off
+        self.clear = clear = np.abs(own) > own_off
+        seen = np.abs(light) > light_off
         beyond = seen & (np.abs(of_middle) > middle_off)
         across, middle_across = own * light < 0.0, of_middle * light < 0.0
         yes = seen & across & (clear | (beyond & middle_across))

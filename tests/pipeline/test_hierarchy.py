@@ -118,6 +118,19 @@ def test_the_same_as_one_by_one(device, mesh):
             assert not len(wrong), (light, wrong[:9], found[wrong[:9]])
 
 
+@pytest.mark.parametrize("name", ["crumpled", "closed", "boxes side by side"])
+def test_points_on_borders_are_dark_where_their_faces_are(device, name):
+    """A triangle that touches a face's border casts no shadow there that it does not cast on the face beside it."""
+    vertices, faces = MESHES[name]
+    hierarchy = Hierarchy(device, vertices, faces)
+    points, chosen = border_points(MESHES[name], 1600)
+    beside = points + 1e-6 * (vertices[faces[chosen]].mean(axis=1) - points)
+    for light in ([0.3, 0.2, 4.0, 1.0], [1.0, 0.4, 0.1, 0.0], [0.2, -0.3, 1.0, 0.0], [-5.0, 0.7, 0.35, 1.0]):
+        on_border, on_face = (hierarchy.shadowed(at, chosen, np.array(light)) for at in (points, beside))
+        assert not (on_border & ~on_face).any()
+        assert (on_border != on_face).mean() < 0.02  # light along a surface: P is rounded
+
+
 @pytest.mark.parametrize("distance", [1e-8, 1e-9, 1e-10, 1e-11])
 def test_lights_next_to_receivers(device, distance):
     """A triangle halfway to a light that is at the receivers as far as float32 tells, with any number of lanes."""

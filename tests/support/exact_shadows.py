@@ -15,7 +15,7 @@ LIT, DARK, EITHER = 0, 1, 2
 _SCALE = 1 << 180  # every float32 of a light is a multiple of 1 / _SCALE, but for those of less than 2^-149
 _ONE = 22, 48  # 22 * 2^-48 of the magnitude: of one determinant
 _TWO = 25, 48
-_CENTROID = 28, 48
+_CENTROID = 31, 48
 
 _integers = np.frompyfunc(int, 1, 1)
 
@@ -59,13 +59,22 @@ def _opposite(a: Signs, b: Signs) -> tuple[Array, Array]:
     return np.any([p < 0 for p in products], axis=0), np.all([p < 0 for p in products], axis=0)
 
 
+def _alike(a: Signs, b: Signs) -> tuple[Array, Array]:
+    """Return where the signs may be alike or one of them 0, and where they must."""
+    products = [x * y for x in a for y in b]
+    return np.any([p >= 0 for p in products], axis=0), np.all([p >= 0 for p in products], axis=0)
+
+
 class ExactShadows:
     """Triangles, and the shadows that they cast. vertices: (V, 3) float64. faces: (F, 3)."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self.frame = CasterFrame.around(np.asarray(vertices, np.float64))
         self.faces = np.asarray(faces)
-        self.corners = integers(self.frame.pairs(vertices))[self.faces]
+        pairs = self.frame.pairs(vertices)
+        self.corners = integers(pairs)[self.faces]
+        rank = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)[self.faces]
+        self.forward = rank < np.roll(rank, -1, axis=1)  # sides that lead from the end that comes first
         a, b, c = np.moveaxis(self.corners, 1, 0)
         self.normals = _cross(b - a, c - a)
 
@@ -107,13 +116,28 @@ class ExactShadows:
         may &= (direct[0] & ~near_must) | (central[0] & near_may)
         must &= (direct[1] | near_must) & (central[1] | ~near_may)
         for k in range(3):
-            edge = _cross(self.corners[:, k] - point, self.corners[:, (k + 1) % 3] - self.corners[:, k])
-            passes = signs(*_dot(edge, toward), _ONE)
-            products = [x * y for x in of_light for y in passes]
-            may &= np.any([p >= 0 for p in products], axis=0)
-            must &= np.all([p >= 0 for p in products], axis=0)
+            forward, ends = self.forward[:, k, None], (self.corners[:, k], self.corners[:, (k + 1) % 3])
+            start, end = np.where(forward, *ends), np.where(forward, *ends[::-1])
+            turn = np.where(self.forward[:, k], 1, -1)
+            toward_inside = Signs(turn * of_light.one, turn * of_light.other)
+            volume, magnitude = _dot(_cross(start - point, end - start), toward)
+            direct = _alike(toward_inside, signs(volume, magnitude, _ONE))
+            central = _alike(toward_inside, self._centroid_sides(receiver, start, end - start, toward, w, point))
+            size = abs(volume) << _ONE[1]
+            tie_may = near_may & np.asarray(size <= 2 * _ONE[0] * magnitude, bool)
+            tie_must = near_must & np.asarray(2 * size <= _ONE[0] * magnitude, bool)
+            may &= (direct[0] & ~tie_must) | (central[0] & tie_may)
+            must &= (direct[1] | tie_must) & (central[1] | ~tie_may)
         may[receiver] = must[receiver] = False
         return DARK if must.any() else EITHER if may.any() else LIT
+
+    def _centroid_sides(self, receiver: int, start: Array, side: Array, toward: Array, w: int, point: Array) -> Signs:
+        """Return on which sides of planes through the light and triangles' sides a receiver's centroid lies."""
+        moved = w * (start - point)
+        light, of_light = toward - moved, abs(toward) + abs(moved)
+        normal = _cross(side, light)[0], _cross(abs(side), of_light)[1]
+        own = self.corners[receiver] - start[:, None]
+        return signs(-_dot(normal, own.sum(axis=1))[0], _dot(normal, abs(own).sum(axis=1))[1], _CENTROID)
 
 
 def _exact(number: np.float32) -> int:

@@ -98,8 +98,9 @@ def _casts(ray: _Ray, caster: Triangle) -> Answer:
     if above <= 0 or towards == 0:
         return Answer.LIT
     edges = [_turn(ray, caster[k], caster[k - 2]) for k in range(3)]
+    near = abs(_side(caster, ray.point, ray.reach)) < 2
     met = {
-        _within(light, edges) if light * point < 0 else Answer.LIT
+        _within(light, edges, near) if light * point < 0 else Answer.LIT
         for light in ({_sign(towards)} if abs(towards) == 2 else {1, 0, -1})
         for point in _sides_of_point(ray, caster)
     }
@@ -117,10 +118,13 @@ def _sides_of_point(ray: _Ray, caster: Triangle) -> set[int]:
     return {center, _sign(side) or center}
 
 
-def _within(light: int, edges: list[int]) -> Answer:
-    """Return whether a line is on the inner side of all edges, seen from a light on this side of the triangle."""
+def _within(light: int, edges: list[int], near: bool) -> Answer:
+    """Return whether a line is on the inner side of all edges, seen from a light on this side of the triangle. near: whether
+    it may begin in the triangle's plane; where it also touches an edge, the receiver's center decides."""
     least = min(light * edge for edge in edges)
-    return Answer.DARK if least >= 0 else Answer.TIE if least == -1 else Answer.LIT
+    if least == -2:
+        return Answer.LIT
+    return Answer.TIE if least == -1 or (near and min(map(abs, edges)) < 2) else Answer.DARK
 
 
 # Signs: 0 if exactly zero, 1 or -1 within the tolerance, 2 or -2 beyond it. A sign from float32 pairs is right if the value
