@@ -244,19 +244,16 @@ class Renderer:
         if not self.features["SHADOWS"]:
             return
         positions = packed.positions.astype(np.float64)
-        veils = (
-            np.flatnonzero(scene_buffers.veiling_faces(packed)) if self.features["SHADOW_ALPHA"] else np.zeros(0, int)
-        )
+        veils = scene_buffers.veiling_faces(packed) if self.features["SHADOW_ALPHA"] else None
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
         self._scene_bytes += self._casters.nbytes
-        none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
+        none = Buffer(self.device, np.zeros(2, self._structs.Casters))  # with the feature forced
         self._light_table.shadow_factors = shadow_factors(self.scene.lights, self._casters.frame)
         self._shadow_tables = {
             "shadow_vertices": self._casters.vertices,
             "shadow_nodes": self._casters.nodes,
             "shadow_leaves": self._casters.leaves,
             "shadow_casters": self._casters.casters if self.settings.shadows else none,
-            "shadow_veils": Buffer(self.device, veils.astype(np.int32)),
             "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
             "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
         }

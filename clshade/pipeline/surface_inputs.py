@@ -48,8 +48,7 @@ class SurfaceInputs(NamedTuple):
     shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 8; this and the rest with SHADOWS
     shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
-    shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 1; without levels nothing is hidden
-    shadow_veils: Annotated[Buffer | None, "int"] = None  # faces that are not opaque; with SHADOW_ALPHA
+    shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 2: of what is opaque, of what is not
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
 

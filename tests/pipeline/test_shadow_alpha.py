@@ -177,4 +177,5 @@ def test_lights_of_finite_size_equal_the_oracle(opened, name, options):
     assert agreement.gates.mean() < 0.02
     open_ = draw(opened, light=SIZED[name], light_samples=3, samples=1, **options)
     floor = (frame["id"] > 0) & (frame["id"] <= 2)
-    assert (frame.rgb < 0.9 * open_.rgb)[floor].any()
+    by_corners = options.get("shader") == "gouraud"  # which are lit
+    assert (frame.rgb < 0.9 * open_.rgb)[floor].any() != by_corners
