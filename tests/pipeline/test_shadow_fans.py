@@ -16,13 +16,13 @@ from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
 Array = np.ndarray
 MANY = 32
 # Without packets: what shadow_predicate.clh says of every triangle. 2: of those alone whose plane the line lies in as far as
-# pairs of floats tell, so that it seems to touch all three sides wherever it passes: traversal need not find them.
+# pairs of floats tell, so that it seems to touch its sides wherever it passes: traversal need not find them.
 ONE_BY_ONE = """
 #include "shadow_predicate.clh"
 
 fixeds in_plane(const ShadowRay *ray, global const float *vertices, global const int *corner)
 {
-    fixeds all = (fixeds)(-1);
+    floats largest = (floats)(0.0f), bound = (floats)(0.0f);
     for (int k = 0; k < 3; ++k) {
         float_pair3 a = vertex_in_all(vertices, corner[k]), b = vertex_in_all(vertices, corner[(k + 1) % 3]);
         float_pair3 edge = fp3_difference(&b, &a), from = fp3_difference(&a, &ray->point);
@@ -30,9 +30,10 @@ fixeds in_plane(const ShadowRay *ray, global const float *vertices, global const
         floats magnitude;
         float_pair3 cross = fp3_cross(&from, &edge, &of_cross);
         float_pair volume = fp3_dot(&cross, &of_cross, &ray->toward, &magnitude);
-        all &= fabs(volume.high) <= 2.0f * DETERMINANT_ERROR * magnitude;
+        largest = fmax(largest, fabs(volume.high));
+        bound = fmax(bound, DETERMINANT_ERROR * magnitude);
     }
-    return all;
+    return largest <= 64.0f * bound;
 }
 
 kernel void one_by_one(global const float *points, global const int *receivers, global const float *ends,
@@ -67,7 +68,9 @@ kernel void one_by_one(global const float *points, global const int *receivers, 
 """
 
 
-def compare(device, hierarchy: Hierarchy, points: Array, receivers: Array, ends: Array, directional=False) -> Array:
+def compare(
+    device, hierarchy: Hierarchy, points: Array, receivers: Array, ends: Array, directional=False, most_in_planes=0.0
+) -> Array:
     """Check a fan of each receiver by the predicate alone; return which ends are hidden, (K, N)."""
     fans = hierarchy.fans(points, receivers, ends, directional)
     program = build_text(device, mask(), ONE_BY_ONE, lanes=16)
@@ -81,7 +84,7 @@ def compare(device, hierarchy: Hierarchy, points: Array, receivers: Array, ends:
     found = hierarchy.hidden(points, receivers, ends, directional)
     wrong = np.argwhere((expected != 2) & (found != (expected == 1)))
     assert not len(wrong), (wrong[:9], found[tuple(wrong[0])])
-    assert (expected == 2).mean() < 0.05
+    assert (expected == 2).mean() <= most_in_planes
     return found
 
 
@@ -100,6 +103,14 @@ MESHES = {
     "slivers": joined(slivers(), lattice(4)),
 }
 MESHES["turned"] = joined(lattice(8, True), moved(box(), 0.4, 0.1))
+
+
+MOST_IN_PLANES = {
+    "grazing": 0.5,
+    "in planes of triangles": 0.9,
+    "on vertices": 0.9,
+    "one on vertices, others around": 0.3,
+}
 
 
 def rounded(mesh: Mesh, offset: float) -> Mesh:
@@ -122,7 +133,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> dict[str
     in_plane = (rng.normal(size=shape[:2])[..., None] * (b - a)[:, None]) + rng.normal(size=shape[:2])[..., None] * (
         c - a
     )[:, None]
-    # In the planes of triangles, of which one contains all points of a receiver.
+    # In the planes of triangles, each receiver's in one.
     one = corners[rng.integers(0, len(corners), len(points))]
     weights = rng.normal(size=(*shape[:2], 2))
     on_plane = one[:, :1] + np.einsum("knc,kcx->knx", weights, one[:, 1:] - one[:, :1])
@@ -148,9 +159,9 @@ def test_the_same_as_one_by_one(device, mesh, offset):
     mesh = rounded(mesh, offset)
     hierarchy = Hierarchy(device, *mesh)
     shares = [
-        compare(device, hierarchy, points, receivers, ends).mean()
+        compare(device, hierarchy, points, receivers, ends, most_in_planes=MOST_IN_PLANES.get(kind, 0.001)).mean()
         for seed, (points, receivers) in enumerate((random_points(mesh, 48), border_points(mesh, 32)))
-        for ends in ends_for(mesh, points, receivers, seed).values()
+        for kind, ends in ends_for(mesh, points, receivers, seed).items()
     ]
     assert 0.02 < np.mean(shares) < 0.98
 
@@ -164,8 +175,8 @@ def test_many_random_fans(device, mesh):
         other = rounded((mesh[0] @ turned.T * 10.0 ** rng.uniform(-2.0, 3.0), mesh[1]), rng.choice([0.0, 1e3, 1e9]))
         hierarchy = Hierarchy(device, *other)
         points, receivers = random_points(other, 160, seed)
-        for ends in ends_for(other, points, receivers, seed).values():
-            compare(device, hierarchy, points, receivers, ends)
+        for kind, ends in ends_for(other, points, receivers, seed).items():
+            compare(device, hierarchy, points, receivers, ends, most_in_planes=MOST_IN_PLANES.get(kind, 0.001))
 
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
