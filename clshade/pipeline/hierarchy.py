@@ -173,6 +173,39 @@ class Hierarchy:
         self._stages.shadow_rays(rays.points, rays.receivers, casters, rays.light, rays.dark, len(rays.dark.array))
         finish(self._device)
 
+    def hidden(self, points: Floats, faces: Array, ends: Floats, directional: bool = False) -> Bools:
+        """Return whether triangles hide points from receivers, (K, N): the fans of a light of finite size.
+
+        points, faces: as of `shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
+        """
+        fans = self.fans(points, faces, ends, directional)
+        self.trace_fans(fans)
+        found: Bools = fans.dark.to_host()[: ends.shape[0], : ends.shape[1]] != 0
+        return found
+
+    def fans(self, points: Floats, faces: Array, ends: Floats, directional: bool = False) -> ShadowFans:
+        """Return rays on the device, see `hidden`."""
+        rays = self.rays(points, faces, np.array([0.0, 0.0, 1.0, 0.0]))
+        count, many = len(rays.dark.array), max(-(-ends.shape[1] // _WIDTH), 1) * _WIDTH
+        moved = ends * self.frame.unit if directional else (ends - self.frame.origin) * self.frame.unit
+        size = float(np.abs(moved).max(initial=0.0))
+        w = 1.0 if size <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(size)[1]
+        parts = np.zeros((count, 6, many), np.float32)
+        parts[: len(ends), :, : ends.shape[1]] = split(moved * w).swapaxes(1, 2)
+        return ShadowFans(
+            rays.points,
+            rays.receivers,
+            Buffer(self._device, parts),
+            0.0 if directional else w,
+            Buffer.empty(self._device, (count, many), np.int32),
+        )
+
+    def trace_fans(self, fans: ShadowFans) -> None:
+        """Write to `fans.dark` which rays meet a caster, and wait until that is done."""
+        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
+        self._stages.shadow_fans(fans.points, fans.receivers, fans.ends, casters, fans.dark, fans.w)
+        finish(self._device)
+
 
 @dataclass(frozen=True)
 class ShadowRays:
@@ -185,6 +218,21 @@ class ShadowRays:
     points: Buffer
     receivers: Buffer
     light: Buffer
+    dark: Buffer
+
+
+@dataclass(frozen=True)
+class ShadowFans:
+    """Rays from each receiver to N points of its own on a device, K and N multiples of 16.
+
+    points, receivers: as of `ShadowRays`. ends: (K, 6, N) float32, high and low parts of x, y, z times w. w: a power of
+    two, or 0 of directions. dark: (K, N), 1 where a triangle hides the point from the receiver.
+    """
+
+    points: Buffer
+    receivers: Buffer
+    ends: Buffer
+    w: float
     dark: Buffer
 
 

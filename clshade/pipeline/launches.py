@@ -203,6 +203,16 @@ class Stages:
         arguments = (points, receivers, *casters[:4], lights, casters[4], dark)
         return self._launch("shadow_rays", (max(1, items),), (local,), *arguments, count)
 
+    def shadow_fans(
+        self, points: Buffer, receivers: Buffer, ends: Buffer, casters: tuple[Buffer, ...], dark: Buffer, w: float
+    ) -> cl.Event:
+        """ends: (K, 6, N) float32. casters: as of `shadow_rays`."""
+        count, _, many = ends.array.shape
+        local = 1 if self.device.is_cpu else 64
+        items = -(-count // (self.lanes * local)) * local
+        arguments = (points, receivers, ends, *casters, dark, np.float32(w), many)
+        return self._launch("shadow_fans", (max(1, items),), (local,), *arguments, count)
+
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""
         if self.device.has_fp64:

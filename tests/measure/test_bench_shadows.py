@@ -20,6 +20,7 @@ from clshade.measure.bench.peers import MissingPeer, embree
 from clshade.measure.bench.shadow_kernel import ShadowKernel
 from clshade.measure.bench.shadow_rays import (
     NOBODY,
+    Receivers,
     ShadowWorkload,
     blocks,
     pixel_rays,
@@ -196,7 +197,12 @@ class BruteForce:
 
     def tracing(self, rays):
         def trace():
-            found = answers(rays.points[rays.asked], rays.faces[rays.asked], rays.light, *self.mesh)
+            points, owners, ends = rays.one_by_one()
+            if rays.ends is None:
+                found = answers(points, owners, ends, *self.mesh)
+            else:
+                each = zip(points, owners, ends, strict=True)
+                found = [answer(point, owner, end, *self.mesh) for point, owner, end in each]
             dark = np.array([each is Answer.DARK for each in found])
             dark[self.wrong] ^= True
             return dark
@@ -223,10 +229,11 @@ def measured(opened, monkeypatch, ours=(), theirs=()):
 
 def test_answers_are_compared(opened, monkeypatch):
     found = measured(opened, monkeypatch)
-    (light,) = found.lights
-    assert light.answers == Answers(agreed=shadows.AGREED)
-    assert 0 < light.dark < light.rays
-    assert len(light.ours_ms) == len(light.theirs_ms) == 2
+    assert [each.many for each in found.lights] == [1, 16]
+    for light in found.lights:
+        assert light.answers == Answers(agreed=shadows.AGREED)
+        assert 0 < light.dark < light.rays
+        assert len(light.ours_ms) == len(light.theirs_ms) == 2
     assert found.ours == Built("brute force", (250.0, 250.0), 250.0)
     assert found.passed
 
@@ -327,6 +334,27 @@ def test_rates_and_ratios():
     assert light.least_ratio == pytest.approx(3.0)
     assert light.ratio == pytest.approx(31.0 / 11.0)
     assert light.interval[0] <= light.ratio <= light.interval[1]
+
+
+def test_names_of_lights():
+    sized = replace(made_up_light(), many=16)
+    found = replace(made_up(), lights=(made_up_light(), sized, made_up_light(), sized))
+    assert [name for name, _ in found.numbered] == ["1", "1 x16", "2", "2 x16"]
+
+
+def test_rays_to_a_sphere():
+    """Each lane's own points, at the radius; of every eighth block."""
+    rng = np.random.default_rng(2)
+    faces = np.where(rng.random((20, 16)) < 0.3, NOBODY, rng.integers(0, 9, (20, 16)))
+    rays = Receivers(rng.normal(size=(20, 16, 3)), faces, np.array([1.0, 2.0, 3.0])).to_sphere(0.25)
+    assert rays.ends.shape == (3, 16, 16, 3)
+    np.testing.assert_allclose(np.linalg.norm(rays.ends - rays.light, axis=-1), 0.25)
+    assert np.abs((rays.ends - rays.light).mean(axis=(0, 1, 2))).max() < 0.02
+    points, owners, ends = rays.one_by_one()
+    count = np.count_nonzero(faces[::8] != NOBODY)
+    assert len(points) == len(owners) == len(ends) == 16 * count
+    assert (points[:16] == rays.points[rays.asked][0]).all()
+    assert (ends[16:32] == rays.ends[rays.asked][1]).all()
 
 
 def test_stats_can_be_read_again():

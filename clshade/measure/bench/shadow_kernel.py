@@ -24,8 +24,17 @@ class ShadowKernel:
         self.bytes = self._hierarchy.nbytes
 
     def tracing(self, rays: Receivers) -> Callable[[], Array]:
-        """Return what traces all rays, lanes without one included: it returns (16 B,), 1 where the light is hidden."""
+        """Return what traces all rays, lanes without one included: it returns (16 B,), 1 where the light is hidden, or
+        (16 B, N)."""
         points, faces = rays.points.reshape(-1, 3), rays.faces.reshape(-1)
+        if rays.ends is not None:
+            fans = self._hierarchy.fans(points, faces, rays.ends.reshape(len(points), -1, 3))
+
+            def trace_fans() -> Array:
+                self._hierarchy.trace_fans(fans)
+                return fans.dark.to_host()
+
+            return trace_fans
         on_device = self._hierarchy.rays(points, faces, np.append(rays.light, 1.0))
 
         def trace() -> Array:
@@ -36,5 +45,5 @@ class ShadowKernel:
 
     def shadowed(self, found: Array, rays: Receivers) -> Bools:
         """Return what `tracing` found as (K,) bool."""
-        hidden: Bools = found[rays.asked.reshape(-1)] != 0
+        hidden: Bools = found[rays.asked.reshape(-1)].reshape(-1) != 0
         return hidden

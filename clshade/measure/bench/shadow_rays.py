@@ -20,6 +20,8 @@ from .workloads import HD, knot
 
 SIDE = 4  # pixels of a block, across and down
 NOBODY = -1  # face of a lane without a ray
+POINTS, EACH = 16, 8  # of a light of finite size, and of how many blocks one has rays to them
+RADIUS = 0.03  # of such a light, of the largest extent of the scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +45,37 @@ class Receivers:
     """Points that one light may reach. Lane k of block i is a pixel of a square of SIDE x SIDE pixels, row by row.
 
     points: (B, 16, 3), world space; 0 in lanes without a ray. faces: (B, 16), the face that each lies on, NOBODY
-    in lanes without a ray. light: (3,), position.
+    in lanes without a ray. light: (3,), position. ends: (B, 16, N, 3), where the N rays of each lane end, at points of a
+    light of finite size; None: one ray, at the light.
     """
 
     points: Floats
     faces: Faces
     light: Floats
+    ends: Floats | None = None
 
     @property
     def asked(self) -> Bools:
         """(B, 16): lanes with a ray."""
         lanes: Bools = self.faces != NOBODY
         return lanes
+
+    @property
+    def many(self) -> int:
+        """Rays of a lane."""
+        return 1 if self.ends is None else self.ends.shape[2]
+
+    def one_by_one(self) -> tuple[Floats, Faces, Floats]:
+        """Return where all rays begin (K, 3), on which faces (K,), and where they end (K, 3), or the light (3,)."""
+        points, faces = (np.repeat(each[self.asked], self.many, axis=0) for each in (self.points, self.faces))
+        return points, faces, self.light if self.ends is None else self.ends[self.asked].reshape(-1, 3)
+
+    def to_sphere(self, radius: float) -> Receivers:
+        """Return the rays of every EACH-th block to POINTS points, drawn at random, of a sphere about the light."""
+        points, faces = self.points[::EACH], self.faces[::EACH]
+        around = np.random.default_rng(1).normal(size=(*faces.shape, POINTS, 3))
+        around *= radius / np.linalg.norm(around, axis=-1, keepdims=True)
+        return Receivers(points, faces, self.light, self.light + around)
 
 
 def triangles(scene: Scene) -> tuple[Floats, Faces]:

@@ -38,7 +38,8 @@ class Answers:
 
 @dataclass(frozen=True)
 class LightTimes:
-    """Times of all rays to one light, traced in turns. theirs_ms: empty where Embree is missing."""
+    """Times of all rays to one light, traced in turns. theirs_ms: empty where Embree is missing. many: rays of each
+    receiver, to points of a light of finite size, or 1."""
 
     light: tuple[float, ...]
     rays: int
@@ -46,6 +47,7 @@ class LightTimes:
     ours_ms: tuple[float, ...]
     theirs_ms: tuple[float, ...]
     answers: Answers
+    many: int = 1
 
     @property
     def ours_rate(self) -> float:
@@ -98,10 +100,17 @@ class ShadowTimes:
         """Whether none of our answers is proven wrong."""
         return not any(each.answers.wrong for each in self.lights)
 
+    @property
+    def numbered(self) -> list[tuple[str, LightTimes]]:
+        """The lights and what to call them: a number, which those of finite size share with their centers."""
+        numbers = np.cumsum([each.many == 1 for each in self.lights])
+        names = [f"{k} x{each.many}" if each.many > 1 else str(k) for k, each in zip(numbers, self.lights, strict=True)]
+        return list(zip(names, self.lights, strict=True))
+
     def verdicts(self, workload: ShadowWorkload) -> list[Verdict]:
         found = [
-            Verdict(self.name, f"times as fast as Embree, light {k}", each.least_ratio, workload.at_least, True)
-            for k, each in enumerate(self.lights, 1)
+            Verdict(self.name, f"times as fast as Embree, light {number}", each.least_ratio, workload.at_least, True)
+            for number, each in self.numbered
         ]
         if self.triangles >= 10**6:
             found.append(Verdict(self.name, "ms to build", min(self.ours.ms), BUILD_MS, False))

@@ -21,6 +21,7 @@ RATES = ("scene", "light", "rays", "dark", "our Mrays/s", "Embree's", "ratio", "
 BUILDS = ("scene", "triangles", "our build, ms", "Embree's", "our bytes a triangle", "Embree's")
 ANSWERS = ("scene", "light", "differ", "decided", "ties", "ours wrong", "Embree wrong", "of the others", "wrong")
 NOTES = (
+    "light: x16, 16 points at random of a sphere about it, each pixel's own, of every eighth block",
     "rays: from what each pixel shows to the light, where it shines on that side of the face; blocks of 4x4 pixels; both "
     "traced in turns in a process that has one processor",
     "Mrays/s: of the fastest turn; of medians: their ratio with its bootstrap interval",
@@ -60,11 +61,11 @@ class ShadowSpeed:
         }
 
 
-def _rate(result: ShadowTimes, number: int, each: LightTimes) -> text_tables.Row:
+def _rate(result: ShadowTimes, number: str, each: LightTimes) -> text_tables.Row:
     interval = each.interval
     return (
         result.name,
-        str(number),
+        number,
         f"{each.rays:,}",
         f"{100.0 * each.dark / each.rays:.1f} %",
         *map(digits, (each.ours_rate, each.theirs_rate, each.least_ratio, each.ratio)),
@@ -85,14 +86,14 @@ def _build(result: ShadowTimes) -> text_tables.Row:
     )
 
 
-def _answers(result: ShadowTimes, number: int, each: LightTimes) -> text_tables.Row:
+def _answers(result: ShadowTimes, number: str, each: LightTimes) -> text_tables.Row:
     counts = vars(each.answers)
-    return (result.name, str(number), *(f"{count:,}" for count in counts.values()))
+    return (result.name, number, *(f"{count:,}" for count in counts.values()))
 
 
 def _tables(speed: ShadowSpeed, targets: bool) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
     """Return title, number of text columns, header and rows of each table that is not empty."""
-    lights = [(result, k, each) for result in speed.results for k, each in enumerate(result.lights, 1)]
+    lights = [(result, *each) for result in speed.results for each in result.numbered]
     decided = [_answers(*each) for each in lights if each[2].theirs_ms]
     found: list[tuple[str, int, text_tables.Row, list[text_tables.Row]]] = [
         ("Rays", 1, RATES, [_rate(*each) for each in lights]),
@@ -135,7 +136,7 @@ def csv_rows(speed: ShadowSpeed) -> list[text_tables.Row]:
     rows: list[dict[str, object]] = []
     for result in speed.results:
         theirs = result.theirs
-        for number, each in enumerate(result.lights, 1):
+        for number, each in result.numbered:
             rows.append(
                 {
                     **{"scene": result.name, "triangles": result.triangles, "light": number},
@@ -167,9 +168,7 @@ def write(speed: ShadowSpeed, prefix: str, *, targets: bool = False) -> list[Pat
 
 def _plot(speed: ShadowSpeed, path: Path) -> None:
     """Draw the rates of both as bars, one pair for each light."""
-    lights = [
-        (f"{result.name}, light {k}", each) for result in speed.results for k, each in enumerate(result.lights, 1)
-    ]
+    lights = [(f"{result.name}, light {number}", each) for result in speed.results for number, each in result.numbered]
     figure = figures.blank(6.5, 1.6 + 0.5 * len(lights))
     axes = figure.subplots()
     places = np.arange(len(lights))

@@ -22,7 +22,7 @@ from . import shadow_tables
 from .children import run_module
 from .exact_shadows import Answer, answers
 from .peers import MissingPeer
-from .shadow_rays import WORKLOADS, Receivers, ShadowWorkload, receivers, triangles
+from .shadow_rays import RADIUS, WORKLOADS, Receivers, ShadowWorkload, receivers, triangles
 from .shadow_results import Answers, Built, LightTimes, ShadowTimes
 from .tables import paths
 from .workloads import pick
@@ -109,7 +109,12 @@ def measure(workload: ShadowWorkload, device: Device, ours: Builder, theirs: Bui
     except MissingPeer as error:
         peer, missing = None, str(error)
     tracers = [mine] if peer is None else [mine, peer]
-    lights = tuple(_measured(tracers, rays, verts, faces, rounds) for rays in receivers(scene, device))
+    radius = RADIUS * float(np.ptp(verts, axis=0).max())
+    lights = tuple(
+        _measured(tracers, each, verts, faces, rounds)
+        for rays in receivers(scene, device)
+        for each in (rays, rays.to_sphere(radius))
+    )
     return ShadowTimes(
         workload.name,
         len(faces),
@@ -148,19 +153,29 @@ def _measured(tracers: Sequence[Tracer], rays: Receivers, verts: Floats, faces: 
     decided = _decided(found[0], found[-1], rays, verts, faces)
     theirs = times[1] if len(tracers) > 1 else ()
     return LightTimes(
-        tuple(map(float, rays.light)), len(found[0]), int(found[0].sum()), tuple(times[0]), tuple(theirs), decided
+        tuple(map(float, rays.light)),
+        len(found[0]),
+        int(found[0].sum()),
+        tuple(times[0]),
+        tuple(theirs),
+        decided,
+        rays.many,
     )
 
 
 def _decided(ours: Bools, theirs: Bools, rays: Receivers, verts: Floats, faces: Faces) -> Answers:
     """Decide rays exactly, evenly spread over the image: those that are disputed, and some of the others."""
-    points, owners = rays.points[rays.asked], rays.faces[rays.asked]
+    points, owners, ends = rays.one_by_one()
+
+    def of(chosen: Array) -> list[Answer]:
+        if rays.ends is None:
+            return answers(points[chosen], owners[chosen], rays.light, verts, faces)
+        each = (answers(points[k : k + 1], owners[k : k + 1], ends[k], verts, faces) for k in chosen)
+        return [found for (found,) in each]
 
     def exact(among: Array, most: int) -> tuple[Array, Array]:
         chosen = among[np.unique(np.linspace(0, len(among) - 1, min(most, len(among))).astype(np.int64))]
-        return chosen, np.array(
-            [each.value for each in answers(points[chosen], owners[chosen], rays.light, verts, faces)]
-        )
+        return chosen, np.array([each.value for each in of(chosen)])
 
     disputed = np.flatnonzero(ours != theirs)
     chosen, right = exact(disputed, DISPUTED)

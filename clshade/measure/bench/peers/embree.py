@@ -45,7 +45,8 @@ class Embree:
 
     def tracing(self, rays: Receivers) -> Callable[[], Array]:
         """Return what traces all rays: it returns the faces that they meet, (K,), below 0 for none."""
-        origins, directions = segments(rays.points[rays.asked], rays.light)
+        points, _, ends = rays.one_by_one()
+        origins, directions = segments(points, ends)
         ends = np.ones(len(origins), np.float32)
 
         def trace() -> Array:
@@ -60,7 +61,7 @@ class Embree:
 
 
 def segments(points: Floats, light: Floats) -> tuple[Floats32, Floats32]:
-    """Return where rays to a light begin, and what leads from there to the light, (K, 3) each."""
+    """Return where rays to a light (3,), or to points (K, 3), begin, and what leads from there to them, (K, 3) each."""
     towards = light - points
     return (points + START * towards).astype(np.float32), ((1.0 - START) * towards).astype(np.float32)
 

@@ -1,0 +1,247 @@
+"""Rays from one receiver to many points, through the hierarchy of casters, against all triangles one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
+from kernel_stages import OTHER_LANES, mask
+
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.hierarchy import Hierarchy
+from clshade.pipeline.programs import build_text
+from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
+
+Array = np.ndarray
+MANY = 32
+# Without packets: what shadow_predicate.clh says of every triangle. 2: of those alone whose plane the line lies in as far as
+# pairs of floats tell, so that it seems to touch its sides wherever it passes: traversal need not find them.
+ONE_BY_ONE = """
+#include "shadow_predicate.clh"
+
+fixeds in_plane(const ShadowRay *ray, global const float *vertices, global const int *corner)
+{
+    floats largest = (floats)(0.0f), bound = (floats)(0.0f);
+    for (int k = 0; k < 3; ++k) {
+        float_pair3 a = vertex_in_all(vertices, corner[k]), b = vertex_in_all(vertices, corner[(k + 1) % 3]);
+        float_pair3 edge = fp3_difference(&b, &a), from = fp3_difference(&a, &ray->point);
+        floats3 of_cross;
+        floats magnitude;
+        float_pair3 cross = fp3_cross(&from, &edge, &of_cross);
+        float_pair volume = fp3_dot(&cross, &of_cross, &ray->toward, &magnitude);
+        largest = fmax(largest, fabs(volume.high));
+        bound = fmax(bound, DETERMINANT_ERROR * magnitude);
+    }
+    return largest <= 64.0f * bound;
+}
+
+kernel void one_by_one(global const float *points, global const int *receivers, global const float *ends,
+                       global const float *vertices, global const int *faces, global int *dark, float w, int face_count,
+                       int stride, int many)
+{
+    int row = get_global_id(0);
+    for (int j = 0; j < many && receivers[row] >= 0; j += LANES) {
+        float_pair3 end, point;
+#define ENDS(k) LOAD_LANES(ends + (row * 6 + k) * many + j)
+        end.x.high = ENDS(0), end.y.high = ENDS(1), end.z.high = ENDS(2);
+        end.x.low = ENDS(3), end.y.low = ENDS(4), end.z.low = ENDS(5);
+#define POINT(k) (floats)(points[k * stride + row])
+        point.x.high = POINT(0), point.y.high = POINT(1), point.z.high = POINT(2);
+        point.x.low = POINT(3), point.y.low = POINT(4), point.z.low = POINT(5);
+        ShadowRay ray;
+        shadow_segment(&ray, &point, &end, w);
+        receiver_corners(&ray, (fixeds)(receivers[row]), vertices, faces);
+        receiver_plane(&ray, w);
+        fixeds hit = (fixeds)(0), touched = (fixeds)(0);
+        for (int triangle = 0; triangle < face_count; ++triangle) {
+            fixeds found = casts_shadow(&ray, w, vertices, faces, triangle, (fixeds)(-1));
+            if (any_lane(found)) {
+                fixeds along = in_plane(&ray, vertices, faces + 3 * triangle);
+                hit |= found & !along;
+                touched |= found & along;
+            }
+        }
+        STORE_LANES(hit ? (fixeds)(1) : touched ? (fixeds)(2) : (fixeds)(0), dark + row * many + j);
+    }
+}
+"""
+
+
+def compare(
+    device, hierarchy: Hierarchy, points: Array, receivers: Array, ends: Array, directional=False, most_in_planes=0.0
+) -> Array:
+    """Check a fan of each receiver by the predicate alone; return which ends are hidden, (K, N)."""
+    fans = hierarchy.fans(points, receivers, ends, directional)
+    program = build_text(device, mask(), ONE_BY_ONE, lanes=16)
+    stride, _, many = fans.ends.array.shape
+    dark = Buffer(device, np.zeros((stride, many), np.int32))
+    buffers = (fans.points, fans.receivers, fans.ends, hierarchy.vertices, hierarchy.faces, dark)
+    numbers = np.float32(fans.w), *map(np.int32, (len(hierarchy.faces.array), stride, many))
+    program["one_by_one"].set_args(*(buffer.memory for buffer in buffers), *numbers)
+    cl.enqueue_nd_range_kernel(device.queue, program["one_by_one"], (stride,), (1,))
+    expected = dark.to_host()[: len(points), : ends.shape[1]]
+    found = hierarchy.hidden(points, receivers, ends, directional)
+    wrong = np.argwhere((expected != 2) & (found != (expected == 1)))
+    assert not len(wrong), (wrong[:9], found[tuple(wrong[0])])
+    assert (expected == 2).mean() <= most_in_planes
+    return found
+
+
+def crumpled(side: int = 12) -> Mesh:
+    """Return a lattice with heights: close receivers and casters, as in images."""
+    vertices, faces = lattice(side)
+    vertices[:, 2] = 0.1 * np.random.default_rng(2).random(len(vertices))
+    return vertices, faces
+
+
+MESHES = {
+    "soup": soup(100),
+    "crumpled": crumpled(),
+    "flat": joined(lattice(8), moved(box(), 0.4, 0.1), moved(lattice(5), 0.1, 0.5)),
+    "closed": joined(sphere(8, 10), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
+    "slivers": joined(slivers(), lattice(4)),
+}
+MESHES["turned"] = joined(lattice(8, True), moved(box(), 0.4, 0.1))
+
+
+MOST_IN_PLANES = {
+    "grazing": 0.5,
+    "in planes of triangles": 0.9,
+    "on vertices": 0.9,
+    "one on vertices, others around": 0.3,
+}
+
+
+def rounded(mesh: Mesh, offset: float) -> Mesh:
+    """Return a mesh as coarse as it is so far from the origin; points on it are no coarser."""
+    return (mesh[0] + offset) - offset, mesh[1]
+
+
+def unit(v: Array) -> Array:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> dict[str, Array]:
+    """Return points (K, MANY, 3) of all kinds: of small lights and large, near and far, and where signs are hard to tell."""
+    rng = np.random.default_rng(seed)
+    corners = mesh[0][mesh[1]]
+    center, shape = mesh[0].mean(axis=0), (len(points), MANY, 3)
+    ball = unit(rng.normal(size=shape)) * rng.random((*shape[:2], 1)) ** (1 / 3)
+    a, b, c = np.moveaxis(corners[receivers], 1, 0)
+    normals = np.nan_to_num(unit(np.cross(b - a, c - a)))[:, None]
+    in_plane = (rng.normal(size=shape[:2])[..., None] * (b - a)[:, None]) + rng.normal(size=shape[:2])[..., None] * (
+        c - a
+    )[:, None]
+    # In the planes of triangles, each receiver's in one.
+    one = corners[rng.integers(0, len(corners), len(points))]
+    weights = rng.normal(size=(*shape[:2], 2))
+    on_plane = one[:, :1] + np.einsum("knc,kcx->knx", weights, one[:, 1:] - one[:, :1])
+    any_corner = corners[rng.integers(0, len(corners), shape[:2]), rng.integers(0, 3, shape[:2])]
+    return {
+        "small": center + np.array([0.4, 0.7, 2.5]) + 0.2 * ball,
+        "large": center + np.array([0.4, 0.7, 2.5]) + 2.0 * ball,
+        "inside": center + 0.5 * ball,
+        "far": center + 3e4 * unit(rng.normal(size=3)) + 3e2 * ball,
+        "farther": center + 3e12 * (unit(rng.normal(size=3)) + 0.2 * ball),
+        "grazing": points[:, None] + in_plane + rng.choice([0.0, 1e-9, 1e-6, -1e-6, 1e-3], (*shape[:2], 1)) * normals,
+        "around": points[:, None] + 0.3 * ball,
+        "close": points[:, None] + 10.0 ** rng.uniform(-12.0, -4.0, (*shape[:2], 1)) * ball,
+        "in planes of triangles": on_plane,
+        "on vertices": any_corner,
+        "one on vertices, others around": np.where(np.arange(MANY)[:, None] % 4 == 0, any_corner, center + 2.0 * ball),
+    }
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3, 1e9])
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_the_same_as_one_by_one(device, mesh, offset):
+    mesh = rounded(mesh, offset)
+    hierarchy = Hierarchy(device, *mesh)
+    shares = [
+        compare(device, hierarchy, points, receivers, ends, most_in_planes=MOST_IN_PLANES.get(kind, 0.001)).mean()
+        for seed, (points, receivers) in enumerate((random_points(mesh, 48), border_points(mesh, 32)))
+        for kind, ends in ends_for(mesh, points, receivers, seed).items()
+    ]
+    assert 0.02 < np.mean(shares) < 0.98
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_many_random_fans(device, mesh):
+    for seed in range(10, 30):
+        rng = np.random.default_rng(seed)
+        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        other = rounded((mesh[0] @ turned.T * 10.0 ** rng.uniform(-2.0, 3.0), mesh[1]), rng.choice([0.0, 1e3, 1e9]))
+        hierarchy = Hierarchy(device, *other)
+        points, receivers = random_points(other, 160, seed)
+        for kind, ends in ends_for(other, points, receivers, seed).items():
+            compare(device, hierarchy, points, receivers, ends, most_in_planes=MOST_IN_PLANES.get(kind, 0.001))
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_directions(device, mesh):
+    """All around, and within a narrow cone."""
+    hierarchy = Hierarchy(device, *mesh)
+    points, receivers = random_points(mesh, 64)
+    around = np.random.default_rng(8).normal(size=(len(points), MANY, 3))
+    for ends in (around, around * 0.05 + around[:, :1]):
+        assert 0.0 < compare(device, hierarchy, points, receivers, ends, directional=True).mean() < 1.0
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+def test_fans_of_any_number_of_lanes(device, lanes):
+    for mesh in MESHES.values():
+        points, receivers = random_points(mesh, 50)
+        both = [Hierarchy(device, *mesh, lanes=each) for each in (16, lanes)]
+        for ends in ends_for(mesh, points, receivers, 5).values():
+            assert np.array_equal(*(each.hidden(points, receivers, ends) for each in both))
+
+
+def test_the_same_as_lights_by_themselves(device):
+    """A fan's points one by one, as positions of point lights that are multiples of the grid."""
+    mesh = MESHES["closed"]
+    hierarchy = Hierarchy(device, *mesh)
+    points, receivers = random_points(mesh, 200)
+    grid = SHADOW_GRID / hierarchy.frame.unit
+    lights = np.random.default_rng(9).normal(size=(16, 3)) * [0.3, 0.3, 0.1] + [0.5, 0.2, 4.0]
+    lights = np.rint((lights - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
+    found = hierarchy.hidden(points, receivers, np.broadcast_to(lights, (200, 16, 3)))
+    for k, light in enumerate(lights):
+        assert np.array_equal(found[:, k], hierarchy.shadowed(points, receivers, np.append(light, 1.0)))
+    assert 0.1 < found.mean() < 0.9
+
+
+def test_an_end_at_the_receiver_is_not_hidden(device):
+    """Whatever passes through it, and wherever the other ends are."""
+    mesh = soup(40)
+    points, receivers = random_points(mesh, 32)
+    hierarchy = Hierarchy(device, *mesh)
+    grid = SHADOW_GRID / hierarchy.frame.unit
+    points = np.rint((points - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
+    ends = points[:, None] + np.random.default_rng(2).normal(size=(32, 16, 3))
+    ends[:, ::3] = points[:, None]
+    found = hierarchy.hidden(points, receivers, ends)
+    assert not found[:, ::3].any()
+    assert found[:, 1::3].any()
+
+
+def test_neighbors_in_the_same_plane_cast_nothing(device):
+    """Nor are their triangles asked about one by one: the receiver lies in their planes."""
+    mesh = lattice(30)
+    points, receivers = random_points(mesh, 400)
+    ends = np.random.default_rng(3).normal(size=(400, 16, 3)) + [0.0, 0.0, 1.5]
+    assert not Hierarchy(device, *mesh).hidden(points, receivers, ends).any()
+
+
+def test_the_ends_of_a_segment(device):
+    """A square halfway hides what is behind it, and nothing before it; a receiver near the frame's border."""
+    floor = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    mesh = joined((floor, quad), (0.5 * floor + [0.0, 0.0, 0.5], quad))
+    hierarchy = Hierarchy(device, *mesh)
+    heights = np.array([0.1, 0.4, 0.4999999, 0.5, 0.5000001, 0.6, 1.0, 30.0, 1e20])
+    ends = np.array([0.013, 0.021, 1.0]) * heights[:, None]
+    found = hierarchy.hidden(np.zeros((1, 3)), np.array([0]), ends[None])
+    assert found[0].tolist() == [False] * 4 + [True] * 5
+    assert hierarchy.frame.unit * 1e20 > SHADOW_REACH
