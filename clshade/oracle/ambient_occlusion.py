@@ -26,8 +26,11 @@ AO_DISTANCE = 0.2  # of the diagonal of the scene's box
 
 @dataclass(frozen=True, eq=False)
 class Openness:
-    """The share of light from all around that arrives, (...), from 0 to 1. spread: by how much rounding may change it where it
-    decides whether rays meet triangles. rounding: how many times more sums of shares are rounded than a single one."""
+    """The share of light from all around that arrives, (...), from 0 to 1.
+
+    spread: (...) by how much rounding may change it where it decides whether rays meet triangles. rounding: how many times
+    more sums of shares are rounded than a single one.
+    """
 
     share: Floats
     spread: Floats

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from ..scene.model import Environment, Scene, Settings
+from ..scene.model import Environment, Light, Scene, Settings
 from . import ambient_occlusion, environment, light_points, microfacet, shade, shadows, transparency
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels

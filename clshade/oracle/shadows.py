@@ -152,8 +152,8 @@ def shadowed(
 
 
 def met(casters: Casters, positions: Floats, light_off: Floats, parallel: bool, at: Receivers) -> tuple[Bools, Bools]:
-    """Return which receivers (K,) are hidden from positions, or directions, (K, 3) that may be off by light_off (K,), and for
-    which either answer is right."""
+    """Return which receivers (K,) are hidden from positions, or directions, (K, 3) that may be off by light_off (K,),
+    and for which either answer is right."""
     dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
     step = max(1, PAIRS // max(len(casters.solid), 1))
     for start in range(0, len(at.face), step):

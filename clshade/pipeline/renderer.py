@@ -19,8 +19,8 @@ from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, RenderOptions
 from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
-from .buffer_pool import Pool
 from .ambient_occlusion import hemisphere_row
+from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
 from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
