@@ -87,6 +87,7 @@ TESTS = {
     "kernels/shadow_packets.clh": "hierarchy",
     "kernels/shadow.cl": "kernel_shadow hierarchy",
     "kernels/shadow_receiver.clh": "shadows",
+    "kernels/ambient_occlusion.clh": "ambient_occlusion",
     "kernels/shadow_veils.clh": "shadow_alpha",
     "kernels/light_points.clh": "light_sizes",
     "kernels/shown_lines.clh": "lines",

@@ -106,8 +106,8 @@ def beside_a_wall(device, rays: int, **options: Any) -> tuple[np.ndarray, np.nda
 
 
 def test_beside_a_wall_the_form_factor_is_missing(device):
-    """A strip of height h at right angles, a away, has the form factor (1 - a/sqrt(a^2 + h^2))/2: the projection of its arc to
-    the floor, by Nusselt's analog. The mean over the pixels, whose rays are shifted evenly, converges to it."""
+    """A strip of height h at right angles, a away, has the form factor (1 - a/sqrt(a^2 + h^2))/2: the projection of its
+    arc to the floor, by Nusselt's analog. The mean over the pixels, whose rays are shifted evenly, converges to it."""
     mean_errors, errors = {}, {}
     for rays in (4, 64):
         found, a = beside_a_wall(device, rays, ao_distance=1e5)
