@@ -49,7 +49,7 @@ def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("id", "P", "AO"), "ambient_occlusion": 4, **options}) as renderer:
+    with Renderer(scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options}) as renderer:
         return renderer.render()
 
 
@@ -61,7 +61,7 @@ def assert_equals_oracle(frame: Frame) -> Any:
     assert agreement.gates.mean() < 2e-2
     layers = oracle.render_layers(frame.scene, frame.settings)
     layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings)
-    assert (layers.open_spread > 0.0).mean() < 1e-2
+    assert (layers.open_spread > 1e-4).mean() < 1e-2
     return layers
 
 
@@ -73,7 +73,7 @@ def test_an_open_plane_is_open(device):
     for rays in (1, 3, 49):
         frame = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=rays)
         assert (frame["AO"] == 1.0).all()
-    plain = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=0, layers=("id", "P"))
+    plain = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=0, layers=("Z", "id", "P"))
     assert (frame.rgba == plain.rgba).all()
 
 
@@ -210,7 +210,7 @@ def test_it_equals_the_oracle(device, name):
     assert_equals_oracle(frame)
     covered = frame["id"] > 0
     assert 0.2 < frame["AO"][covered].mean() < 0.999
-    plain = draw(device, make(), **{**options, "ambient_occlusion": 0, "layers": ("id", "P")})
+    plain = draw(device, make(), **{**options, "ambient_occlusion": 0, "layers": ("Z", "id", "P")})
     assert (frame.rgb < plain.rgb - 1e-3).any(axis=-1).mean() > (0.02 if lit else -1.0)
     assert not (frame.rgb > plain.rgb + 1e-6).any()
 
