@@ -49,7 +49,9 @@ def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options}) as renderer:
+    with Renderer(
+        scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options}
+    ) as renderer:
         return renderer.render()
 
 
