@@ -110,8 +110,8 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     if "AO" in asked:
         values |= {"AMBIENT_OCCLUSION": 1, "SHADOW_ALPHA": int(casts_alpha(scene))}
         if values["SHADOW_ALPHA"]:
-            kept_too = ("ALPHA_TEST", "BLEND", "VERTEX_ALPHA", "NEAREST", "UV_SETS", "UV_INDICES", "MATERIALS")
-            values |= {name: values[name] or light[name] for name in kept_too}
+            of_alpha = ("ALPHA_TEST", "BLEND", "VERTEX_ALPHA", "NEAREST", "UV_SETS", "UV_INDICES", "MATERIALS")
+            values |= {name: values[name] or light[name] for name in of_alpha}
     if values["TEXTURED"] or values["TWO_SIDED"]:
         values["MATERIALS"] = light["MATERIALS"]
     values |= {macro: int(name in asked) for name, macro in MACROS.items()}
