@@ -21,8 +21,10 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #if AREA_LIGHTS
     at.shift = no_light_shift();  // faces that share a corner are as bright there
 #endif
-#if SHADOWS
+#if HAS_CASTERS
     integer shown[LANES];
+#endif
+#if SHADOWS
     Shadows casters = casters_of(in);
     lighting.casters = &casters;
 #endif
@@ -32,7 +34,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
-#if SHADOWS
+#if HAS_CASTERS
         shown[lane] = taken[lane];
 #endif
 #if MATERIALS
@@ -71,8 +73,16 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
-#if SHADOWS
+#if HAS_CASTERS
         see_corner_receivers(&at, in, shown, k);
+#endif
+#if AMBIENT_OCCLUSION
+        at.open = (reals)(1.0f);
+#if TINTED
+        occlude(&at, in, &lighting, no_light_shift());  // as above
+#endif
+#endif
+#if SHADOWS
         at.smooth = at.normal;
         at.bend = LOAD_LANES(bend);
 #endif

@@ -2,12 +2,15 @@
 // barycentric coordinates. Never averaged over samples.
 #include "surface.clh"
 #include "samples.clh"
+#if LAYER_AO
+#include "ambient_occlusion.clh"
+#endif
 
 // The layers asked for (clshade/pipeline/layer_buffers.py).
 #if !defined(LAYER_N) || !defined(LAYER_P) || !defined(LAYER_ALBEDO) || !defined(LAYER_UV)
 #error "a layer is not defined"
 #endif
-#if !defined(LAYER_BARYCENTRICS) || !defined(LAYER_SCALAR) || !defined(MIRRORED)
+#if !defined(LAYER_BARYCENTRICS) || !defined(LAYER_SCALAR) || !defined(LAYER_AO) || !defined(MIRRORED)
 #error "a layer, or whether placements mirror, is not defined"
 #endif
 
@@ -24,7 +27,7 @@ typedef struct {
     Texels texels;
     reals u, v;
     reals3 weights;
-    reals scalar;
+    reals scalar, open;
 } Shown;
 
 // Weights in the mesh's order of corners: if a placement mirrors, the renderer has swapped the last two. Rounding may
@@ -115,6 +118,12 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
         int index = next_owner(owner, todo, &mine);
         show_owner(&shown, mine, in, in->triangles + index, at, mirrored, scalars);
     }
+#if LAYER_AO
+    ShadingInput input;
+    see_receivers(&input, in, owner, at);
+    reals open = unoccluded_share(&input.receiver, input.facing, in, light_shift(at), owner >= 0);
+    shown.open = owner >= 0 ? open : (reals)(0.0f);
+#endif
     return shown;
 }
 
@@ -145,12 +154,13 @@ typedef struct {
     global real *coordinates;     // M x N x 2, the mesh's u and v
     global real *weights;         // M x N x 3, of the face's corners
     global real *scalars;         // M x N, as the table of scalars
+    global real *open;            // M x N, the share of the rays of ambient occlusion that meet nothing
 } LayerOutputs;
 
 #define LAYER_PARAMETERS                                                                                           \
     global real *to_normals, global real *to_points, global real *to_albedos, global real *to_coordinates,         \
-        global real *to_weights, global real *to_scalars
-#define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights, to_scalars}
+        global real *to_weights, global real *to_scalars, global real *to_open
+#define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights, to_scalars, to_open}
 
 void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
 {
@@ -182,6 +192,9 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, i
 #endif
 #if LAYER_SCALAR
     write_layer(to->scalars, 1, 0, shown->scalar, in->image, column, row);
+#endif
+#if LAYER_AO
+    write_layer(to->open, 1, 0, shown->open, in->image, column, row);
 #endif
 }
 

@@ -89,6 +89,7 @@ TESTS = {
     "kernels/shadow_traversal.clh": "hierarchy shadow_fans",
     "kernels/shadow.cl": "kernel_shadow hierarchy",
     "kernels/shadow_receiver.clh": "shadows",
+    "kernels/ambient_occlusion.clh": "ambient_occlusion",
     "kernels/shadow_veils.clh": "shadow_alpha",
     "kernels/light_points.clh": "light_sizes",
     "kernels/light_shadows.clh": "light_sizes shadows",

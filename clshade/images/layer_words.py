@@ -11,5 +11,6 @@ LAYER_WORDS = {
     **dict.fromkeys(("material", "materials"), "material_id"),
     **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
     **dict.fromkeys(("scalars", "values", "data"), "scalar"),
+    **dict.fromkeys(("ao", "occlusion", "ambient_occlusion"), "AO"),
     **dict.fromkeys(("uvs", "st", "texcoord", "texcoords", "texture_coordinates"), "uv"),
 }

@@ -9,7 +9,7 @@ import numpy as np
 from ..base.arrays import Bools, Floats, Integers, UInt32s
 from ..scene.model import Material, Scene, Settings
 from ..scene.scalar_colors import without_colors
-from . import coverage, shade
+from . import ambient_occlusion, coverage, shade
 from .corners import interpolated
 from .frame import (
     BATCH,
@@ -25,8 +25,8 @@ from .frame import (
 )
 from .maps import maps, turned_length, turned_normals
 from .microfacet import REACH
-from .pixels import blend, shade_pixels
-from .transform import mirrors
+from .pixels import blend, seen_at_pixels, shade_pixels
+from .transform import SUBPIXELS, mirrors
 from .vectors import length, unit
 
 
@@ -44,12 +44,14 @@ class OracleLayers:
         number, counted from 1 in the order of the meshes.
     barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
     scalar: (M, N) the scalar that the settings name, NaN where there is none.
+    AO: (M, N) the share of the rays of ambient occlusion that meet nothing; 0 without.
 
     Measures of errors: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
     normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
     corners relative to the eye; most_uv, most_scalar (M, N) of its corners'; budget, jump (M, N, 3) of albedo, see
     frame.OracleFrame;
-    weight_condition (M, N), see `weight_condition`.
+    weight_condition (M, N), see `weight_condition`; open_spread (M, N), open_rounding (M, N), see
+    `ambient_occlusion.Openness`.
     """
 
     N: Floats
@@ -60,6 +62,7 @@ class OracleLayers:
     material_id: UInt32s
     barycentrics: Floats
     scalar: Floats
+    AO: Floats
     normal_length: Floats
     normal_error: Floats
     reach: Floats
@@ -68,6 +71,8 @@ class OracleLayers:
     budget: Floats
     jump: Floats
     weight_condition: Floats
+    open_spread: Floats
+    open_rounding: Floats
 
 
 def equal(a: Material, b: Material) -> bool:
@@ -136,6 +141,7 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         material_id=np.zeros(shape, np.uint32),
         barycentrics=zeros(3),
         scalar=np.full(shape, np.nan),
+        AO=zeros(),
         normal_length=np.ones(shape),
         normal_error=zeros(),
         reach=zeros(),
@@ -144,6 +150,8 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         budget=zeros(3),
         jump=zeros(3),
         weight_condition=np.ones(shape),
+        open_spread=zeros(),
+        open_rounding=np.ones(shape),
     )
 
 
@@ -183,6 +191,7 @@ def _batch(
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
     in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
     scalars = _within_range(corners.scalars[face], settings.precision)
+    open_ = _open(scene, settings, view, face, behind, column, row)
     return OracleLayers(
         N=unit(normal),
         P=eye + blend(in_space, relative),
@@ -192,6 +201,7 @@ def _batch(
         material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
         scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows
+        AO=open_.share,
         normal_length=normal_length,
         normal_error=normal_error,
         reach=reach,
@@ -200,7 +210,20 @@ def _batch(
         budget=unlit.budget,
         jump=unlit.jump,
         weight_condition=condition,
+        open_spread=open_.spread,
+        open_rounding=np.full(len(face), open_.rounding),
     )
+
+
+def _open(
+    scene: Scene, settings: Settings, view: Prepared, face: Integers, behind: Bools, column: Integers, row: Integers
+) -> ambient_occlusion.Openness:
+    """Return the share of the rays of ambient occlusion that meet nothing, (K,)."""
+    if "AO" not in settings.layers:
+        return ambient_occlusion.Openness(np.zeros(len(face)), np.zeros(len(face)), 1.0)
+    place = SUBPIXELS * column + view.place[0], SUBPIXELS * row + view.place[1]
+    seen = seen_at_pixels(scene, view.corners, face, behind, place)
+    return ambient_occlusion.openness(seen, scene, settings, REACH[settings.precision], place)
 
 
 def _within_range(scalars: Floats, precision: str) -> Floats:

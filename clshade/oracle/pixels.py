@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from ..scene.model import Environment, Scene, Settings
-from . import environment, light_points, microfacet, shade, shadows, transparency
+from ..scene.model import Environment, Light, Scene, Settings
+from . import ambient_occlusion, environment, light_points, microfacet, shade, shadows, transparency
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .lights import Shape, position_of, shape_of
@@ -88,6 +88,8 @@ class Batch:
     gate: see `shade.jumps`. facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the
     corners. maps: per pixel. environment: of the scene, if it has one. seen: what reaches
     the pixels, or with shader gouraud the corners (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`.
+    open: what of the ambient light reaches the pixels, or with shader gouraud and `tinted` the corners; None without ambient
+    occlusion.
     """
 
     points: Floats
@@ -111,6 +113,7 @@ class Batch:
     environment: Environment | None
     seen: shadows.Visibility | None = None
     bends: Floats | None = None
+    open: ambient_occlusion.Openness | None = None
 
     def flips(self, color: Floats) -> Floats:
         """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
@@ -178,6 +181,7 @@ def shade_pixels(
         environment=scene.environment,
         seen=_seen(scene, settings, corners, (used, where), behind, at),
         bends=corners.bends[used],
+        open=_open(scene, settings, corners, (used, where), behind, at),
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
@@ -194,18 +198,65 @@ def _seen(
     them (K,). behind, at: see `shade_pixels`."""
     if not settings.shadows or settings.shader == "nolight":
         return None
-    assert at is not None
-    veiling = transparency.veiling_faces(scene, corners)
-    factors = partial(transparency.veil_factors, scene, corners)
-    casters, lit = shadows.Casters.of(corners, veiling), [light for light in scene.lights if light.intensity.any()]
-    used, where = faces
     if settings.shader != "gouraud":
-        receivers = shadows.at_pixels(casters, scene.camera, used[where], *at)
-        return shadows.visibility(casters, lit, receivers, behind, (len(where),), factors)
+        return seen_at_pixels(scene, corners, faces[0][faces[1]], behind, at)
+    return _seen_at_corners(scene, corners, faces, behind)
+
+
+def seen_at_pixels(
+    scene: Scene, corners: Corners, face: Integers, behind: Bools, at: tuple[Integers, Integers] | None
+) -> shadows.Visibility:
+    """Return what reaches pixels of faces (K,). behind, at: see `shade_pixels`."""
+    assert at is not None
+    casters, lit, factors = _casting(scene, corners)
+    receivers = shadows.at_pixels(casters, scene.camera, face, *at)
+    return shadows.visibility(casters, lit, receivers, behind, (len(face),), factors)
+
+
+def _seen_at_corners(
+    scene: Scene, corners: Corners, faces: tuple[Integers, Integers], behind: Bools
+) -> shadows.Visibility:
+    """Return what reaches the corners of faces. Arguments as of `_seen`."""
+    casters, lit, factors = _casting(scene, corners)
+    used, where = faces
     of_face = np.zeros(len(used), bool)
     of_face[where] = behind  # all pixels of a face see the same side of it
     receivers = shadows.at_corners(casters, used)
     return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
+
+
+def _casting(scene: Scene, corners: Corners) -> tuple[shadows.Casters, list[Light], shadows.Factors]:
+    """Return what casts shadows, the lights that shine, and what veils let pass."""
+    factors = partial(transparency.veil_factors, scene, corners)
+    casters = shadows.Casters.of(corners, transparency.veiling_faces(scene, corners))
+    return casters, [light for light in scene.lights if light.intensity.any()], factors
+
+
+def _open(
+    scene: Scene,
+    settings: Settings,
+    corners: Corners,
+    faces: tuple[Integers, Integers],
+    behind: Bools,
+    at: tuple[Integers, Integers] | None,
+) -> ambient_occlusion.Openness | None:
+    """Return what of the ambient light arrives; None without ambient occlusion. Arguments as of `_seen`."""
+    if not settings.ambient_occlusion or settings.shader == "nolight":
+        return None
+    reach = microfacet.REACH[settings.precision]
+    if settings.shader == "gouraud" and settings.ambient == "tinted":
+        return ambient_occlusion.openness(_seen_at_corners(scene, corners, faces, behind), scene, settings, reach, None)
+    seen = seen_at_pixels(scene, corners, faces[0][faces[1]], behind, at)
+    return ambient_occlusion.openness(seen, scene, settings, reach, at)
+
+
+def _arriving(ambient: Floats, open_: ambient_occlusion.Openness | None) -> tuple[Floats, Floats, Floats]:
+    """Return ambient light (..., 3) as it arrives, by how much rounding may change it where it decides whether rays meet
+    triangles, and what its budget is more than without occlusion."""
+    if open_ is None:
+        return ambient, np.zeros(3), np.zeros(3)
+    share, spread = open_.share[..., None], open_.spread[..., None]
+    return ambient * share, np.abs(ambient) * spread, np.abs(ambient) * (open_.rounding - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,12 +324,14 @@ def _gouraud(batch: Batch) -> Shaded:
     unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
     reaching = None if unhidden is None else unhidden.share
     lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes, reaching)
-    factor = lit + ka_Ia if batch.tinted else lit
+    at_corners = _arriving(ka_Ia, batch.open if batch.tinted else None)
+    factor = lit + at_corners[0] if batch.tinted else lit
     plain = blend(batch.weights, (batch.colors * factor)[where])
     rgb = plain * batch.texel.color * batch.mapped.color
     pixel = batch.surface[where]
+    ambient, hidden, rounded = _arriving(pixel.ka_Ia, None if batch.tinted else batch.open)
     if not batch.tinted:
-        rgb = rgb + pixel.ka_Ia
+        rgb = rgb + ambient
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
     steepness = shade.steepness(points, normals, n, eye, lights.positions, lights.shapes)
     conditions = shade.conditions(
@@ -294,6 +347,11 @@ def _gouraud(batch: Batch) -> Shaded:
         arriving = np.abs(arriving).max(axis=2)[:, where]
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, arriving, batch.tinted)
     jump = jump * worst_color + batch.flips(plain)
+    if batch.open is not None and batch.tinted:
+        hidden, rounded = (
+            np.broadcast_to(part, (len(points), 3, 3)).max(axis=1)[where] * worst_color for part in at_corners[1:]
+        )
+    budget, jump = budget + rounded, jump + hidden
     if unhidden is not None:
         coefficients = np.abs(kd), np.abs(ks), n, lights.positions, np.abs(lights.intensities), lights.shapes
         changes, doubtful = (
@@ -352,8 +410,9 @@ def _phong(batch: Batch) -> Shaded:
     unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
     reaching = None if unhidden is None else unhidden.share
     lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes, reaching)
-    factor = lit + surface.ka_Ia if batch.tinted else lit
-    rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
+    ambient, hidden, rounded = _arriving(surface.ka_Ia, batch.open)
+    factor = lit + ambient if batch.tinted else lit
+    rgb = color * factor if batch.tinted else ambient + color * factor
     parallel = batch.view is not None
     steepness = shade.steepness(point, normal, surface.n, eye, lights.positions, lights.shapes)
     around = point, at.extent, at.normal_length, eye, lights.positions, parallel, steepness
@@ -363,6 +422,8 @@ def _phong(batch: Batch) -> Shaded:
     jump = jump + batch.flips(at.vertex_color * factor)
     arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel, batch.gate)
     budget = shade.budget(at.most, surface.ka_Ia, surface.kd, surface.ks, arriving, batch.tinted)
+    of_ambient = at.most if batch.tinted else 1.0
+    budget, jump = budget + rounded * of_ambient, jump + hidden * of_ambient
     if unhidden is not None:
         coefficients = np.abs(surface.kd), np.abs(surface.ks), surface.n
         given = lights.positions, np.abs(lights.intensities)
@@ -389,7 +450,10 @@ def _pbr(batch: Batch) -> Shaded:
     """Interpolate point, normal and color, then light each pixel by the metallic-roughness model."""
     lights, facets, at, parallel = batch.lights, batch.facets[batch.where], _interpolated(batch), batch.view is not None
     all_of_it, eye, found = batch.surface.ka_Ia[batch.where], batch.eye(at.point), batch.maps
-    ka_Ia = all_of_it * found.open[:, None]
+    open_, open_spread, sums = found.open, found.open_spread, 1.0
+    if batch.open is not None:
+        open_, open_spread, sums = open_ * batch.open.share, open_spread + batch.open.spread, batch.open.rounding
+    ka_Ia = all_of_it * open_[:, None]
     facets = replace(
         facets,
         roughness=facets.roughness * found.wear.color[:, 1],
@@ -423,7 +487,7 @@ def _pbr(batch: Batch) -> Shaded:
     hidden = np.zeros(3)  # light of the environment that occlusion may hide
     if batch.environment is not None:
         around = _from_around(batch, at, facets, eye)
-        lit = lit.plus(around.times(found.open))
+        lit = lit.plus(around.times(open_))
         hidden = np.abs(around.tinted * at.color) + around.plain
     rgb = microfacet.light(lit, at.color, ka_Ia, glowing, batch.tinted)
     per_color = lit.tinted + ka_Ia if batch.tinted else lit.tinted
@@ -434,8 +498,9 @@ def _pbr(batch: Batch) -> Shaded:
     budget = microfacet.budget(all_of_it, at.most, brightest, lit.spread, batch.tinted)
     # Rounding may also exchange nearest texels of the maps.
     ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
-    jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * found.open_spread[:, None]
+    jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * open_spread[:, None]
     jump = jump + facets.emission * found.glow.spread
+    budget = budget + (ambient + hidden) * (sums - 1.0)
     if unhidden is not None:
         changes, doubtful = (
             reflected(np.abs(lights.intensities), factors) for factors in (unhidden.changes, unhidden.doubtful)

@@ -148,7 +148,12 @@ def shadowed(
 ) -> tuple[Bools, Bools]:
     """Return which receivers (K,) a light does not reach, and for which either answer is right. offset: (K, 3) of the
     light's points that light them, in world space from its position; off: (K,) how far the device may see these."""
-    positions, light_off, parallel = _light_points(casters, light, at, offset, off)
+    return met(casters, *_light_points(casters, light, at, offset, off), at)
+
+
+def met(casters: Casters, positions: Floats, light_off: Floats, parallel: bool, at: Receivers) -> tuple[Bools, Bools]:
+    """Return which receivers (K,) are hidden from positions, or directions, (K, 3) that may be off by light_off (K,),
+    and for which either answer is right."""
     dark, doubtful = np.zeros(len(at.face), bool), np.zeros(len(at.face), bool)
     step = max(1, PAIRS // max(len(casters.solid), 1))
     for start in range(0, len(at.face), step):
@@ -352,9 +357,15 @@ def passed(
     """Return what share of a light reaches receivers (K,) through the veils: the product of 1 - alpha over those that the
     segments cross, where they cross them. factors: of faces at weights of their corners, which are so far off. offset, off:
     as of `shadowed`."""
+    return passed_through(casters, *_light_points(casters, light, at, offset, off), at, factors)
+
+
+def passed_through(
+    casters: Casters, positions: Floats, light_off: Floats, parallel: bool, at: Receivers, factors: Factors
+) -> Passed:
+    """Return the same of positions, or directions, as of `met`."""
     share, least, most = np.ones((3, len(at.face)))
     found = Passed(share, least, most, np.zeros(len(at.face), bool))
-    positions, light_off, parallel = _light_points(casters, light, at, offset, off)
     step = max(1, PAIRS // max(len(casters.veils), 1))
     for start in range(0, len(at.face) if len(casters.veils) else 0, step):
         some = slice(start, start + step)

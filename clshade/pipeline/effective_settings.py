@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,12 +10,14 @@ from ..base.validation import known, value_error
 from ..errors import InputError
 from ..scene.builtin.studio import without_stand_ins
 from ..scene.edges import PAPER
+from ..scene.geometry import bounding_box, half_diagonal
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, SettingsFields
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+AO_DISTANCE = 0.2  # of the diagonal of the scene's bounding box
 _KEYWORDS = ("resolution", "preset", "settings", "device")  # of `render`, besides the fields of Settings
 _KEYWORD_WORDS = {"size": "resolution", "width": "resolution", "height": "resolution", "spp": "samples"}
 _KEYWORD_REMARKS = dict.fromkeys(
@@ -31,7 +34,8 @@ def effective_settings(
     **fields: Unpack[SettingsFields],
 ) -> tuple[Scene, Settings]:
     """Return the scene and settings that a call's arguments mean: `resolution` replaces the resolution of the scene's
-    camera; the other fields replace those of `settings`, or of the preset (default: the scene's own)."""
+    camera; the other fields replace those of `settings`, or of the preset (default: the scene's own). A distance of
+    ambient occlusion that is None becomes a number if there is any."""
     if not isinstance(scene, Scene):
         raise value_error(
             "render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene
@@ -44,13 +48,23 @@ def effective_settings(
         scene = replace(scene, preset=preset)  # which names the tone map
     if settings is None:
         chosen = Settings.from_preset(scene.preset if preset is None else preset, **fields)
-        return _shown(scene, chosen), chosen
+        return _shown(scene, chosen), _with_distance(scene, chosen)
     if preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
     if not isinstance(settings, Settings):
         raise value_error("render", "settings", "a Settings", settings)
     chosen = replace(settings, **fields)
-    return _shown(scene, chosen), chosen
+    return _shown(scene, chosen), _with_distance(scene, chosen)
+
+
+def _with_distance(scene: Scene, settings: Settings) -> Settings:
+    """Return the settings with a distance of ambient occlusion, if they ask for any."""
+    if not settings.ambient_occlusion or settings.ao_distance is not None:
+        return settings
+    distance = 2.0 * AO_DISTANCE * half_diagonal(*bounding_box(scene))
+    return replace(
+        settings, ao_distance=min(distance, sys.float_info.max) or 1.0
+    )  # whatever, of a scene without a size
 
 
 def _shown(scene: Scene, settings: Settings) -> Scene:

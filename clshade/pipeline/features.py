@@ -48,6 +48,7 @@ OPTIONAL = (
     "AREA_LIGHTS",
     "SHADOWS",
     "SHADOW_ALPHA",
+    "AMBIENT_OCCLUSION",
     "TWO_SIDED",
     "NORMAL_INDICES",
     "VERTEX_COLORS",
@@ -271,6 +272,16 @@ def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
     return settings.scalars is not None and settings.scalars.name in mesh.scalars
 
 
+def casts_alpha(scene: Scene) -> bool:
+    """Return whether some of what casts shadows may let light pass."""
+    return any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes if len(mesh.faces))
+
+
+def finds_casters(features: Features) -> bool:
+    """Return whether kernels follow rays to what casts shadows."""
+    return bool(features["SHADOWS"] or features["AMBIENT_OCCLUSION"])
+
+
 def looks_up(features: Features) -> bool:
     """Return whether textures are looked up at the pixels."""
     names = ("TEXTURED", "ALPHA_TEST", "BLEND", "NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP")
@@ -469,15 +480,21 @@ def derive(
         (not any(light.intensity.any() for light in scene.lights), "no light shines"),
         (not meshes, "no triangle"),
     )
+    unneeded_occlusion = _first(
+        (not settings.ambient_occlusion, "no ambient occlusion asked for"),
+        (bool(terms["AMBIENT"] and terms["ENVIRONMENT"]), terms["AMBIENT"]),
+        (not meshes, "no triangle"),
+    )
     unneeded = {
         **terms,
         "LIGHT_SHAPES": unread or _first((plain, "only points without attenuation shine")),
         "AREA_LIGHTS": unread or _first((not sized, "no light has a size")),
         "SHADOWS": unneeded_shadows,
         "SHADOW_ALPHA": _first(
-            (bool(unneeded_shadows), unneeded_shadows),
-            (not any(mesh.blends or mesh.tests_alpha for mesh in meshes), "all that casts shadows is opaque"),
+            (bool(unneeded_shadows and unneeded_occlusion), unneeded_shadows),
+            (not casts_alpha(scene), "all that casts shadows is opaque"),
         ),
+        "AMBIENT_OCCLUSION": unneeded_occlusion,
         **_unneeded_normals(scene, meshes, unread),
         **_unneeded_maps(meshes, settings.shader, terms),
         **_unneeded_colors(meshes, settings, **corners),

@@ -94,7 +94,7 @@ class Frame:
     @overload
     def __getitem__(self, name: Literal["P"]) -> Floats: ...
     @overload
-    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics", "scalar"]) -> Reals: ...
+    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics", "scalar", "AO"]) -> Reals: ...
     @overload
     def __getitem__(self, name: str) -> Array: ...
     def __getitem__(self, name: str) -> Array:
@@ -135,6 +135,8 @@ class Frame:
                 The scalar that ``settings.scalars`` names, before its color map; NaN where there is
                 none. Beyond the largest number of its type it saturates, and a corner's scalar at
                 twice that number.
+            ``"AO"``
+                The share of the rays of ``settings.ambient_occlusion`` that meet no triangle, 0 to 1.
 
         Returns
         -------

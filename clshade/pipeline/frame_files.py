@@ -48,6 +48,8 @@ UNUSUAL: dict[str, Any] = {
     "layer_alpha": 0.5,
     "light_samples": 16,
     "shadows": False,
+    "ambient_occlusion": 0,
+    "ao_distance": None,
 }
 
 SAVING = tuple(SavingOptions.__annotations__)

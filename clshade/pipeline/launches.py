@@ -14,7 +14,7 @@ import pyopencl as cl
 from ..errors import DeviceError
 from . import host_projection, struct_layout
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .features import CHOICES, OPTIONAL, Features
+from .features import CHOICES, OPTIONAL, Features, finds_casters
 from .opencl.device import Device
 from .programs import Program, build, first_use
 from .surface_inputs import SurfaceInputs
@@ -296,7 +296,7 @@ class Stages:
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
     def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
-        return surface.arguments(shadows=bool(self.pixel_features["SHADOWS"]))
+        return surface.arguments(casters=finds_casters(self.pixel_features))
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)
@@ -359,11 +359,10 @@ class Stages:
         tiles: int,
     ) -> cl.Event:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
-        weights, scalars; None if not asked for."""
+        weights, scalars, shares of rays; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch(
-            "surface_layers", (tiles * items,), (items,), *surface.arguments(shadows=False), owners, *own, *outputs
-        )
+        inputs = surface.arguments(casters=finds_casters(self._programs["surface_layers"].features))
+        return self._launch("surface_layers", (tiles * items,), (items,), *inputs, owners, *own, *outputs)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""

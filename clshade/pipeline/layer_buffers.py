@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..scene.model import Material, Scene, Settings, Texture
-from .features import Features, uses_normal_indices
+from .features import Features, casts_alpha, uses_normal_indices
 from .gather import Gatherer
 
 # The layers of kernels/surface_layers.cl -> the macro that says whether each is asked for.
@@ -21,6 +21,7 @@ MACROS = {
     "uv": "LAYER_UV",
     "barycentrics": "LAYER_BARYCENTRICS",
     "scalar": "LAYER_SCALAR",
+    "AO": "LAYER_AO",
 }
 
 
@@ -106,6 +107,11 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     if "uv" in asked:
         values["UV_INDICES"] = int(any(mesh.uv_faces is not None for mesh in meshes))
         values["ALPHA_TEST"] = int(not values["TEXTURED"])  # either macro provides texture coordinates
+    if "AO" in asked:
+        values |= {"AMBIENT_OCCLUSION": 1, "SHADOW_ALPHA": int(casts_alpha(scene))}
+        if values["SHADOW_ALPHA"]:
+            of_alpha = ("ALPHA_TEST", "BLEND", "VERTEX_ALPHA", "NEAREST", "UV_SETS", "UV_INDICES", "MATERIALS")
+            values |= {name: values[name] or light[name] for name in of_alpha}
     if values["TEXTURED"] or values["TWO_SIDED"]:
         values["MATERIALS"] = light["MATERIALS"]
     values |= {macro: int(name in asked) for name, macro in MACROS.items()}

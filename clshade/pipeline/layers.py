@@ -17,7 +17,7 @@ from .surface_inputs import SurfaceInputs
 
 _BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
-_SURFACE = (*_WIDTHS, "scalar")
+_SURFACE = (*_WIDTHS, "scalar", "AO")
 
 
 class Layers:

@@ -29,6 +29,12 @@ def pattern(points: int) -> tuple[tuple[int, int], tuple[int, int]]:
     return (_ONE // (2 * points) % _ONE, first_v), (_ONE // points % _ONE, step_v)
 
 
+def write_pattern(row: np.void, points: int) -> None:
+    """Write the pattern of so many points into a row of structs.Light."""
+    first, step = pattern(points)
+    row["first_point"], row["point_step"] = (np.array(each, np.uint32).view(np.int32) for each in (first, step))
+
+
 def sides_of(light: Light) -> Floats:
     """Return (2, 3): half the sides of a rectangle, or two radii of a sphere's disc that `AXIS` is normal to; 0 of a light
     without a size."""
@@ -36,5 +42,10 @@ def sides_of(light: Light) -> Floats:
         return np.stack([light.right, light.up])
     if not isinstance(light, PointLight):
         return np.zeros((2, 3))
+    return light.radius * disc_radii()
+
+
+def disc_radii() -> Floats:
+    """Return (2, 3): two radii at right angles of the unit disc that `AXIS` is normal to."""
     first = np.array([3.0, -2.0, 0.0]) / 13.0**0.5
-    return light.radius * np.stack([first, np.cross(AXIS, first)])
+    return np.stack([first, np.cross(AXIS, first)])

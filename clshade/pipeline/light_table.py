@@ -109,8 +109,7 @@ def _write_shape(row: np.void, light: Light, real: Real) -> None:
 def _write_points(row: np.void, light: Light, points: int) -> None:
     row["points"], row["sphere"] = points, isinstance(light, PointLight)
     row["axis"] = front_of(light) if isinstance(light, RectangleLight) else light_points.AXIS
-    first, step = light_points.pattern(points)
-    row["first_point"], row["point_step"] = (np.array(each, np.uint32).view(np.int32) for each in (first, step))
+    light_points.write_pattern(row, points)
 
 
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:

@@ -19,13 +19,14 @@ from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.settings import Preset, RenderOptions
 from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
+from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
 from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back, opaque_first
 from .effective_settings import effective_settings
-from .features import at_lanes, ignored, looks_up
+from .features import at_lanes, finds_casters, ignored, looks_up
 from .frame import Frame
 from .hierarchy import Hierarchy
 from .launches import Hiding, lookup_stages, scene_stages
@@ -241,21 +242,25 @@ class Renderer:
         """Upload what casts shadows, if the kernels look for any."""
         self._casters: Hierarchy | None = None
         self._shadow_tables: dict[str, Buffer] = {}
-        if not self.features["SHADOWS"]:
+        programs_of = [self.features, *([packed.layers.features] if packed.layers.features else [])]
+        if not any(map(finds_casters, programs_of)):
             return
         positions = packed.positions.astype(np.float64)
-        veils = scene_buffers.veiling_faces(packed) if self.features["SHADOW_ALPHA"] else None
+        veiling = any(features["SHADOW_ALPHA"] for features in programs_of)
+        veils = scene_buffers.veiling_faces(packed) if veiling else None
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
         self._scene_bytes += self._casters.nbytes
-        none = Buffer(self.device, np.zeros(2, self._structs.Casters))  # with the feature forced
+        found = self._casters.casters.array
+        of_lights = found if self.settings.shadows else np.zeros_like(found)
         self._light_table.shadow_factors = shadow_factors(self.scene.lights, self._casters.frame)
         self._shadow_tables = {
             "shadow_vertices": self._casters.vertices,
             "shadow_nodes": self._casters.nodes,
             "shadow_leaves": self._casters.leaves,
-            "shadow_casters": self._casters.casters if self.settings.shadows else none,
+            "shadow_casters": Buffer(self.device, np.concatenate([of_lights, found])),
             "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
             "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
+            "shadow_hemisphere": Buffer(self.device, hemisphere_row(self.settings, self._casters.frame, self._structs)),
         }
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:

@@ -38,6 +38,9 @@ LIGHT_SHIFTS = {
 SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
 SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
 RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver may lie along each axis
+OCCLUSION_W = (
+    0.125  # w of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
+)
 MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
@@ -58,6 +61,7 @@ CONSTANTS = {
     "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
     "SHADOW_GRID": SHADOW_GRID,
     "RECEIVER_UNITS": RECEIVER_UNITS,
+    "OCCLUSION_W": OCCLUSION_W,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
     "BRDF_SIDE": BRDF_SIDE,

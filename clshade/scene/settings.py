@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MAX_SAMPLES = 64  # per pixel
 MAX_LIGHT_SAMPLES = 256
+MAX_AMBIENT_OCCLUSION = 1024  # rays
 PICTURE_SAMPLES = 4  # of pictures from the command line, see `picture_samples`
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight", "pbr"]
@@ -31,7 +32,9 @@ TextureFilter: TypeAlias = Literal["bilinear", "trilinear"]
 Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
-Layer: TypeAlias = Literal["Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar"]
+Layer: TypeAlias = Literal[
+    "Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar", "AO"
+]
 Preset: TypeAlias = Literal["course", "standard", "pbr"]
 NamedBackground: TypeAlias = Literal["scene", "environment"]
 
@@ -81,6 +84,8 @@ class SettingsFields(TypedDict, total=False):
     layer_alpha: float
     light_samples: int
     shadows: bool
+    ambient_occlusion: int
+    ao_distance: float | None
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -129,8 +134,8 @@ class Settings:
         Ambient term: ka*Ia*color, or ka*Ia.
     layers : str or iterable of str, default ()
         Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id,
-        barycentrics and, with `scalars`, scalar, or all; see `Frame.__getitem__` for what each
-        holds. Kept as a tuple.
+        barycentrics, with `scalars` scalar and with `ambient_occlusion` AO, or all; see
+        `Frame.__getitem__` for what each holds. Kept as a tuple.
     cull : bool, default False
         Cull back faces, the triangles whose winding is clockwise in the image.
     near : float or None, default None
@@ -171,6 +176,14 @@ class Settings:
     shadows : bool, default False, with preset `pbr` True
         A light reaches a point only if no triangle lies between them. Shader `gouraud` asks at the
         corners of faces. Ambient light, emission and the environment are not shadowed.
+    ambient_occlusion : int, default 0
+        Rays from each shaded point into the hemisphere over its face, 0 to 1024. The share of them
+        that meet no triangle multiplies the ambient term, and with shader `pbr` what the environment
+        sends. 0: that light arrives everywhere. Shader `gouraud` asks at the corners of faces for
+        tinted ambient light, and at the pixels for plain one.
+    ao_distance : float or None, default None
+        Length of these rays, scene units, above 0: triangles farther away do not count. None: 0.2 of
+        the diagonal of the scene's bounding box.
 
     Raises
     ------
@@ -198,6 +211,8 @@ class Settings:
     layer_alpha: float = 0.5
     light_samples: int = 16
     shadows: bool = False
+    ambient_occlusion: int = 0
+    ao_distance: float | None = None
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -223,11 +238,19 @@ class Settings:
             choice(who, "layers", layer, (*LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS)
         if "scalar" in layers and self.scalars is None:
             raise value_error(who, "layers", "scalar only with scalars, which name what it shows", "scalar without")
-        every = [name for name in LAYERS if name != "scalar" or self.scalars is not None]
+        set_fields(
+            self, ambient_occlusion=integer(who, "ambient_occlusion", self.ambient_occlusion, 0, MAX_AMBIENT_OCCLUSION)
+        )
+        if "AO" in layers and not self.ambient_occlusion:
+            raise value_error(who, "layers", "AO only with ambient_occlusion, the number of its rays", "AO without")
+        missing = {"scalar": self.scalars is None, "AO": not self.ambient_occlusion}
+        every = [name for name in LAYERS if not missing.get(name, False)]
         asked = tuple(name for name in LAYERS if name in layers or ("all" in layers and name in every))
         set_fields(self, layers=asked, cull=flag(who, "cull", self.cull))
         if self.near is not None:
             set_fields(self, near=number(who, "near", self.near, above=0.0))
+        if self.ao_distance is not None:
+            set_fields(self, ao_distance=number(who, "ao_distance", self.ao_distance, above=0.0))
         layer_alpha = number(who, "layer_alpha", self.layer_alpha, least=0.0, expected="a number from 0 to 1")
         if layer_alpha > 1.0:
             raise value_error(who, "layer_alpha", "a number from 0 to 1", self.layer_alpha)

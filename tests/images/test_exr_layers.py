@@ -22,7 +22,7 @@ from clshade.scene.camera_matrices import camera_matrices
 from clshade.scene.model import LAYERS, Scene
 
 # The README's table: channel -> type, f for float and u for uint, with its bits.
-CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V"), "f32")
+CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V", "AO"), "f32")
 CHANNELS |= {f"{layer}.{letter}": "f32" for layer in ("N", "P") for letter in "XYZ"}
 CHANNELS |= {f"albedo.{letter}": "f32" for letter in "RGB"}
 CHANNELS |= {f"barycentrics.{letter}": "f32" for letter in "UVW"}
@@ -33,7 +33,7 @@ HALVES = {name for name, kind in CHANNELS.items() if kind == "f32" and name[0] n
 @pytest.fixture(scope="module")
 def frame(opened: Device) -> Frame:
     """Render a frame with background on every side."""
-    return clshade.render(Scene((dome(),), CAMERA, background=None), layers="all", device=opened)
+    return clshade.render(Scene((dome(),), CAMERA, background=None), layers="all", ambient_occlusion=2, device=opened)
 
 
 @pytest.fixture(scope="module")
@@ -185,13 +185,13 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
 
     name = str(tmp_path / "a")
     scene = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index)
-    assert main([*scene, "--layers", "all", "--crop", "--half", "-o", name]) == 0
+    assert main([*scene, "--layers", "all", "--ambient-occlusion", "2", "--crop", "--half", "-o", name]) == 0
     found, header = exr.read(name + ".exr")
     assert set(found) == set(CHANNELS)
     assert found["N.X"].dtype == np.float16
     assert found["Z"].shape == (30, 40)
     assert header["dataWindow"] != header["displayWindow"]
-    assert len(LAYERS) == 10
+    assert len(LAYERS) == 11
     capsys.readouterr()
     assert main(["render", "--help"]) == 0
     assert "object_id" in capsys.readouterr().out

@@ -94,13 +94,15 @@ NEEDS = {
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
     "SHADOWS": {"shadows": False},
+    "AMBIENT_OCCLUSION": {"ambient_occlusion": 0},
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
     "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA"}
-    | {"TWO_SIDED", "NORMAL_INDICES"},
+    | {"TWO_SIDED", "NORMAL_INDICES", "AMBIENT_OCCLUSION"},
+    "AMBIENT": {"AMBIENT_OCCLUSION"},
     "LIGHT_SHAPES": {"AREA_LIGHTS"},
-    "SHADOWS": {"SHADOW_ALPHA"},
+    "SHADOWS": {"SHADOW_ALPHA"},  # with AMBIENT, whose occlusion needs it too
     "SHADOW_ALPHA": {"ALPHA_TEST", "BLEND", "VERTEX_ALPHA"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
@@ -125,7 +127,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, *without: str, **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
-    fields |= {"scalars": "data", "shadows": True}
+    fields |= {"scalars": "data", "shadows": True, "ambient_occlusion": 2}
     for name in without:
         options |= NEEDS.get(name, {})
     return draw(device, rich_scene(*without), **{**fields, **options})
@@ -146,7 +148,7 @@ LEFT_OUT = (
     ("LIGHT_SHAPES", "BLEND", "OWNERS"),
     ("VERTEX_COLORS", "VERTEX_ALPHA", "SHADOW_ALPHA"),
     ("MATERIALS",),
-    ("SCALARS",),
+    ("SCALARS", "AMBIENT_OCCLUSION"),
     ("SORTED",),
 )
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
@@ -159,6 +161,7 @@ OF_CORNERS = {
     "AREA_LIGHTS",
     "SHADOWS",
     "SHADOW_ALPHA",
+    "AMBIENT_OCCLUSION",
     "TWO_SIDED",
     "VERTEX_COLORS",
     "MATERIALS",
@@ -167,7 +170,7 @@ LEFT_OUT_AT_CORNERS = (
     ("AMBIENT", "TWO_SIDED", "SHADOWS"),
     ("DIFFUSE", "LIGHT_SHAPES", "SHADOW_ALPHA"),
     ("SPECULAR", "VERTEX_COLORS", "AREA_LIGHTS"),
-    ("POWER", "MATERIALS"),
+    ("POWER", "MATERIALS", "AMBIENT_OCCLUSION"),
 )
 
 
@@ -321,7 +324,8 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 def test_where_all_that_phong_has_is_needed_that_of_pbr_is_left_out(device):
     options = {"layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter", "scalars": "data"}
-    found = feature_savings.explain(rich_scene(), frames=1, device=device, shadows=True, **options)
+    options |= {"shadows": True, "ambient_occlusion": 2}
+    found = feature_savings.explain(rich_scene(), frames=1, device=device, **options)
     assert set(found.left_out) == OF_PBR
     assert found.passed
     nothing = replace(found, frames=0, left_out={}, full=found.lean)

@@ -38,6 +38,7 @@ ONE_TEXEL = replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3
 SKY, BLACK = Environment(np.ones((2, 4, 3))), Environment(np.zeros((2, 4, 3)))
 NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
+OCCLUDED = {"ambient_occlusion": 4}
 
 
 def material(**fields) -> Mesh:
@@ -77,6 +78,10 @@ CASES = [
     (scene(material(kd=0, ks=0), lights=(SUN,)), {}, "LIGHT_SHAPES", "kd and ks are 0"),
     (scene(COLORED, lights=(SUN, LIGHT)), {}, "AREA_LIGHTS", "no light has a size"),
     (scene(COLORED, lights=(PANEL,)), {"shader": "nolight"}, "AREA_LIGHTS", NOLIGHT),
+    (scene(COLORED), {}, "AMBIENT_OCCLUSION", "no ambient occlusion asked for"),
+    (scene(COLORED, ambient=0), OCCLUDED, "AMBIENT_OCCLUSION", "no ambient light"),
+    (scene(COLORED), {"shader": "nolight", **OCCLUDED}, "AMBIENT_OCCLUSION", NOLIGHT),
+    (scene(), OCCLUDED, "AMBIENT_OCCLUSION", "no triangle"),
     (scene(COLORED), {}, "MATERIALS", "a single material"),
     (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
     (scene(material(two_sided=True)), {"shader": "nolight"}, "TWO_SIDED", NOLIGHT),

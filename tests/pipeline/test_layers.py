@@ -23,7 +23,7 @@ from clshade.scene.geometry import camera_axes
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
 PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
-LAYERS = Settings(layers="all").layers  # of a scene without scalars
+LAYERS = Settings(layers="all").layers  # of a scene without scalars and ambient occlusion
 CASES = {
     "standard": (mixed(), "standard", {}),
     "course": (mixed(), "course", {"shader": "gouraud"}),

@@ -87,6 +87,20 @@ CASES = {
     "n of a flag": (lambda: Material(n=np.True_), "Material: n: expected a number from 0 to 1e9, found "),
     "ka=True": (lambda: Material(ka=True), "Material: ka: expected a number or three finite numbers, found True"),
     "kd of flags": (lambda: Material(kd=(True, False, True)), "Material: kd: expected a number or three finite"),
+    "rays": (
+        lambda: Settings(ambient_occlusion=-1),
+        "Settings: ambient_occlusion: expected a whole number from 0 to 1024",
+    ),
+    "too many rays": (
+        lambda: Settings(ambient_occlusion=1025),
+        "Settings: ambient_occlusion: expected a whole number from",
+    ),
+    "no length": (lambda: Settings(ao_distance=0), "Settings: ao_distance: expected a finite number above 0, found 0"),
+    "no end": (
+        lambda: Settings(ao_distance=np.inf),
+        "Settings: ao_distance: expected a finite number above 0, found inf",
+    ),
+    "AO of no rays": (lambda: Settings(layers="AO"), "Settings: layers: expected AO only with ambient_occlusion"),
     "ambient": (lambda: Scene((), CAMERA, ambient=[1.0]), "Scene: ambient: expected a number or three"),
     "fov": (lambda: Camera.from_fov(*EYE, "x"), "Camera.from_fov: fov: "),
     "fov resolution=5": (lambda: Camera.from_fov(*EYE, 45, 5), "Camera.from_fov: resolution: "),

@@ -175,6 +175,18 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
     )
     group.add_argument(
+        "--ambient-occlusion",
+        type=int,
+        metavar="0..1024",
+        help="rays from each point that look for triangles nearby, which keep ambient light away (default: 0, none)",
+    )
+    group.add_argument(
+        "--ao-distance",
+        type=float,
+        metavar="D",
+        help="how far these rays reach, scene units (default: 0.2 of the scene's diagonal)",
+    )
+    group.add_argument(
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
     )
     group.add_argument(

@@ -27,6 +27,10 @@ NORMAL_UNITS = {"float32": MEAN_UNITS + 6.0, "fast": MEAN_UNITS + 80.0, "float64
 # means like the others. In float64 the oracle's own 8 units count as well.
 UV_UNITS = {"float32": 1.0, "fast": MEAN_UNITS, "float64": MEAN_UNITS}
 
+# The share of rays is a quotient of whole numbers, rounded once; products and sums of what veils let pass are rounded as
+# those of lights, 32 times, and more in all as `Openness.rounding` says.
+OPEN_UNITS = 32.0
+
 
 def half_ulp(settings: Settings) -> float:
     """Return the largest relative rounding error of one kernel operation."""
@@ -48,6 +52,7 @@ def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict
         "uv": UV_UNITS[precision] * unit * oracle.most_uv,
         "barycentrics": WEIGHT_UNITS * unit,
         "scalar": np.maximum(MEAN_UNITS * unit * oracle.most_scalar, _least_scalar(scene, settings)),
+        "AO": oracle.open_spread + OPEN_UNITS * half_ulp(settings) * oracle.open_rounding,
     }
 
 
@@ -83,7 +88,8 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
         elif name == "albedo":
             found[name] = _albedo_errors(value, oracle, scene, settings)
         else:
-            error = np.abs(value.astype(np.float64) - expected).max(axis=-1)
+            error = np.abs(value.astype(np.float64) - expected)
+            error = error if error.ndim == 2 else error.max(axis=-1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 found[name] = np.where(error > np.finfo(real).tiny, error / bounds[name], 0.0)
     return found

@@ -54,7 +54,7 @@ class Kind:
     transparent: whether materials blend, with alphas at vertices. facets: whether the shader is pbr, with parameters of its
     own rather than those that follow from Phong's.
     transparent: whether materials blend, with alphas at vertices. backdrop: whether an environment is the background.
-    shadowed: whether lights reach only what no triangle hides.
+    shadowed: whether lights reach only what no triangle hides. occluded: whether triangles nearby keep ambient light away.
     """
 
     settings: Settings
@@ -90,6 +90,7 @@ class Kind:
     backdrop: bool = False
     shadowed: bool = False
     sized: bool = False
+    occluded: bool = False
 
     @property
     def dim(self) -> bool:
@@ -191,6 +192,9 @@ def kind_of(seed: int, block: int) -> Kind:
     if lit and often(0.2):
         points = replace(kind.settings, light_samples=int(rng.choice((1, 2, 3, 5, 16))))
         kind = replace(kind, settings=points, sized=True)
+    if lit and often(0.2):
+        rays = replace(kind.settings, ambient_occlusion=int(rng.choice((1, 2, 3, 5))))
+        kind = replace(kind, settings=rays, occluded=True)
     return kind
 
 
@@ -259,6 +263,10 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         scene = with_facets(np.random.default_rng([seed, number, 8]), scene)
     if kind.around or kind.backdrop:
         scene = replace(scene, environment=random_environment(np.random.default_rng([seed, number, 7])))
+    if kind.occluded:
+        own = np.random.default_rng([seed, number, 10])
+        distance = None if own.random() < 0.5 else scale * 10.0 ** own.uniform(-3, 3)
+        settings = replace(settings, ao_distance=distance)
     if kind.lines:
         settings = replace(settings, edges=_edges(np.random.default_rng([seed, number, 4]), kind))
     return RandomScene(number, kind, scene, settings, again=number // 2 % 4 == 0)

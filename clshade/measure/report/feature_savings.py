@@ -34,6 +34,7 @@ WORK = {
     "AREA_LIGHTS": "points of lights of finite size",
     "SHADOWS": "shadows",
     "SHADOW_ALPHA": "shadows of what is not opaque",
+    "AMBIENT_OCCLUSION": "ambient occlusion",
     "TWO_SIDED": "normals turned to the side seen",
     "NORMAL_INDICES": "indices of normals",
     "VERTEX_COLORS": "colors of vertices",

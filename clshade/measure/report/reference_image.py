@@ -28,7 +28,9 @@ MOST = 1 << 27  # samples of the whole reference, at most: some seconds
 # from every variant's, so that the reference does not share a variant's error.
 STEPS = ((2, 64), (2, 16), (2, 4), (2, 1), (1, 1))
 TILE = 1024  # side of the larger image's tiles in pixels; they are drawn one after another
-BELONGS = frozenset({"ambient", "cull", "near", "shadows"})  # settings that decide what is seen
+BELONGS = frozenset(
+    {"ambient", "cull", "near", "shadows", "ambient_occlusion", "ao_distance"}
+)  # settings that decide what is seen
 CONVERGING = frozenset(
     {"precision", "samples", "sample_shading", "resolve", "texture_filter", "layers", "light_samples"}
 )  # how well

@@ -15,6 +15,7 @@ __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
     from . import (
+        ambient_occlusion,
         around,
         coverage,
         edges,
@@ -39,6 +40,7 @@ def all_cases() -> tuple[Case, ...]:
         microfacets,
         around,
         shadows,
+        ambient_occlusion,
         surfaces,
         maps,
         files,

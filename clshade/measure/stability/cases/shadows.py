@@ -14,13 +14,13 @@ from .bench import Bench, Case, Outcome, against_oracle, worst
 DARK = Material(ka=0.0, kd=0.8, ks=0.0)
 
 
-def _wall(z: float = -2.0, half: float = 3.0) -> Mesh:
+def wall(z: float = -2.0, half: float = 3.0) -> Mesh:
     """Return a square across the view, behind what casts shadows on it."""
     corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]]) * (1 + 2.0**-40)
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), colors=np.full((4, 3), 0.9), material=lit.MATERIAL)
 
 
-def _casters(count: int = 30) -> Mesh:
+def casters(count: int = 30) -> Mesh:
     mesh = lit.blob(count)
     return replace(mesh, verts=0.5 * mesh.verts)
 
@@ -31,7 +31,7 @@ def _drawn(bench: Bench, scene: Scene) -> Outcome:
 
 def _under(bench: Bench, lights: list[Light], *meshes: Mesh) -> Outcome:
     """Compare meshes before a wall under each light by itself."""
-    scenes = [lit.scene_of(_wall(), *meshes, lights=(light,)) for light in lights]
+    scenes = [lit.scene_of(wall(), *meshes, lights=(light,)) for light in lights]
     return worst([_drawn(bench, scene) for scene in scenes], f"{len(lights)} lights")
 
 
@@ -40,15 +40,15 @@ def grazing(bench: Bench) -> Outcome:
     heights = (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-6)
     lights: list[Light] = [PointLight((5.0, 0.7, -2.0 * (1 + 2.0**-40) + height)) for height in heights]
     lights += [DirectionalLight((-1.0, -0.2, -slope)) for slope in (1e-3, 1e-9)]
-    return _under(bench, lights, _casters())
+    return _under(bench, lights, casters())
 
 
 def on_a_caster(bench: Bench) -> Outcome:
     """Lights on a caster's vertex and side, inside it, and in the planes of triangles."""
-    mesh = _casters()
+    mesh = casters()
     a, b, c = mesh.verts[mesh.faces[7]]
     places = [a, (a + b) / 2.0, (a + b + c) / 3.0, a + 3.0 * (b - a), a - 2.0 * (b - a) + 1.5 * (c - a)]
-    walls = replace(_wall(), verts=_wall().verts[:, [2, 1, 0]] * [1.0, 0.3, 0.3])  # the plane x = -2
+    walls = replace(wall(), verts=wall().verts[:, [2, 1, 0]] * [1.0, 0.3, 0.3])  # the plane x = -2
     edge_on = [np.array([-2.0 * (1 + 2.0**-40), y, 2.5]) for y in (0.0, 2.0)]
     lights: list[Light] = [PointLight(place) for place in (*places, *edge_on)]
     return _under(bench, lights, mesh, walls)
@@ -57,15 +57,15 @@ def on_a_caster(bench: Bench) -> Outcome:
 def far_away(bench: Bench) -> Outcome:
     """Lights 1e9 and 1e30 away; the scene at 1e9; the scene 1e20 times as large and as small."""
     toward = np.array([0.3, 0.4, 1.2])
-    outcomes = [_under(bench, [PointLight(toward * 1e9), PointLight(toward * 1e30)], _casters())]
-    scene = lit.scene_of(lit.on_a_grid(_wall(), 12), lit.on_a_grid(_casters(), 12), lights=lit.LIGHTS[:1])
+    outcomes = [_under(bench, [PointLight(toward * 1e9), PointLight(toward * 1e30)], casters())]
+    scene = lit.scene_of(lit.on_a_grid(wall(), 12), lit.on_a_grid(casters(), 12), lights=lit.LIGHTS[:1])
     outcomes += [_drawn(bench, lit.shifted(scene, 1.0, 1e9)), _drawn(bench, lit.shifted(scene, 1.0, -1e6))]
     outcomes += [_drawn(bench, lit.shifted(scene, scale, 0.0)) for scale in (1e-20, 1e20)]
     return worst(outcomes, "6 scenes")
 
 
-def slivers(bench: Bench) -> Outcome:
-    """Casters 1e-2 to 1e-12 wide and 3 long, a fan of them around a point, and triangles without area."""
+def sliver_mesh() -> Mesh:
+    """Return triangles 1e-2 to 1e-12 wide and 3 long, a fan of them around a point, and triangles without area."""
     rng = np.random.default_rng(2)
     corners = []
     for k in range(60):
@@ -77,7 +77,12 @@ def slivers(bench: Bench) -> Outcome:
         corners += [np.zeros(3), *(np.stack([np.cos(turn), np.sin(turn), 0.1 * turn], axis=1))]
     corners += [np.zeros(3), np.ones(3), 2.0 * np.ones(3)]
     verts = np.array(corners) * (1 + 2.0**-40)
-    mesh = Mesh(verts, np.arange(len(verts)).reshape(-1, 3), colors=np.full_like(verts, 0.5), material=lit.MATERIAL)
+    return Mesh(verts, np.arange(len(verts)).reshape(-1, 3), colors=np.full_like(verts, 0.5), material=lit.MATERIAL)
+
+
+def slivers(bench: Bench) -> Outcome:
+    """Casters that are slivers."""
+    mesh = sliver_mesh()
     return _under(bench, [PointLight((0.5, 1.0, 4.0)), DirectionalLight((0.1, -0.3, -1.0))], mesh)
 
 
@@ -97,13 +102,13 @@ def coplanar(bench: Bench) -> Outcome:
     return worst(outcomes, f"{len(outcomes)} images")
 
 
-def _box(turn: Array, shift: Array) -> Mesh:
+def box(turn: Array, shift: Array, material: Material = DARK) -> Mesh:
     """Return a closed box around the eye of `lit.CAMERA`, seen from inside."""
     line = np.array([-1.0, 1.0])
     verts = np.array([[x, y, z] for x in line for y in line for z in line]) * [2.0, 1.5, 3.0] @ turn.T
     faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
-    return Mesh(verts + shift, triangles, colors=np.full((8, 3), 0.9), material=DARK)
+    return Mesh(verts + shift, triangles, colors=np.full((8, 3), 0.9), material=material)
 
 
 def closed_boxes(bench: Bench) -> Outcome:
@@ -119,7 +124,7 @@ def closed_boxes(bench: Bench) -> Outcome:
         around = tuple(PointLight(place, (1e3, 1e3, 1e3)) for place in places)
         camera = replace(lit.CAMERA, eye=center + turn @ [0.3, 0.2, 0.5], lookat=center + turn @ [1.9, 1.3, -2.8])
         scene = lit.scene_of(
-            _box(turn, center), lights=(*around, sun), ambient=0.0, background=0.0, camera=replace(camera, focal=0.4)
+            box(turn, center), lights=(*around, sun), ambient=0.0, background=0.0, camera=replace(camera, focal=0.4)
         )
         frame = bench.draw(scene, shadows=True)
         leaks, seen = leaks + int(frame.rgb.any(axis=-1).sum()), seen + frame.alpha.size

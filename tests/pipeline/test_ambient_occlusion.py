@@ -1,0 +1,262 @@
+"""Ambient occlusion: against closed forms, against the oracle, which tries every triangle, and bit by bit against itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clshade import oracle
+from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.measure.stability.cases.lit import blob
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.environment import Environment
+from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
+
+MATERIAL = Material(ka=(0.5, 0.6, 0.7), kd=0.4, ks=0.2, n=9.0)
+ABOVE = Camera((0.0, 6.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0, (1.0, 1.0), (24, 24))
+ASIDE = Camera((0.3, 3.0, 4.5), (0.0, -0.9, 0.0), (0.0, 1.0, 0.0), 1.5, (1.0, 1.0), (20, 20))
+
+
+def quad(corners: Any, **fields: Any) -> Mesh:
+    """Return a quadrilateral of two triangles. corners: (4, 3)."""
+    corners = np.asarray(corners, float)
+    options = {"colors": np.full((4, 3), 0.8), "material": MATERIAL, **fields}
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), **options)
+
+
+def floor(height: float = 0.0, half: float = 4.0, **fields: Any) -> Mesh:
+    at = [[-half, height, -half], [-half, height, half], [half, height, half], [half, height, -half]]
+    return quad(at, **fields)
+
+
+def wall(height: float, half: float = 4000.0, **fields: Any) -> Mesh:
+    """Return a wall at x = 0, as wide as 2 half."""
+    return quad([[0, 0, -half], [0, 0, half], [0, height, half], [0, height, -half]], **fields)
+
+
+def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
+    """Return a scene of these, or of a dozen triangles over a floor beside a low wall."""
+    small = replace(blob(12, material=MATERIAL), verts=0.5 * blob(12).verts)
+    own = meshes or (floor(-1.5), small, wall(0.4, 4.0))
+    light = (PointLight((3.0, 4.0, 2.0), (0.6, 0.5, 0.4)),)
+    return Scene(own, **{"camera": ASIDE, "lights": light, "ambient": (1.0, 0.9, 0.8), "background": 0.1, **fields})
+
+
+def draw(device, scene: Scene, **options: Any) -> Frame:
+    with Renderer(
+        scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options}
+    ) as renderer:
+        return renderer.render()
+
+
+def assert_equals_oracle(frame: Frame) -> Any:
+    """Assert that image and layer are the oracle's within the bounds, and that few pixels need the exception of rays that
+    pass edges. Return the oracle's layers."""
+    expected = oracle.render(frame.scene, frame.settings)
+    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    assert agreement.gates.mean() < 2e-2
+    layers = oracle.render_layers(frame.scene, frame.settings)
+    layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings)
+    assert (layers.open_spread > 1e-4).mean() < 1e-2
+    return layers
+
+
+# Closed forms
+
+
+def test_an_open_plane_is_open(device):
+    """Neighbors in a plane do not hide its light: not at any number of rays, whose reciprocals are rounded."""
+    for rays in (1, 3, 49):
+        frame = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=rays)
+        assert (frame["AO"] == 1.0).all()
+    plain = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=0, layers=("Z", "id", "P"))
+    assert (frame.rgba == plain.rgba).all()
+
+
+def box(half: float = 1.0) -> Mesh:
+    line = np.array([-half, half])
+    verts = np.array([[x, y, z] for x in line for y in line for z in line])
+    faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    return Mesh(verts, triangles, colors=np.full((8, 3), 0.9), material=MATERIAL)
+
+
+def test_a_closed_box_is_dark_inside(device):
+    """Its diagonal is 3.46 long."""
+    camera = replace(ABOVE, eye=(0.3, 0.2, 0.5), lookat=(0.9, -0.8, -0.9), focal=0.5)
+    frame = draw(device, scene_of(box(), camera=camera, lights=()), ao_distance=3.5, ambient_occlusion=9)
+    assert (frame["id"] > 0).all()
+    assert not frame["AO"].any()
+    assert not frame.rgb.any()
+    nothing_within = draw(device, scene_of(box(), camera=camera, lights=()), ao_distance=1e-30)
+    assert (nothing_within["AO"] == 1.0).all()
+
+
+def beside_a_wall(device, rays: int, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the layer on a floor to the right of a wall, and distances from it."""
+    camera = replace(ABOVE, eye=(1.2, 3.0, 0.0), lookat=(1.2, 0.0, 0.0), plane=(0.7, 0.7))
+    scene = scene_of(floor(half=5000.0), wall(0.8), camera=camera)
+    frame = draw(device, scene, ambient_occlusion=rays, **options)
+    on_floor = (frame["id"] <= 2) & (frame["id"] > 0)
+    return frame["AO"][on_floor], frame["P"][on_floor][:, 0]
+
+
+def test_beside_a_wall_the_form_factor_is_missing(device):
+    """A strip of height h at right angles, a away, has the form factor (1 - a/sqrt(a^2 + h^2))/2: the projection of its
+    arc to the floor, by Nusselt's analog. The mean over the pixels, whose rays are shifted evenly, converges to it."""
+    mean_errors, errors = {}, {}
+    for rays in (4, 64):
+        found, a = beside_a_wall(device, rays, ao_distance=1e5)
+        missing = found - (1.0 - 0.5 * (1.0 - a / np.hypot(a, 0.8)))
+        mean_errors[rays], errors[rays] = abs(missing.mean()), np.sqrt((missing**2).mean())
+    assert mean_errors[4] < 0.01
+    assert mean_errors[64] < 1e-3
+    assert errors[4] < 0.15
+    assert errors[64] < 0.02
+
+
+def test_what_is_farther_away_does_not_count(device):
+    found, a = beside_a_wall(device, 16, ao_distance=0.5)
+    assert (found[a > 0.5] == 1.0).all()
+    assert (found[(a > 0.0) & (a < 0.2)] < 0.9).all()
+
+
+def test_of_a_sphere_on_a_plane_the_form_factor_is_missing(device):
+    """A sphere of radius r whose center is d away from a point, at an angle t to the normal above the horizon, has the form
+    factor (r/d)^2 cos t."""
+    rows, columns = 24, 48
+    turn, rise = np.meshgrid(2 * np.pi * np.arange(columns) / columns, np.pi * np.arange(1, rows) / rows)
+    verts = np.stack([np.sin(rise) * np.cos(turn), np.cos(rise), np.sin(rise) * np.sin(turn)], -1).reshape(-1, 3)
+    verts = np.concatenate([verts, [[0, 1, 0], [0, -1, 0]]]) * 0.5 + [0.0, 0.5 + 1e-6, 0.0]
+    a = np.arange(columns * (rows - 2))
+    right = a - a % columns + (a + 1) % columns
+    faces = [np.stack([a, right, a + columns], 1), np.stack([right, right + columns, a + columns], 1)]
+    ring = np.arange(columns)
+    for top, first in ((len(verts) - 2, 0), (len(verts) - 1, columns * (rows - 2))):
+        faces.append(np.stack([np.full(columns, top), first + ring, first + (ring + 1) % columns], 1))
+    ball = Mesh(verts, np.concatenate(faces), material=MATERIAL)
+    camera = replace(ABOVE, eye=(2.0, 2.0, 0.0), lookat=(1.4, 0.0, 0.0))
+    frame = draw(device, scene_of(floor(), ball, camera=camera), ambient_occlusion=64, ao_distance=100.0)
+    seen = (frame["id"] > 0) & (frame["id"] <= 2)
+    to_center = np.array([0.0, 0.5, 0.0]) - frame["P"][seen]
+    distance = np.linalg.norm(to_center, axis=1)
+    missing = (frame["AO"][seen] - (1.0 - (0.5 / distance) ** 2 * to_center[:, 1] / distance)).mean()
+    assert seen.sum() > 300
+    assert abs(missing) < 2e-3  # the mesh lies within the sphere
+
+
+# The oracle
+
+
+def glass(scene: Scene) -> Scene:
+    *others, last = scene.meshes
+    clear = replace(last, material=replace(MATERIAL, blend=True, opacity=0.5))
+    return replace(scene, meshes=(*others, clear))
+
+
+def leaves(scene: Scene) -> Scene:
+    """Return the scene with holes in its last mesh."""
+    image = np.ones((8, 8, 4))
+    image[..., 3] = np.random.default_rng(1).uniform(size=(8, 8)) > 0.4
+    *others, last = scene.meshes
+    cut = replace(last, uvs=last.verts[:, 1:], material=replace(MATERIAL, texture=Texture(image), alpha_cutoff=0.5))
+    return replace(scene, meshes=(*others, cut))
+
+
+def in_an_environment(scene: Scene) -> Scene:
+    """Return the scene, with another material, in front of a bright and a dark half."""
+    image = np.linspace(0.1, 1.5, 16 * 32 * 3).reshape(16, 32, 3)
+    facets = replace(MATERIAL, pbr=MetallicRoughness(0.3, 0.4))
+    meshes = (*scene.meshes[:-1], replace(scene.meshes[-1], material=facets))
+    return replace(scene, meshes=meshes, environment=Environment(image))
+
+
+CASES = {
+    "phong": ({}, scene_of),
+    "plain": ({"ambient": "plain", "shadows": True}, scene_of),
+    "gouraud": ({"shader": "gouraud"}, scene_of),
+    "gouraud, plain": ({"shader": "gouraud", "ambient": "plain"}, scene_of),
+    "pbr": ({"preset": "pbr"}, scene_of),
+    "environment": ({"preset": "pbr"}, lambda: in_an_environment(scene_of())),
+    "no light": ({}, lambda: scene_of(lights=())),
+    "nolight": ({"shader": "nolight"}, scene_of),
+    "samples": ({"samples": 3, "sample_shading": True}, scene_of),
+    "glass": ({}, lambda: glass(scene_of())),
+    "leaves": ({"ao_distance": 3.0}, lambda: leaves(scene_of())),
+    "parallel": ({}, lambda: scene_of(camera=replace(ASIDE, orthographic=True, plane=(5.0, 5.0)))),
+    "far": ({"ao_distance": 1e300}, scene_of),
+    "near": ({"ao_distance": 0.05}, scene_of),
+    "course": ({"preset": "course"}, scene_of),
+    "float64": ({"precision": "float64"}, scene_of),
+    "fast": ({"precision": "fast"}, scene_of),
+}
+EVERY_DAY = ("phong", "gouraud", "environment", "glass")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in CASES]
+)
+def test_it_equals_the_oracle(device, name):
+    options, make = CASES[name]
+    if options.get("precision") == "float64" and not device.has_fp64:
+        pytest.skip("no float64")
+    frame = draw(device, make(), **options)
+    lit = frame.settings.shader != "nolight"
+    assert ("AMBIENT_OCCLUSION" in frame.stats["features"]) == lit
+    assert_equals_oracle(frame)
+    covered = frame["id"] > 0
+    assert 0.2 < frame["AO"][covered].mean() < 0.999
+    plain = draw(device, make(), **{**options, "ambient_occlusion": 0, "layers": ("Z", "id", "P")})
+    assert (frame.rgb < plain.rgb - 1e-3).any(axis=-1).mean() > (0.02 if lit else -1.0)
+    assert not (frame.rgb > plain.rgb + 1e-6).any()
+
+
+def test_an_error_is_noticed(device):
+    """Another number of rays, another distance, a caster elsewhere, or one pixel's share."""
+    frame = draw(device, scene_of())
+    for changed in ({"ambient_occlusion": 5}, {"ao_distance": 1.02 * frame.settings.ao_distance}):
+        expected = oracle.render(frame.scene, replace(frame.settings, **changed))
+        with pytest.raises(AssertionError, match="bounds"):
+            oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    layers = oracle.render_layers(frame.scene, frame.settings)
+    frame["AO"][10, 10] += 0.25 if frame["AO"][10, 10] < 0.5 else -0.25
+    with pytest.raises(AssertionError, match="AO differs"):
+        layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings)
+
+
+# Bits
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+def test_lanes_do_not_change_a_bit(device, lanes):
+    scene = glass(in_an_environment(scene_of()))
+    frames = [draw(device, scene, preset="pbr", lanes=count) for count in (16, lanes)]
+    assert same_bits(*frames)
+
+
+def test_without_it_nothing_changes(device):
+    """No rays: the same features, hence the same programs, whatever their length; the feature forced on: the same bits."""
+    options = {"ambient_occlusion": 0, "layers": ("id",)}
+    plain, far = (draw(device, scene_of(), **options, **more) for more in ({}, {"ao_distance": 9.0}))
+    assert plain.stats["features"] == far.stats["features"]
+    assert plain.stats["left_out"]["AMBIENT_OCCLUSION"] == "no ambient occlusion asked for"
+    forced = draw(device, scene_of(), **options, forced=("AMBIENT_OCCLUSION",))
+    assert "AMBIENT_OCCLUSION" in forced.stats["features"]
+    assert same_bits(plain, forced)
+
+
+def test_lights_cast_shadows_only_if_they_are_asked_for(device):
+    """Rays need what casts shadows; without them lights arrive everywhere, even if the feature of shadows is forced on."""
+    dark = replace(scene_of(), ambient=0.0)
+    plain = draw(device, dark, ambient_occlusion=0, layers=("id",))
+    assert (draw(device, dark).rgba == plain.rgba).all()
+    scene = scene_of()
+    frames = [draw(device, scene, forced=forced) for forced in ((), ("SHADOWS", "SHADOW_ALPHA"))]
+    assert same_bits(*frames)
+    assert (draw(device, scene, shadows=True).rgb < frames[0].rgb - 1e-3).any()
