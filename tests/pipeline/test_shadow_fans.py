@@ -102,6 +102,8 @@ MESHES = {
     "closed": joined(sphere(8, 10), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
     "slivers": joined(slivers(), lattice(4)),
 }
+# Triangles so small beside the frame that what float32 leaves of their corners counts.
+MESHES["fine"] = joined(moved(crumpled(), 0.71, 0.01), moved(sphere(4, 6), 0.71, 0.003), moved(lattice(1), -0.5))
 MESHES["turned"] = joined(lattice(8, True), moved(box(), 0.4, 0.1))
 
 
@@ -137,6 +139,11 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> dict[str
     one = corners[rng.integers(0, len(corners), len(points))]
     weights = rng.normal(size=(*shape[:2], 2))
     on_plane = one[:, :1] + np.einsum("knc,kcx->knx", weights, one[:, 1:] - one[:, :1])
+    # Just beside their borders, which float32 does not tell, and twice as far.
+    part = rng.random((*shape[:2], 1))
+    aimed = corners[rng.integers(0, len(corners), shape[:2])]
+    borders = part * aimed[:, :, 0] + (1.0 - part) * aimed[:, :, 1]
+    beside = borders + 10.0 ** rng.uniform(-10.0, -4.0, (*shape[:2], 1)) * np.ptp(mesh[0]) * ball
     any_corner = corners[rng.integers(0, len(corners), shape[:2]), rng.integers(0, 3, shape[:2])]
     return {
         "small": center + np.array([0.4, 0.7, 2.5]) + 0.2 * ball,
@@ -149,6 +156,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> dict[str
         "close": points[:, None] + 10.0 ** rng.uniform(-12.0, -4.0, (*shape[:2], 1)) * ball,
         "in planes of triangles": on_plane,
         "on vertices": any_corner,
+        "past borders": 2.0 * beside - points[:, None],
         "one on vertices, others around": np.where(np.arange(MANY)[:, None] % 4 == 0, any_corner, center + 2.0 * ball),
     }
 

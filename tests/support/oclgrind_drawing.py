@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 from caster_meshes import joined, lattice, moved, random_points, sphere
-from exact_shadows import DARK, LIT, ExactShadows
+from exact_shadows import DARK, EITHER, LIT, ExactShadows
 
 from clshade import course, oracle
 from clshade.measure.check import oracle_bounds
@@ -158,10 +158,14 @@ def draw(form: str) -> float:
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     mesh = joined(lattice(12), moved(sphere(), np.array([0.1, 0.2, 1.5]), 0.4))
     (points, faces), light = random_points(mesh, 40), np.array([0.2, 0.4, 9.0, 1.0])
-    dark, expected = build(*mesh, device).shadowed(points, faces, light), ExactShadows(*mesh).of(points, faces, light)
+    hierarchy = build(*mesh, device)
+    dark, expected = hierarchy.shadowed(points, faces, light), ExactShadows(*mesh).of(points, faces, light)
     assert not dark[expected == LIT].any()
     assert dark[expected == DARK].all()
     assert 5 < dark.sum() < 35
+    ends = np.repeat(light[None, None, :3], len(points), axis=0)
+    decided = expected != EITHER
+    assert np.array_equal(hierarchy.hidden(points, faces, ends)[decided, 0], dark[decided])
     course.shared_device = lambda: device  # type: ignore[assignment]
     up, eye = np.array([0.0, 0, 1]), np.array([0.0, 0, 5])
     lights = np.array([[1.0, 2, 3], [3.0, 1, 1]])

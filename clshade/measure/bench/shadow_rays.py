@@ -67,7 +67,8 @@ class Receivers:
 
     def one_by_one(self) -> tuple[Floats, Faces, Floats]:
         """Return where all rays begin (K, 3), on which faces (K,), and where they end (K, 3), or the light (3,)."""
-        points, faces = (np.repeat(each[self.asked], self.many, axis=0) for each in (self.points, self.faces))
+        points: Floats = np.repeat(self.points[self.asked], self.many, axis=0)
+        faces: Faces = np.repeat(self.faces[self.asked], self.many)
         return points, faces, self.light if self.ends is None else self.ends[self.asked].reshape(-1, 3)
 
     def to_sphere(self, radius: float) -> Receivers:
