@@ -53,15 +53,15 @@ void store_box(global float *node, int child, const float *low, const float *hig
 kernel void hierarchy_leaves(global const float *vertices, global const int *faces,
                              global const ulong *keys,  // of count casters, sorted
                              global float *leaves,      // structs of LEAF_SIZE
-                             global float *nodes,       // the first level's, structs of NODE_SIZE
-                             int leaf_count, int slots, int count)
+                             global float *nodes,       // structs of NODE_SIZE
+                             int first_leaf, int leaf_count, int first_node, int slots, int count)
 {
     int i = get_global_id(0);
     if (i >= slots)
         return;
     float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
     if (i < leaf_count) {
-        global float *leaf = leaves + (size_t)i * LEAF_SIZE;
+        global float *leaf = leaves + (size_t)(first_leaf + i) * LEAF_SIZE;
         for (int s = 0; s < LEAF_TRIANGLES; ++s) {
             // Room that is left repeats the last triangle.
             int face = (int)(keys[min(i * LEAF_TRIANGLES + s, count - 1)] & ((1 << KEY_INDEX_BITS) - 1));
@@ -76,7 +76,7 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
             leaf[9 * LEAF_TRIANGLES + s] = as_float(face);
         }
     }
-    store_box(nodes + (size_t)(i / NODE_CHILDREN) * NODE_SIZE, i % NODE_CHILDREN, low, high);
+    store_box(nodes + (size_t)(first_node + i / NODE_CHILDREN) * NODE_SIZE, i % NODE_CHILDREN, low, high);
 }
 
 // A work-item makes the box of a node in the level above, which begins at node `above` where its own does at `first`.

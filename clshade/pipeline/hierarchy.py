@@ -95,11 +95,12 @@ class Hierarchy:
     follow from its own. Built on the device, but for the sort.
 
     vertices: (V, 3) float64. faces: (F, 3), indices of vertices; those without area, and those with a corner that is not
-    finite, cast no shadow (the tree leaves out the latter, and those with two equal indices).
+    finite, cast no shadow (the tree leaves out the latter, and those with two equal indices). veils: (F,) bool, faces that
+    are not opaque, which have a tree of their own.
     """
 
     def __init__(
-        self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None, veils: Array | None = None
+        self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None, veils: Bools | None = None
     ) -> None:
         self._device, self._lanes = device, lanes
         stages = hierarchy_stages(device)
@@ -111,25 +112,24 @@ class Hierarchy:
         keys = Buffer.empty(device, len(faces), np.uint64)
         stages.hierarchy_keys(self.vertices, self.faces, keys, len(faces))
         found = keys.to_host()
-        if veils is not None:
-            found[veils] = _NO_CASTER
-        found.sort()
-        count = int(np.searchsorted(found, _NO_CASTER))
-        keys = Buffer(device, found)
-        sizes = _level_sizes(count)
-        self.leaves = Buffer.empty(device, (-(-count // _WIDTH), _LEAF_FLOATS), np.float32)
-        self.nodes = Buffer.empty(device, (sum(sizes), _NODE_FLOATS), np.float32)
-        table = np.zeros(1, SINGLE.Casters)
-        table["levels"] = len(sizes)
-        table["veils"] = 0 if veils is None else len(veils)
-        first = np.cumsum([0, *sizes])[:-1]
-        table["first_node"][0, : len(sizes)] = first
-        self.casters = Buffer(device, table)
-        if count:
-            arguments = (self.vertices, self.faces, keys, self.leaves, self.nodes)
-            stages.hierarchy_leaves(*arguments, sizes[0] * _WIDTH, count)
+        parts = [found] if veils is None else [found[~veils], found[veils]]
+        for part in parts:
+            part.sort()
+        trees = [part[: np.searchsorted(part, _NO_CASTER)] for part in parts]
+        leaves, levels = [-(-len(tree) // _WIDTH) for tree in trees], [_level_sizes(len(tree)) for tree in trees]
+        self.leaves = Buffer.empty(device, (sum(leaves), _LEAF_FLOATS), np.float32)
+        self.nodes = Buffer.empty(device, (sum(map(sum, levels)), _NODE_FLOATS), np.float32)
+        table, leaf, node = np.zeros(2, SINGLE.Casters), 0, 0
+        for row, tree, many, sizes in zip(table, trees, leaves, levels, strict=False):
+            row["levels"], row["first_leaf"] = len(sizes), leaf
+            first = row["first_node"][: len(sizes)] = node + np.cumsum([0, *sizes])[:-1]
+            if sizes:
+                ends = (leaf, many, node, sizes[0] * _WIDTH)
+                stages.hierarchy_leaves(self.vertices, self.faces, Buffer(device, tree), self.leaves, self.nodes, ends)
             for k in range(1, len(sizes)):
                 stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
+            leaf, node = leaf + many, node + sum(sizes)
+        self.casters = Buffer(device, table)
         finish(device)
 
     @property

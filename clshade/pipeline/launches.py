@@ -178,10 +178,17 @@ class Stages:
         return self._per_item("hierarchy_keys", count, vertices, faces, keys)
 
     def hierarchy_leaves(
-        self, vertices: Buffer, faces: Buffer, keys: Buffer, leaves: Buffer, nodes: Buffer, slots: int, count: int
+        self,
+        vertices: Buffer,
+        faces: Buffer,
+        keys: Buffer,
+        leaves: Buffer,
+        nodes: Buffer,
+        ends: tuple[int, int, int, int],
     ) -> cl.Event:
-        arguments = (vertices, faces, keys, leaves, nodes, len(leaves.array), slots)
-        return self._launch("hierarchy_leaves", (-(-slots // 16) * 16,), (16,), *arguments, count)
+        """ends: the first leaf and how many, the first node and the children of the lowest level's."""
+        arguments = (vertices, faces, keys, leaves, nodes, *ends, len(keys.array))
+        return self._launch("hierarchy_leaves", (-(-ends[-1] // 16) * 16,), (16,), *arguments)
 
     def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
         arguments = (nodes, first, above, count)

@@ -184,9 +184,9 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "pad", 2, ""),
     ],
     "Casters": [
-        ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
+        ("int", "levels", 1, "of nodes of a hierarchy, 0 without casters"),
         ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
-        ("int", "veils", 1, "casters that are not opaque, which the hierarchy leaves out"),
+        ("int", "first_leaf", 1, ""),
     ],
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),

@@ -51,9 +51,8 @@ class SurfaceInputs(NamedTuple):
     shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_casters: Annotated[Buffer | None, "Casters"] = (
-        None  # 2: of lights, of ambient occlusion; without levels nothing is hidden
+        None  # 2, of what is opaque and of what is not, for lights; then 2 for ambient occlusion
     )
-    shadow_veils: Annotated[Buffer | None, "int"] = None  # faces that are not opaque; with SHADOW_ALPHA
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
     shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
