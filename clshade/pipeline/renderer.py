@@ -250,14 +250,14 @@ class Renderer:
         veils = scene_buffers.veiling_faces(packed) if veiling else None
         self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
         self._scene_bytes += self._casters.nbytes
-        found = self._casters.casters.array
-        of_lights = found if self.settings.shadows else np.zeros_like(found)
+        every = self._casters.casters.array
+        of_lights = every if self.settings.shadows else np.zeros_like(every)
         self._light_table.shadow_factors = shadow_factors(self.scene.lights, self._casters.frame)
         self._shadow_tables = {
             "shadow_vertices": self._casters.vertices,
             "shadow_nodes": self._casters.nodes,
             "shadow_leaves": self._casters.leaves,
-            "shadow_casters": Buffer(self.device, np.concatenate([of_lights, found])),
+            "shadow_casters": Buffer(self.device, np.concatenate([of_lights, every])),
             "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
             "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
             "shadow_hemisphere": Buffer(self.device, hemisphere_row(self.settings, self._casters.frame, self._structs)),

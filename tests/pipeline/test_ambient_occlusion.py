@@ -191,7 +191,7 @@ CASES = {
     "leaves": ({"ao_distance": 3.0}, lambda: leaves(scene_of())),
     "parallel": ({}, lambda: scene_of(camera=replace(ASIDE, orthographic=True, plane=(5.0, 5.0)))),
     "far": ({"ao_distance": 1e300}, scene_of),
-    "near": ({"ao_distance": 0.05}, scene_of),
+    "near": ({"ao_distance": 0.8}, scene_of),
     "course": ({"preset": "course"}, scene_of),
     "float64": ({"precision": "float64"}, scene_of),
     "fast": ({"precision": "fast"}, scene_of),
