@@ -84,6 +84,7 @@ TESTS = {
     "kernels/shadow_predicate.clh": "kernel_shadow hierarchy",
     "kernels/hierarchy.cl": "hierarchy",
     "kernels/hierarchy.clh": "hierarchy",
+    "kernels/shadow_counts.clh": "shadow_counts",
     "kernels/shadow_packets.clh": "hierarchy",
     "kernels/shadow.cl": "kernel_shadow hierarchy",
     "kernels/shadow_receiver.clh": "shadows",

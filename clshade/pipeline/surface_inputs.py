@@ -52,12 +52,15 @@ class SurfaceInputs(NamedTuple):
     shadow_veils: Annotated[Buffer | None, "int"] = None  # faces that are not opaque; with SHADOW_ALPHA
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
+    shadow_counts: Annotated[Buffer | None, "uint"] = None  # 64-bit numbers, low halves first; with SHADOW_COUNTS
 
-    def arguments(self, *, shadows: bool) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without SHADOWS."""
-        return tuple(getattr(self, name) for name in self._fields if shadows or name not in SHADOWS_ALONE)
+    def arguments(self, *, shadows: bool, counts: bool = False) -> tuple[Buffer | None, ...]:
+        """Return the arguments of a kernel with or without SHADOWS and SHADOW_COUNTS."""
+        left_out = COUNTS_ALONE * (not counts) + SHADOWS_ALONE * (not shadows)
+        return tuple(getattr(self, name) for name in self._fields if name not in left_out)
 
 
+COUNTS_ALONE = ("shadow_counts",)
 SHADOWS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
@@ -66,8 +69,11 @@ def macros() -> str:
     """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
     every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
+    every |= {name: every[name].replace("const ", "") for name in COUNTS_ALONE}
+    uncounted = {name: member for name, member in every.items() if name not in COUNTS_ALONE}
     plain = {name: member for name, member in every.items() if name not in SHADOWS_ALONE}
-    return f"#if SHADOWS\n{_macros(every)}#else\n{_macros(plain)}#endif\n"
+    counted = f"#ifdef SHADOW_COUNTS\n{_macros(every)}#elif SHADOWS\n{_macros(uncounted)}"
+    return f"{counted}#else\n{_macros(plain)}#endif\n"
 
 
 def _macros(declared: dict[str, str]) -> str:
