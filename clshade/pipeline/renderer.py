@@ -39,7 +39,7 @@ from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _STREAMED_PIXELS = 1 << 19  # images from here on do not fit in caches
@@ -593,7 +593,7 @@ class Renderer:
             for name in vars(self).keys() - _KEPT_WHEN_CLOSED:
                 delattr(self, name)
 
-    def __enter__(self) -> Renderer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
