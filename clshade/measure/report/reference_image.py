@@ -23,6 +23,7 @@ from ...scene.settings import Precision
 from .thinned_image import Thinned, Window
 
 MOST = 1 << 27  # samples of the whole reference, at most: some seconds
+LIGHT_SAMPLES = 2  # points of each light in each sample, which has others than the next: 512 with 256 samples a pixel
 # Subpixels along a pixel's side, which are pixels of a larger image, and samples in each. The reference uses one step;
 # the next, with a quarter of the samples, gives the estimate of its error. The larger image's sample positions differ
 # from every variant's, so that the reference does not share a variant's error.
@@ -89,9 +90,9 @@ def reference_windows(
 
 
 def _work(scene: Scene, settings: Settings, pixels: int) -> int:
-    """Return how many pixels take as long to light: four points of a light as long as a sample."""
-    sized = any(map(has_size, scene.lights))
-    return pixels * max(settings.light_samples // 4, 1) if sized else pixels
+    """Return how many pixels take as long to light: four points of lights of finite size as long as a sample."""
+    points = settings.light_samples * sum(map(has_size, scene.lights))
+    return pixels * max(points // 4, 1)
 
 
 def _converged(
@@ -116,7 +117,9 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
     kept = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
     kept.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
     precision: Precision = "float64" if device.has_fp64 else "float32"
-    return Settings.from_preset("standard", precision=precision, sample_shading=True, **kept)
+    return Settings.from_preset(
+        "standard", precision=precision, sample_shading=True, light_samples=LIGHT_SAMPLES, **kept
+    )
 
 
 def averaged(scene: Scene, device: Device, settings: Settings, scale: int, samples: int) -> Array:
