@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
-from ..base.arrays import Array, Floats, Integers
+from ..base.arrays import Floats, Integers
 from .vectors import cross, dot, power_of_two
 
 # Of the sum of the magnitudes of a determinant's six products: three differences, a product and a difference of each
@@ -30,7 +31,7 @@ def orientation(a: Floats, b: Floats, c: Floats, d: Floats) -> Integers:
         sure = np.abs(volume) > SURE * most + 1e-290
     found: Integers = np.sign(np.where(sure, volume, 0.0)).astype(np.int64)
     for k in np.flatnonzero(~sure):
-        found[k] = _exact(a[k], b[k], c[k], d[k])
+        found[k] = _exact(*(tuple(point[k].tolist()) for point in (a, b, c, d)))
     return found
 
 
@@ -41,8 +42,9 @@ def _magnitudes(a: Floats, b: Floats) -> Floats:
     return total
 
 
-def _exact(a: Array, b: Array, c: Array, d: Array) -> int:
-    first, *others = ([Fraction(x) for x in point.tolist()] for point in (a, b, c, d))
+@lru_cache(1 << 16)  # rays from a face meet the same others
+def _exact(*points: tuple[float, ...]) -> int:
+    first, *others = ([Fraction(x) for x in point] for point in points)
     p, q, r = ([x - y for x, y in zip(point, first, strict=True)] for point in others)
     volume = sum(r[i] * (p[(i + 1) % 3] * q[(i + 2) % 3] - p[(i + 2) % 3] * q[(i + 1) % 3]) for i in range(3))
     return (volume > 0) - (volume < 0)

@@ -107,6 +107,15 @@ class Features:
             tuple(reason for reason in self.left_out if reason[0] != name),
         )
 
+    def counting(self) -> Features:
+        """Return the features with the counts of shadow rays, see shadow_counts.py."""
+        return Features((*self.values, ("SHADOW_COUNTS", 1)), self.left_out)
+
+    @property
+    def counts(self) -> bool:
+        """Whether shadow rays are counted."""
+        return "SHADOW_COUNTS" in self._table
+
     def options(self) -> list[str]:
         """Return -D options of the OpenCL build, each feature as 0 or 1."""
         return [f"-D{name}={value}" for name, value in self.values]

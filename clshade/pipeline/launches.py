@@ -69,14 +69,20 @@ Sides = tuple[Buffer | None, Buffer | None]
 
 
 def scene_stages(
-    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
+    device: Device,
+    features: Features,
+    lanes: int | None = None,
+    layers: Features | None = None,
+    *,
+    counting: bool = False,
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
-    program of surface_layers.cl, None if it is not needed."""
+    program of surface_layers.cl, None if it is not needed. counting: whether shadow rays are counted."""
     geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    programs = [build(device, features.only(needed), (pixels,), lanes=lanes)]
+    drawing = features.only(needed).counting() if counting else features.only(needed)
+    programs = [build(device, drawing, (pixels,), lanes=lanes)]
     if layers is not None:
         programs.append(build(device, layers, ("surface_layers.cl",), lanes=lanes))
     if features["LINES"] and device.has_fp64:
@@ -296,7 +302,8 @@ class Stages:
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
     def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
-        return surface.arguments(casters=finds_casters(self.pixel_features))
+        features = self.pixel_features
+        return surface.arguments(casters=finds_casters(features), counts=features.counts)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)

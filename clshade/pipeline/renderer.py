@@ -26,10 +26,10 @@ from .camera_space import CameraSpace, Extent
 from .clipped_triangles import piece_table
 from .depth_sort import front_to_back, opaque_first
 from .effective_settings import effective_settings
-from .features import at_lanes, finds_casters, ignored, looks_up
+from .features import Features, at_lanes, finds_casters, ignored, looks_up
 from .frame import Frame
 from .hierarchy import Hierarchy
-from .launches import Hiding, lookup_stages, scene_stages
+from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
 from .light_table import LightTable
 from .lines import Lines
@@ -40,7 +40,7 @@ from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 _STREAMED_PIXELS = 1 << 19  # images from here on do not fit in caches
@@ -150,7 +150,7 @@ class Renderer:
         self.device = device
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = _clock()
-        self.stages = scene_stages(self.device, self.features, lanes, packed.layers.features)
+        self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
         self._pool = Pool(self.device)
         self._upload(packed)
@@ -160,6 +160,9 @@ class Renderer:
             "upload": (_clock() - opened_at) * 1e3,
         }
         self._build_ms = (programs.waited() - waited) * 1e3
+
+    def _build(self, lanes: int | None, layers: Features | None) -> Stages:
+        return scene_stages(self.device, self.features, lanes, layers)
 
     # Upload
 
@@ -592,7 +595,7 @@ class Renderer:
             for name in vars(self).keys() - _KEPT_WHEN_CLOSED:
                 delattr(self, name)
 
-    def __enter__(self) -> Renderer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

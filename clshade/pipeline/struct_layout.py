@@ -43,6 +43,12 @@ OCCLUSION_W = (
 )
 MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
+# What kernels count of shadow rays, see shadow_counts.py.
+SHADOW_COUNTS = (
+    "PLACES",
+    *("FACING_AWAY", "OUT_OF_REACH", "NO_CASTERS", "REFLECTS_NOTHING", "BEHIND_FACE", "TERMINATOR"),
+    *("TRACED", "HIDDEN", "OCCLUSION", "OCCLUDED", "PACKETS", "LIT_PACKETS", "DARK_PACKETS", "FILTERED", "DECIDED"),
+)
 
 CONSTANTS = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
@@ -77,6 +83,7 @@ CONSTANTS = {
     "WRAP_MIRROR": 2,
     "LOOKUP_STANDARD": 0,
     "LOOKUP_COURSE": 1,
+    **{f"COUNT_{name}": index for index, name in enumerate(SHADOW_COUNTS)},
 }
 
 # name -> list of (C type, member, count, description)

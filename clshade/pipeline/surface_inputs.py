@@ -55,12 +55,15 @@ class SurfaceInputs(NamedTuple):
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
     shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
+    shadow_counts: Annotated[Buffer | None, "uint"] = None  # 64-bit numbers, low halves first; with SHADOW_COUNTS
 
-    def arguments(self, *, casters: bool) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without SHADOWS or AMBIENT_OCCLUSION."""
-        return tuple(getattr(self, name) for name in self._fields if casters or name not in CASTERS_ALONE)
+    def arguments(self, *, casters: bool, counts: bool = False) -> tuple[Buffer | None, ...]:
+        """Return the arguments of a kernel with or without SHADOWS or AMBIENT_OCCLUSION, and SHADOW_COUNTS."""
+        left_out = COUNTS_ALONE * (not counts) + CASTERS_ALONE * (not casters)
+        return tuple(getattr(self, name) for name in self._fields if name not in left_out)
 
 
+COUNTS_ALONE = ("shadow_counts",)
 CASTERS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
@@ -69,8 +72,11 @@ def macros() -> str:
     """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
     every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
+    every |= {name: every[name].replace("const ", "") for name in COUNTS_ALONE}
+    uncounted = {name: member for name, member in every.items() if name not in COUNTS_ALONE}
     plain = {name: member for name, member in every.items() if name not in CASTERS_ALONE}
-    return f"#if SHADOWS || AMBIENT_OCCLUSION\n{_macros(every)}#else\n{_macros(plain)}#endif\n"
+    counted = f"#ifdef SHADOW_COUNTS\n{_macros(every)}#elif SHADOWS || AMBIENT_OCCLUSION\n{_macros(uncounted)}"
+    return f"{counted}#else\n{_macros(plain)}#endif\n"
 
 
 def _macros(declared: dict[str, str]) -> str:

@@ -416,6 +416,8 @@ def test_the_command(opened, saved, capsys, monkeypatch):
         (("course", "--course", "-o", "."), "a folder"),
         (("course", "--course", "--only", "fast"), "--only: expected none with --course"),
         (("course", "--course", "--budget", "5ms"), "--budget: expected none with --course"),
+        (("course", "--course", "--no-shadows"), "--shadows: expected none with --course"),
+        (("course", "--course", "--light-samples", "4"), "--light-samples: expected none with --course"),
         (("missing.npy", "--course"), "missing.npy"),
     ],
 )

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from studies import SMALL, small_study
 
 from clshade.errors import InputError
+from clshade.images.metrics import rmse
 from clshade.measure.defaults import FAMILIES
 from clshade.measure.report import families, tables
 from clshade.measure.report.families import LAWS, LIGHT, PRECISION, ROUNDOFF, SAMPLED, SHADINGS, of_families
-from clshade.measure.report.power_law import Law, Power, expected
-from clshade.measure.report.variants import BASE, base_settings, variants_for
+from clshade.measure.report.light_point_errors import LightPointErrors
+from clshade.measure.report.power_law import Law, Power, expected, exponent
+from clshade.measure.report.variants import BASE, LIGHT_BASE, base_settings, variants_for
 from clshade.measure.timing import Spread
+from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.model import Settings
+from clshade.scene.camera import Camera
+from clshade.scene.lights import PointLight, RectangleLight
+from clshade.scene.model import Mesh, Scene, Settings
 
 
 @pytest.fixture
@@ -23,7 +29,7 @@ def found(device):
     return small_study(device)
 
 
-def way(found, name, changes, ms, rmse=0.1, rms=1e-8):
+def way(found, name, changes, ms, rmse=0.1, rms=1e-8, light=None):
     """Return a measured variant with these changes, time and errors."""
     one = found.measured[0]
     return replace(
@@ -33,6 +39,7 @@ def way(found, name, changes, ms, rmse=0.1, rms=1e-8):
         frame_ms=Spread(0.9 * ms, ms, 1.1 * ms),
         approximation=replace(one.approximation, rmse=rmse),
         arithmetic=replace(one.arithmetic, rms=rms),
+        light=light,
     )
 
 
@@ -44,9 +51,10 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
     known = found.reference.error
     errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
     for family, (prefix, first) in SAMPLED.items():
-        one, field = (16, "light_samples") if family == LIGHT else (1, "samples")
-        named = {n: first if n == one else f"{prefix}{n}" for n in errors}
-        measured = [way(found, named[n], {field: n}, float(n), error) for n, error in errors.items()]
+        if family == LIGHT:
+            continue
+        named = {n: first if n == 1 else f"{prefix}{n}" for n in errors}
+        measured = [way(found, named[n], {"samples": n}, float(n), error) for n, error in errors.items()]
         fall = of(found, measured)[family]
         assert fall.by_size().exponent == pytest.approx(-1.0)
         assert fall.by_time() == pytest.approx(fall.by_size())  # a millisecond a sample
@@ -54,6 +62,49 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
         assert [each.known for each in fall.members] == [True, True, True, False]
         assert family not in of(found, measured[2:])
         assert family not in of(found, measured[1:])  # without one sample
+
+
+def test_the_slope_of_light_points_is_of_their_own_errors(found):
+    """Not of those against the reference, most of which edges make."""
+    errors = {1: 0.64, 4: 0.16, 16: 0.04, 64: 0.01, 256: None}
+    measured = [
+        way(found, LIGHT_BASE if n == 16 else f"light-{n}", {"light_samples": n}, float(n), rmse=0.3, light=error)
+        for n, error in errors.items()
+    ]
+    fall = of(found, measured)[LIGHT]
+    assert fall.by_size().exponent == pytest.approx(-1.0)
+    assert [each.size for each in fall.fit] == [1, 4, 16, 64]
+    assert [each.size for each in fall.members] == [*errors]
+    assert LIGHT not in of(found, measured[2:])
+    assert LIGHT not in of(found, measured[1:])  # without one point
+
+
+def under_a_panel() -> Scene:
+    """Return a floor below a square that a panel shines past: half of the image is penumbra."""
+    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]], float)
+    faces = [[0, 1, 2], [0, 2, 3]]
+    meshes = (Mesh(4.0 * corners, faces), Mesh(0.5 * corners + [0, 1, 0], faces))
+    camera = Camera((0, 0.9, 0), (0, 0, 0), (0, 0, -1), 1.0, (2.0, 2.0), (24, 24))  # below the square
+    panel = RectangleLight((0.0, 3.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 0.6))
+    return Scene(meshes, camera, (panel,))
+
+
+def test_errors_of_light_points_fall_as_theory_says(device):
+    """Edges of the square, which the camera does not see, cut the light; measured: the power -0.93."""
+    scene = under_a_panel()
+    lights = LightPointErrors(scene, device)
+    settings = base_settings(scene, shadows=True)
+    errors = {}
+    for count in (1, 4, 16, 64):
+        frame = render(scene, settings=replace(settings, light_samples=count), device=device)
+        errors[count] = lights.error(frame)
+    assert -1.3 < exponent([*errors], [*errors.values()]) < -0.6
+    assert errors[1] > 0.01
+    most = render(scene, settings=replace(settings, light_samples=256), device=device)
+    assert errors[64] == rmse(frame.rgb, most.rgb)
+    assert lights.error(most) is None
+    dark = replace(scene, lights=(PointLight((0, 3, 0)),))
+    assert LightPointErrors(dark, device).error(frame) is None
 
 
 def test_the_slope_of_precision_is_of_the_roundoff(found):

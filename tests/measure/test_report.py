@@ -389,7 +389,10 @@ REFUSED = [
     (("--only", "guro"), ("--only", "standard", "'guro'")),
     (("--frames", "0"), ("--frames", "0")),
     (("--format", "png,gif"), ("--format", "png, pdf, svg", "'gif'")),
-    (("--family", "samplse"), ("--family", "samples, shaded, gouraud, filter, precision", "did you mean 'samples'")),
+    (
+        ("--family", "samplse"),
+        ("--family", "samples, shaded, gouraud, filter, light-samples, precision", "did you mean 'samples'"),
+    ),
     (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
     (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
     (("--out", "page.html"), ("--out", "expected a folder", "--html")),
@@ -398,6 +401,7 @@ REFUSED = [
     (("--tolerance", "0"), ("--tolerance", "'0'")),
     (("--budget", "5ms", "--tolerance", "1e-3"), ("--tolerance", "not allowed with", "--budget")),
     (("--resolution", "0,5"), ("resolution", "0")),
+    (("--light-samples", "0"), ("light_samples", "0")),
     (("--out", "file/x"), ("file/x", "--out")),
 ]
 
@@ -409,3 +413,45 @@ def test_refused(device, capsys, tmp_path, monkeypatch, options, parts):
     monkeypatch.setattr(report, "study", lambda *arguments: pytest.fail("something was measured"))
     assert_refused(run(capsys, "report", "icosphere", "--device", device.index, *options), *parts)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ((), {}),
+        (("--shadows", "--light-samples", "4"), {"shadows": True, "light_samples": 4}),
+        (("--no-shadows",), {"shadows": False}),
+    ],
+    ids=str,
+)
+def test_settings_that_all_ways_share(device, capsys, tmp_path, monkeypatch, options, expected):
+    def measured(scene, opened, chosen, frames, settings):
+        assert scene.lights[0].radius == 0.25
+        assert settings == expected
+        for each in chosen:
+            drawn = vars(each.settings(base_settings(scene, **settings)))
+            assert {name: drawn[name] for name in expected} == {
+                **expected,
+                **{name: each.changes[name] for name in expected if name in each.changes},
+            }
+        raise InputError("measured")
+
+    monkeypatch.setattr(report, "study", measured)
+    given = ("report", "icosphere", "--light-radius", "0.25", "--device", device.index, "-o", tmp_path / "out")
+    assert_refused(run(capsys, *given, *options), "measured")
+
+
+@pytest.mark.long
+def test_points_of_lights_below_a_lamp(device, capsys, tmp_path):
+    """Of shadows; the whole report of a small image."""
+    options = ("--resolution", "48,36", "--shadows", "--light-radius", "0.3", "--family", "light-samples")
+    code, out, _ = run(
+        capsys, "report", "box_room", *options, "--frames", "1", "-o", tmp_path, "--device", device.index
+    )
+    assert code == 0
+    found = json.loads((tmp_path / "report.json").read_text())
+    assert found["settings"] == {"shadows": True}
+    (family,) = (each for each in found["families"] if each["family"] == "light-samples")
+    assert -1.2 < family["slope"]["exponent"] < -0.5
+    assert [each["known"] for each in family["members"]] == [True, True, True, True]
+    assert "light-samples (points of each light" in " ".join(out.split())

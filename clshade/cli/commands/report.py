@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, limit_options, names, numbers, output_name
-from .scene_options import camera_options, load_scene, scene_options
+from .scene_options import camera_options, chosen_settings, load_scene, scene_options, shadow_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
@@ -52,6 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="W,...",
         help="times and errors at growing sizes, the scene's shape with so many columns (default: 480,960,1920)",
     )
+    shadow_options(study)
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
     study.add_argument(
@@ -73,7 +74,12 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
     given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes", "html")}
-    given |= {"names": arguments.only, "families": arguments.family, "formats": arguments.format}
+    given |= {
+        "settings": chosen_settings(arguments),
+        "names": arguments.only,
+        "families": arguments.family,
+        "formats": arguments.format,
+    }
     options = {name: value for name, value in given.items() if value is not None}
     return DONE if report.run(scene, arguments.device, **options) else FAILED
 
@@ -84,9 +90,11 @@ def _course(arguments: argparse.Namespace) -> int:
     from ...base.atomic_files import shown
     from ...measure.course_report import course_report
 
-    for name in ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format"):
+    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format", "shadows", "light_samples")
+    for name in unused:
         if getattr(arguments, name) not in (None, ()):
-            raise InputError(f"--{name}: expected none with --course, which studies no variants, found one")
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: expected none with --course, which studies no variants, found one")
     course_report.output_path(arguments.out)  # its errors come before the scene's
     if arguments.device:
         os.environ["CLSHADE_DEVICE"] = arguments.device

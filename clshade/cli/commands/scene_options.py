@@ -168,12 +168,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         help=f"further layers: {','.join(settings.LAYERS)}; or all",
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
-    group.add_argument(
-        "--shadows",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
-    )
+    shadow_options(group)
     group.add_argument(
         "--ambient-occlusion",
         type=int,
@@ -198,12 +193,6 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         type=float,
         metavar="A",
         help="layers show the nearest surface whose alpha is at least A, 0 to 1 (default: 0.5)",
-    )
-    group.add_argument(
-        "--light-samples",
-        type=int,
-        metavar="1..256",
-        help="points of each light of finite size that its light is the mean of (default: 16)",
     )
     group.add_argument(
         "--resolve", choices=settings.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
@@ -232,6 +221,22 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
     )
     group.add_argument("--nan-color", type=color, metavar="COLOR", help="of faces without a number (default: darkgray)")
     _edge_options(parser)
+
+
+def shadow_options(group: argparse._ArgumentGroup) -> None:
+    """Add the fields of Settings that say which light arrives, for the preset or all ways of a study."""
+    group.add_argument(
+        "--shadows",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
+    )
+    group.add_argument(
+        "--light-samples",
+        type=int,
+        metavar="1..256",
+        help="points of each light of finite size that its light is the mean of (default: 16)",
+    )
 
 
 def _edge_options(parser: argparse.ArgumentParser) -> None:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ...errors import InputError
-from ...scene.settings import Precision
+from ...scene.settings import MAX_LIGHT_SAMPLES, Precision
 from ..timing import Spread
 from .measure import Measured
 from .power_law import Law, Power, fitted
 from .tessellation import Tessellation
-from .variants import BASE, Variant
+from .variants import BASE, LIGHT_BASE, Variant
 
 # Largest relative error of one operation: of float32 and float64 half a unit in the last place; of `fast` that of its power
 # (kernels/numerics.clh).
@@ -27,7 +27,7 @@ SAMPLED = {
     SHADED: ("shaded-", BASE),
     GOURAUD: ("gouraud-", "gouraud"),
     FILTER: ("trilinear-", "trilinear"),
-    LIGHT: ("light-", "samples-16"),
+    LIGHT: ("light-", LIGHT_BASE),
 }
 SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
 LAWS = {
@@ -37,7 +37,7 @@ LAWS = {
         0.0, "light at the corners, whose error samples do not cure", below="edges become smooth all the same"
     ),
     FILTER: Law(0.0, "the mip maps' blur, which samples do not cure", below="edges become smooth all the same"),
-    LIGHT: Law(-1.0, "points of low discrepancy, light that varies smoothly", "what 16 samples a pixel leave of edges"),
+    LIGHT: Law(-1.0, "points of low discrepancy, light that varies smoothly", "edges of shadows cut the lights"),
     PRECISION: Law(
         1.0,
         "a constant number of roundings",
@@ -51,7 +51,7 @@ ABOUT = {
     SHADED: "samples, each shaded",
     GOURAUD: "light at the corners, samples shaded once a pixel",
     FILTER: "mip maps instead of four texels, samples shaded once a pixel",
-    LIGHT: "points of each light of finite size, 16 samples shaded once a pixel",
+    LIGHT: f"points of each light of finite size, against {MAX_LIGHT_SAMPLES} of them in the same 16 samples",
     PRECISION: "arithmetic: RMS of |value - oracle| / light",
     **dict.fromkeys(SHADINGS.values(), "triangles of a sphere"),
 }
@@ -133,7 +133,9 @@ def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
     ways = {_size(each, name): each for each in measured if alone(each.variant, name)}
     if 1 not in ways:
         return Family(name, "", ())
-    members = (Member(ways[n].name, n, ways[n].frame_ms, ways[n].error, ways[n].error > known) for n in sorted(ways))
+    errors = {n: (each.light or 0.0) if name == LIGHT else each.error for n, each in ways.items()}
+    least = 0.0 if name == LIGHT else known
+    members = (Member(ways[n].name, n, ways[n].frame_ms, errors[n], errors[n] > least) for n in sorted(ways))
     what = "the number of points of each light" if name == LIGHT else "the number of samples"
     return Family(name, what, tuple(members))
 

@@ -1,5 +1,5 @@
 """Features that a scene's kernels leave out, why, and the time saved, measured against kernels with every feature
-on."""
+on; and the shadow rays of a frame."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ...base.text_tables import as_lines
 from ...pipeline import programs
 from ...pipeline.features import OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
+from ...pipeline.shadow_counts import SKIPPED, CountingRenderer, ShadowCounts
 from ...scene.model import Scene
 from ...scene.settings import LAYERS
 from ..timing import Spread, in_turns, spread
@@ -91,8 +93,9 @@ class Explanation:
     needed: optional features in the kernels. left_out: those left out -> why. unneeded: other work that this scene and
     view did without -> why. frames: number timed per renderer; 0 if nothing was left out. lean, full: the specialized
     kernels, and those with every feature on. alone: by name, with one left-out feature on; empty unless requested.
-    identical: whether all their images and layers are bit-identical. compiled, loaded: programs that this process built
-    from source and loaded from the cache: number and seconds.
+    rays: counts of shadow rays; None without shadows. identical: whether all images and layers are bit-identical, those of
+    the kernels that count included. compiled, loaded: programs that this process built from source and loaded from the
+    cache: number and seconds.
     """
 
     needed: tuple[str, ...]
@@ -102,6 +105,7 @@ class Explanation:
     lean: Side
     full: Side
     alone: dict[str, Side]
+    rays: ShadowCounts | None
     identical: bool
     compiled: tuple[int, float]
     loaded: tuple[int, float]
@@ -124,13 +128,15 @@ class Explanation:
         ]
         out += [f"unneeded: {what}: {why}" for what, why in self.unneeded.items()]
         out.append(f"needed: {', '.join(WORK[name] for name in self.needed) or 'nothing of what may be left out'}")
+        out += [] if self.rays is None else _ray_lines(self.rays)
         (compiled, building), (loaded, loading) = self.compiled, self.loaded
         ending = [
             f"programs: {compiled} compiled in {building:.2f} s, {loaded} loaded from the cache in {loading:.2f} s; "
             "another camera, another size or a moved light builds none"
         ]
+        images = "images: " + ("the same bits" if self.identical else "FAILED, they differ")
         if not self.frames:
-            return [*out, "saved: nothing, everything is needed", *ending]
+            return [*out, "saved: nothing, everything is needed", images, *ending]
         lean, full = self.lean.ms, self.full.ms
         names = [name for name in {**lean, **full} if name != "frame"]
         stages = ", ".join(f"{name} {lean.get(name, 0.0):.2f} ({full.get(name, 0.0):.2f})" for name in names)
@@ -141,7 +147,7 @@ class Explanation:
             f"frame {lean['frame']:.2f} ms instead of {full['frame']:.2f} ms, {full['frame'] / lean['frame']:.2f} times "
             f"as fast; {self.lean.bytes / 1e6:.2f} MB instead of {self.full.bytes / 1e6:.2f} MB",
             *([f"stages, in ms (with everything on): {stages}"] if stages else []),
-            "images: " + ("the same bits" if self.identical else "FAILED, they differ"),
+            images,
             *ending,
         ]
 
@@ -155,10 +161,30 @@ class Explanation:
             "lean": _figures(self.lean),
             "everything_on": _figures(self.full),
             "alone": {name: _figures(side) for name, side in self.alone.items()},
+            "shadow_rays": None if self.rays is None else self.rays.stats(),
             "identical": self.identical,
             "programs_compiled": self.compiled[0],
             "programs_loaded": self.loaded[0],
         }
+
+
+def _ray_lines(rays: ShadowCounts) -> list[str]:
+    """Return what became of the rays, as lines for the terminal."""
+
+    def row(name: str, count: int) -> tuple[str, ...]:
+        return name, f"{count:,}", f"{100.0 * count / max(rays.possible, 1):.1f} %"
+
+    skipped = [row(f"skipped: {SKIPPED[name]}", count) for name, count in rays.skipped.items() if count]
+    traced = [row("traced", rays.traced), row("traced and hidden", rays.hidden)]
+    table = as_lines(("shadow rays", "number", "share"), [row("possible", rays.possible), *skipped, *traced])
+    possible = f"possible: {rays.places:,} lit places, each to {rays.points:,} points of {rays.lights:,} lights"
+    occlusion = f"rays of ambient occlusion: {rays.occlusion:,}, of which {rays.occluded:,} meet a triangle"
+    return [
+        *([*table, possible] if rays.lights else []),
+        *([occlusion] if rays.occlusion else []),
+        f"traced in {rays.packets:,} packets, of which {rays.lit_packets:,} are wholly lit and {rays.dark_packets:,} wholly "
+        f"dark: {rays.filtered:,} triangles were tested by the filter, {rays.decided:,} by the exact predicate",
+    ]
 
 
 def _figures(side: Side) -> dict[str, Any]:
@@ -189,6 +215,11 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         others.clear()  # releases their memory for the next frames
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
         timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
+    rays, counted_identical = None, True
+    if not {"SHADOWS", "AMBIENT_OCCLUSION"} <= left_out.keys():
+        with CountingRenderer(scene, **options) as counting:
+            counted, rays = counting.count()
+        counted_identical = same_bits(first, counted)
     sides = [_side(timed or [(first.stats["times_ms"],)], k, size) for k, size in enumerate(sizes)]
     return Explanation(
         needed=tuple(name for name in OPTIONAL if name not in left_out) + chosen,
@@ -198,7 +229,8 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         lean=sides[0],
         full=sides[1] if left_out else sides[0],
         alone=dict(zip(left_out, sides[2:], strict=True)) if each else {},
-        identical=identical,
+        rays=rays,
+        identical=identical and counted_identical,
         compiled=_programs(stored=False),
         loaded=_programs(stored=True),
     )

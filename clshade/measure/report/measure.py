@@ -15,15 +15,19 @@ from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
+from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ..check.check import check
 from ..timing import Spread, in_turns, median_interval, spread
+from .light_point_errors import LightPointErrors
 from .model_errors import ModelErrors
 from .reference_image import Reference
-from .variants import Variant
+from .variants import LIGHT_BASE, Variant
 
 SECONDS = 12.0  # for the frames of all variants
 SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
+PAIRS_CHECKED = 1 << 22  # of shadow rays and triangles, all of which the oracle tries: the same
+FEWEST_CHECKED = 8  # pixels
 STEP = 0.05  # degrees that the camera moves between frames
 
 
@@ -35,7 +39,8 @@ class Measured:
     before the first frame: building programs or loading them from the cache; packing and uploading the scene.
     arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference,
     from all causes. model: RMSE of its model alone, in images of equal and many samples; sampling: RMSE of its sampling
-    alone, against the converged image of the same model.
+    alone, against the converged image of the same model. light: that of the points of lights alone, see `LightPointErrors`;
+    None if it is not known, or the variant does not belong to that family.
     """
 
     variant: Variant
@@ -48,6 +53,7 @@ class Measured:
     approximation: ImageError
     model: float
     sampling: float
+    light: float | None = None
 
     @property
     def name(self) -> str:
@@ -82,6 +88,7 @@ class Measured:
             "approximation": self.approximation.stats(),
             "model": self.model,
             "sampling": self.sampling,
+            "light_points": self.light,
         }
 
 
@@ -96,6 +103,7 @@ class _Drawn(NamedTuple):
     approximation: ImageError
     model: float
     sampling: float
+    light: float | None
 
 
 def measure(
@@ -111,6 +119,7 @@ def measure(
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
     settings. frames: see `frame_times`."""
     models = models or ModelErrors(scene, reference.settings, device)
+    lights = LightPointErrors(scene, device)
     with ExitStack() as stack:
         drawn = []
         for variant in variants:
@@ -120,7 +129,8 @@ def measure(
             errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
             model = models.difference(renderer.settings)
             by_cause = rms(model), rmse(image.rgb, reference.rgb + model)
-            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause))
+            light = lights.error(image) if variant.name == LIGHT_BASE or "light_samples" in variant.changes else None
+            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause, light))
         times = frame_times([each.renderer for each in drawn], frames)
         return [
             Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])
@@ -155,5 +165,12 @@ def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
 
 def _pixels_to_check(image: Frame) -> int | Literal["all"]:
     """Return "all", or the number of pixels that there is time for."""
-    affordable = SAMPLES_CHECKED // image.settings.samples
+    scene, settings = image.scene, image.settings
+    affordable = SAMPLES_CHECKED // settings.samples
+    if settings.shadows:
+        rays = sum(settings.light_samples if has_size(light) else 1 for light in scene.lights)
+        rays *= (
+            settings.samples if settings.sample_shading else min(settings.samples, 2)
+        )  # at edges two surfaces are lit
+        affordable = min(affordable, max(PAIRS_CHECKED // max(rays * scene.face_count, 1), FEWEST_CHECKED))
     return "all" if image.alpha.size <= affordable else affordable

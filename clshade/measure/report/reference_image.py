@@ -23,6 +23,7 @@ from ...scene.settings import Precision
 from .thinned_image import Thinned, Window
 
 MOST = 1 << 27  # samples of the whole reference, at most: some seconds
+LIGHT_SAMPLES = 2  # points of each light in each sample, which has others than the next: 512 with 256 samples a pixel
 # Subpixels along a pixel's side, which are pixels of a larger image, and samples in each. The reference uses one step;
 # the next, with a quarter of the samples, gives the estimate of its error. The larger image's sample positions differ
 # from every variant's, so that the reference does not share a variant's error.
@@ -120,7 +121,9 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
     kept = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
     kept.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
     precision: Precision = "float64" if device.has_fp64 else "float32"
-    return Settings.from_preset("standard", precision=precision, sample_shading=True, **kept)
+    return Settings.from_preset(
+        "standard", precision=precision, sample_shading=True, light_samples=LIGHT_SAMPLES, **kept
+    )
 
 
 def averaged(scene: Scene, device: Device, settings: Settings, scale: int, samples: int) -> Array:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from ...base import atomic_files, console, text_tables
 from ...base.atomic_files import shown
@@ -41,6 +41,7 @@ def run(
     families: Sequence[str] = (),
     formats: Sequence[str] = ("png",),
     html: bool = False,
+    settings: Mapping[str, Any] | None = None,
     stream: TextIO | None = None,
 ) -> bool:
     """Measure the variants, print the tables, write the files, and name the variant to use.
@@ -49,15 +50,15 @@ def run(
 
     names: variants; default: all that change the image of this scene. frames: number per variant. budget: milliseconds.
     tolerance: RMSE. sizes: columns of growing images, empty for the usual ones; None for none. families: only the variants
-    of these. formats: of the figure. html: write one page with tables and figures too. Raises DeviceError,
-    OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all files are
-    written.
+    of these. formats: of the figure. html: write one page with tables and figures too. settings: fields of Settings that all
+    variants share but those that change them, in place of the scene's own. Raises DeviceError, OutputError and InputError;
+    the last also if no variant meets the budget or tolerance, but only after all files are written.
     """
     stream = stream or sys.stdout
     if frames < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
-    base = base_settings(scene)
+    base = base_settings(scene, **(settings or {}))
     variants = named(of_families(variants_for(scene, base, opened), families), names)
     growing = [] if sizes is None else resolutions(scene, sizes)
     if Path(out).suffix[1:].lower() in (*figures.FORMATS, "html") and not Path(out).is_dir():
@@ -68,7 +69,7 @@ def run(
     page = [folder / "report.html"] if html else []
     for path in (*(folder / name for name in tables.FILES), *pictures, *page):
         atomic_files.check(path)  # before minutes of measuring
-    found = study(scene, opened, variants, frames)
+    found = study(scene, opened, variants, frames, settings)
     if growing:
         ways = variants if names or families else [each for each in variants if each.name in WAYS]
         found = replace(found, growths=tuple(growths(scene, ways, base, opened, growing)))

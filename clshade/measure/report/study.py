@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...base import atomic_files
@@ -45,6 +45,7 @@ class Study:
     decomposition: Decomposition
     growths: tuple[Growth, ...] = ()
     prefiltering: tuple[Prefiltering, ...] = ()  # of the environment, if shader pbr shows one
+    given: Mapping[str, Any] = field(default_factory=dict)  # settings in place of the scene's own
 
     @property
     def front(self) -> list[Measured]:
@@ -76,6 +77,7 @@ class Study:
             "resolution": self.scene.camera.resolution,
             "device": self.device,
             "machine": self.machine,
+            "settings": dict(self.given),
             "reference": self.reference.stats(),
             "variants": [each.stats() for each in self.measured],
             "pareto_front": [each.name for each in self.front],
@@ -89,9 +91,17 @@ class Study:
         }
 
 
-def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int) -> Study:
-    """Measure the variants (see `measure`), the file formats, the causes of the image's error, and the sphere."""
-    base = base_settings(scene)
+def study(
+    scene: Scene,
+    device: Device,
+    variants: Sequence[Variant],
+    frames: int,
+    settings: Mapping[str, Any] | None = None,
+) -> Study:
+    """Measure the variants (see `measure`), the file formats, the causes of the image's error, and the sphere. settings:
+    fields of Settings in place of the scene's own."""
+    given = dict(settings or {})
+    base = base_settings(scene, **given)
     converged = reference(scene, base, device)
     models = ModelErrors(scene, converged.settings, device)
     measured = measure(scene, variants, base, device, converged, models, frames=frames)
@@ -107,8 +117,9 @@ def study(scene: Scene, device: Device, variants: Sequence[Variant], frames: int
         pictures(scene, device, measured, converged, models),
         tessellation(device),
         tuple(kept),
-        decompose(scene, Settings.from_preset(scene.preset), device, converged, models),
+        decompose(scene, Settings.from_preset(scene.preset, **given), device, converged, models),
         prefiltering=() if environment is None else prefiltering(environment),
+        given=given,
     )
 
 

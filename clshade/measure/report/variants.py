@@ -41,7 +41,8 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
-LIGHT_POINTS = (1, 4, 64, 256)  # besides 16
+LIGHT_POINTS = (1, 4, 64)  # besides 16, of
+LIGHT_BASE = "samples-16"
 VARIANTS = (
     Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
@@ -80,11 +81,12 @@ SHORT = (
 SAVINGS = ("fast", "vertex-texture", "course")
 
 
-def base_settings(scene: Scene) -> Settings:
+def base_settings(scene: Scene, **given: Any) -> Settings:
     """Return the preset `standard` with the scene's own ambient term, model of reflection and shadows, which approximate no
-    other."""
+    other. given: fields in place of these."""
     own = Settings.from_preset(scene.preset)
-    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader, shadows=own.shadows)
+    kept = {"ambient": own.ambient, "shader": own.shader, "shadows": own.shadows}
+    return Settings.from_preset("standard", **{**kept, **given})
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:

@@ -1,0 +1,105 @@
+"""How many rays of shadows and ambient occlusion a frame needs, and what they meet: counted by kernels that draw it once
+more."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..scene.lights import has_size
+from . import scene_buffers
+from .buffers import Buffer
+from .features import Features
+from .frame import Frame
+from .launches import Stages, scene_stages
+from .renderer import Renderer
+from .struct_layout import SHADOW_COUNTS
+
+# Why a ray is not traced; a ray with several reasons counts for the first.
+SKIPPED = {
+    "dark_light": "lights of intensity 0",
+    "facing_away": "surfaces that face away, N.L <= 0",
+    "out_of_reach": "beyond a light's range or cone",
+    "no_casters": "nothing casts shadows",
+    "reflects_nothing": "surfaces that reflect nothing",
+    "behind_face": "lights behind the face",
+    "terminator": "shadow terminator of share 0",
+}
+TRACED = ("traced", "hidden", "occlusion", "occluded", "packets", "lit_packets", "dark_packets", "filtered", "decided")
+
+
+@dataclass(frozen=True)
+class ShadowCounts:
+    """The rays of a frame.
+
+    places: how often a surface is lit: in pixels or samples, transparent ones by themselves; with Gouraud's shading at
+    corners of triangles. lights: of the scene. points: of all these together, one each but for those of finite size.
+    skipped: rays not traced, by the names in `SKIPPED`. traced: the others. hidden: those of them that an opaque triangle
+    stops. occlusion: rays of ambient occlusion. occluded: those of them that an opaque triangle stops. packets: groups of
+    rays of either kind that go through a hierarchy together. lit_packets, dark_packets: those in which no ray
+    is hidden, and each is. filtered: triangles that the filter tested, once for each packet. decided: how often the exact
+    predicate tested a triangle for a packet's rays, because the filter left some undecided or the light is too near.
+    """
+
+    places: int
+    lights: int
+    points: int
+    skipped: dict[str, int]
+    traced: int
+    hidden: int
+    occlusion: int
+    occluded: int
+    packets: int
+    lit_packets: int
+    dark_packets: int
+    filtered: int
+    decided: int
+
+    @property
+    def possible(self) -> int:
+        """Number of shadow rays from each place to each point of a light."""
+        return self.places * self.points
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {"possible": self.possible, **asdict(self)}
+
+
+class CountingRenderer(Renderer):
+    """A renderer of a scene with shadows or ambient occlusion whose kernels count the rays, which takes them longer. Its
+    images have the same bits."""
+
+    def _build(self, lanes: int | None, layers: Features | None) -> Stages:
+        return scene_stages(self.device, self.features, lanes, layers, counting=True)
+
+    def _upload_casters(self, packed: scene_buffers.Packed) -> None:
+        super()._upload_casters(packed)
+        self._counts = Buffer(self.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
+        self._shadow_tables["shadow_counts"] = self._counts
+
+    def _draw(self, *arguments: Any, **more: Any) -> np.void:
+        with self._counts.writing() as counts:  # tiles are drawn again if their lists lacked room
+            counts[:] = 0
+        return super()._draw(*arguments, **more)
+
+    def count(self) -> tuple[Frame, ShadowCounts]:
+        """Draw a frame with the scene's camera, and return it with its counts."""
+        frame = self.render()
+        halves = self._counts.to_host().astype(np.uint64).reshape(-1, 2)
+        found = {
+            name.lower(): int(low + (high << np.uint64(32)))
+            for name, (low, high) in zip(SHADOW_COUNTS, halves, strict=True)
+        }
+        lights = self.scene.lights if self.settings.shadows else ()
+        points = [self.settings.light_samples if has_size(light) else 1 for light in lights]
+        dark = [count for count, light in zip(points, lights, strict=True) if not light.intensity.any()]
+        found["dark_light"] = found["places"] * sum(dark)
+        return frame, ShadowCounts(
+            places=found["places"],
+            lights=len(lights),
+            points=sum(points),
+            skipped={name: found[name] if lights else 0 for name in SKIPPED},
+            **{name: found[name] for name in TRACED},
+        )
