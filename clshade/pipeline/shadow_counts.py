@@ -34,13 +34,14 @@ TRACED = ("traced", "hidden", "occlusion", "occluded", "packets", "lit_packets",
 class ShadowCounts:
     """The rays of a frame.
 
-    places: how often a surface is lit: in pixels or samples, transparent ones by themselves; with Gouraud's shading at
-    corners of triangles. lights: of the scene. points: of all these together, one each but for those of finite size.
-    skipped: rays not traced, by the names in `SKIPPED`. traced: the others. hidden: those of them that an opaque triangle
-    stops. occlusion: rays of ambient occlusion. occluded: those of them that an opaque triangle stops. packets: groups of
-    rays of either kind that go through a hierarchy together. lit_packets, dark_packets: those in which no ray
-    is hidden, and each is. filtered: triangles that the filter tested, once for each packet. decided: how often the exact
-    predicate tested a triangle for a packet's rays, because the filter left some undecided or the light is too near.
+    places: how often a surface is lit, 0 without shadows: in pixels or samples, transparent ones by themselves; with
+    Gouraud's shading at corners of triangles. lights: of the scene. points: of all these together, one each but for
+    those of finite size. skipped: rays not traced, by the names in `SKIPPED`. traced: the others. hidden: those of them
+    that an opaque triangle stops. occlusion: rays of ambient occlusion. occluded: those of them that an opaque triangle
+    stops. packets: groups of rays of either kind that go through a hierarchy together. lit_packets, dark_packets: those
+    in which no ray is hidden, and each is. filtered: triangles that the filter tested, once for each packet. decided:
+    how often the exact predicate tested a triangle for a packet's rays, because the filter left some undecided or the
+    light is too near.
     """
 
     places: int
@@ -100,6 +101,6 @@ class CountingRenderer(Renderer):
             places=found["places"],
             lights=len(lights),
             points=sum(points),
-            skipped={name: found[name] if lights else 0 for name in SKIPPED},
+            skipped={name: found[name] for name in SKIPPED},
             **{name: found[name] for name in TRACED},
         )

@@ -143,9 +143,10 @@ def test_rays_of_ambient_occlusion(device, shadows):
     roof = strip(-3000.0, 3000.0, (0, -1, 0))
     roof = replace(roof, verts=roof.verts * (1, 1, 1000) + (0, 6, 0))
     scene = replace(scene, meshes=(*scene.meshes, roof))
-    for distance, share in ((5.0, 0), (1e6, 1)):
+    for distance, least in ((5.0, 0), (1e6, 5 * PIXELS - 1)):  # one leads along the plane
         counts = counted(device, scene, shadows=shadows, ambient_occlusion=5, ao_distance=distance)[1]
-        assert (counts.occlusion, counts.occluded) == (5 * PIXELS, share * 5 * PIXELS)
+        assert counts.occlusion == 5 * PIXELS
+        assert least <= counts.occluded <= (least and 5 * PIXELS)
         assert counts.possible == (PIXELS if shadows else 0)
 
 
