@@ -17,7 +17,6 @@ _HOMES = {
     "Camera": "clshade.scene.camera",
     "PointLight": "clshade.scene.lights",
     "DirectionalLight": "clshade.scene.lights",
-    "RectangleLight": "clshade.scene.lights",
     "SpotLight": "clshade.scene.lights",
     "Material": "clshade.scene.model",
     "MetallicRoughness": "clshade.scene.model",
@@ -68,7 +67,6 @@ if TYPE_CHECKING:
     from .scene.formats.load import load_animation as load_animation
     from .scene.lights import DirectionalLight as DirectionalLight
     from .scene.lights import PointLight as PointLight
-    from .scene.lights import RectangleLight as RectangleLight
     from .scene.lights import SpotLight as SpotLight
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh

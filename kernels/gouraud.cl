@@ -18,32 +18,18 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
-#if AREA_LIGHTS
-    at.shift = no_light_shift();  // faces that share a corner are as bright there
-#endif
-#if SHADOWS
-    integer shown[LANES];
-    Shadows casters = casters_of(in);
-    lighting.casters = &casters;
-#endif
 #if MATERIALS
     at.surface = surface_of(in->materials);
 #endif
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
-#if SHADOWS
-        shown[lane] = taken[lane];
-#endif
 #if MATERIALS
         put_surface(&at.surface, TO_INTS(LANE_INDEX == lane), material_of(in, face[lane]));
 #endif
     }
     for (int k = 0; k < 3; ++k) {
         real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES];
-#if SHADOWS
-        real bend[LANES];
-#endif
         for (int lane = 0; lane < LANES; ++lane) {
 #if CENTROID
             real4 point = centroid_of(in, face[lane]);
@@ -61,9 +47,6 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             real4 color = (real4)(1.0f);
 #endif
             p[0][lane] = point.x, p[1][lane] = point.y, p[2][lane] = point.z;
-#if SHADOWS
-            bend[lane] = fabs(normal.w);
-#endif
             n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
             c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
             position[lane] = HAS_POSITIONS ? color.w : 0.0f;
@@ -71,11 +54,6 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
-#if SHADOWS
-        see_corner_receivers(&at, in, shown, k);
-        at.smooth = at.normal;
-        at.bend = LOAD_LANES(bend);
-#endif
         shade(&at, &lighting, 1);
         STORE_LANES(at.color.r, c[0]);
         STORE_LANES(at.color.g, c[1]);

@@ -25,9 +25,6 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
     at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
     at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
     at.lit = (ints)(-1);
-#if AREA_LIGHTS
-    at.shift = no_light_shift();
-#endif
     Surface surface = surface_of(materials);
 #if MATERIALS
     at.surface = surface;

@@ -301,7 +301,7 @@ def test_the_top_level_is_as_small_as_it_can_be():
 
 def test_the_oracle_imports_only_numpy_and_the_standard_library():
     others = {name for module in SOURCES if room_of(module) == "oracle" for name in imports(module, SOURCES[module])}
-    standard = {"collections", "dataclasses", "fractions", "functools", "math", "typing", "weakref"}
+    standard = {"collections", "dataclasses", "functools", "math", "typing", "weakref"}
     assert {name for name in others if not name.startswith(".")} <= {"numpy", *standard}
 
 

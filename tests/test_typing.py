@@ -99,7 +99,7 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
 
 TYPED = {
     camera: {"Camera"},
-    lights: {"PointLight", "DirectionalLight", "SpotLight", "RectangleLight"},
+    lights: {"PointLight", "DirectionalLight", "SpotLight"},
     model: {"Mesh", "Scene"},
     texture: {"Texture"},
 }

@@ -15,9 +15,8 @@ from .normals import placed_normal_errors, placed_normals, vertex_normal_errors,
 from .tangents import corner_tangents
 from .texture import bilerp, brightest, levels, spread, trilinear
 from .transform import mirrors, world_vertices
-from .vectors import cross, length, power_of_two, unit
+from .vectors import power_of_two, unit
 
-MOST_BEND, THINNEST = 0.25, 2.0**-20
 MOST_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
 
 
@@ -30,7 +29,7 @@ class Corners:
     0 if the mesh has none. scalars: (F, 3), NaN if the mesh has none. mesh: (F,) index into scene.meshes.
     tangents: (F, 3, 4) of faces with a normal map, in world space: unit or 0, and the side of the bitangent; 0 for others.
     more_uvs: of each further set of texture coordinates as uvs.
-    alphas: (F, 3) of the vertices. bends: (F, 3), see `placed_bends`.
+    alphas: (F, 3) of the vertices.
     """
 
     world: Floats
@@ -43,7 +42,6 @@ class Corners:
     tangents: Floats
     more_uvs: tuple[Floats, ...]
     alphas: Floats
-    bends: Floats
 
     def uvs_for(self, texture: Texture) -> Floats:
         """Return the texture coordinates (F, 3, 2) at which a texture is looked up."""
@@ -63,19 +61,6 @@ def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, 
         normals = placed_normals(mesh.normals, matrix)[used]
         errors = placed_normal_errors(mesh.normals, matrix)[used].max(axis=1, initial=0.0)
     return verts[mesh.faces], normals, errors
-
-
-def placed_bends(world: Floats, normals: Floats, index: Integers) -> Floats:
-    """Return at the corners of faces (F, 3) the sine of the largest angle between the normal there, (F, 3, 3), and any face
-    that has the same one, by index (F, 3), at most MOST_BEND. Faces of an angle below THINNEST at the first corner do not
-    count."""
-    one, other = world[:, 1] - world[:, 0], world[:, 2] - world[:, 0]
-    faces = unit(cross(unit(one), unit(other)))
-    thin = length(cross(unit(one), unit(other))) <= THINNEST
-    sines = np.where(thin[:, None], 0.0, np.minimum(length(cross(normals, faces[:, None])), MOST_BEND))
-    largest = np.zeros(int(index.max(initial=-1)) + 1)
-    np.maximum.at(largest, index.reshape(-1), sines.reshape(-1))
-    return largest[index]
 
 
 def usable_uvs(uvs: Reals) -> Floats:
@@ -117,11 +102,10 @@ def placed_tangents(tangents: Floats, matrix: Floats) -> Floats:
     return placed
 
 
-def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> Corners:
+def gather(scene: Scene, scalars: str | None = None) -> Corners:
     """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed.
-    scalars: the name of those to gather. bent: whether bends are needed; else they are 0."""
+    scalars: the name of those to gather."""
     world, normals, errors, colors, uvs, numbers, owner, alphas = [], [], [], [], [], [], [], []
-    bends: list[Floats] = []
     tangents: list[Floats] = []
     sets = max((len(mesh.more_uvs) for mesh in scene.meshes), default=0)
     more: list[list[Floats]] = [[] for _ in range(sets)]
@@ -145,13 +129,6 @@ def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> C
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
             errors.append(normal_error)
-            own = mesh.faces if mesh.normals is None or scene.preset == "course" else mesh.normal_faces
-            of_faces = (
-                placed_bends(placed, placed_normal, mesh.faces if own is None else own)
-                if bent
-                else np.zeros((count, 3))
-            )
-            bends.append(of_faces[:, turned])
             colors.append(mesh_colors[:, turned])
             uvs.append(mesh_uvs[:, turned])
             numbers.append(mesh_scalars[:, turned])
@@ -172,7 +149,6 @@ def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> C
         np.concatenate([np.zeros((0, 3, 4)), *tangents]),
         tuple(np.concatenate([np.zeros((0, 3, 2)), *parts]) for parts in more),
         np.concatenate([np.zeros((0, 3)), *alphas]),
-        np.concatenate([np.zeros((0, 3)), *bends]),
     )
 
 

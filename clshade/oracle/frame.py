@@ -14,7 +14,6 @@ from ..scene.scalar_colors import without_colors
 from . import backdrop, coverage, sampling, shade, transform
 from .clip import Pieces, pieces
 from .corners import Corners, gather
-from .lights import shape_of
 from .lines import LINE, MARKED, samples_with_lines
 from .pixels import Shaded, shade_pixels
 from .transparency import DOUBT, ROUNDINGS, Fragments, alphas, ordered, passes, transparent_faces
@@ -82,8 +81,7 @@ class Prepared:
 def prepare(scene: Scene, settings: Settings) -> Prepared:
     """Run the stages before the pixels: placement, camera, clipping, projection, snapping, setup."""
     camera = scene.camera
-    named = None if settings.scalars is None else settings.scalars.name
-    corners = gather(scene, named, bent=settings.shadows)
+    corners = gather(scene, None if settings.scalars is None else settings.scalars.name)
     axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
@@ -403,7 +401,7 @@ def _light_fragments(
     alpha, most, varies = np.zeros(count), np.zeros(count), np.zeros(count, bool)
     for w, view in enumerate([*views, center]):
         mine = np.flatnonzero(where == w)
-        for some in np.array_split(mine, max(1, -(-len(mine) // batch_size(scene, settings)))):
+        for some in np.array_split(mine, max(1, -(-len(mine) // BATCH))):
             if not len(some):
                 continue
             piece, at = found.piece[some], (column[some], row[some])
@@ -565,9 +563,8 @@ def _shaded(
     """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
     frame = _background(scene, settings, prepared, columns, upward)
     drawn = np.flatnonzero(owner >= 0)
-    size = batch_size(scene, settings)
-    for start in range(0, len(drawn), size):
-        batch = drawn[start : start + size]
+    for start in range(0, len(drawn), BATCH):
+        batch = drawn[start : start + BATCH]
         shaded, z = _shade_batch(scene, settings, prepared, owner[batch], columns[batch], upward[batch])
         frame.alpha[batch] = 1.0
         frame.id[batch] = prepared.pieces.face[owner[batch]] + 1
@@ -623,12 +620,6 @@ def _plain(color: Floats, count: int) -> OracleFrame:
     )
 
 
-def batch_size(scene: Scene, settings: Settings) -> int:
-    """Return how many pixels are shaded at a time: fewer where many points of lights are kept for each."""
-    sized = any(shape_of(light).points for light in scene.lights)
-    return BATCH // settings.light_samples if sized else BATCH
-
-
 def _shade_batch(
     scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
 ) -> tuple[Shaded, Floats]:
@@ -642,8 +633,7 @@ def _shade_batch(
         steps = face_weight_steps(scene, settings, prepared, piece, column, row)
     reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
     condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
-    at = transform.SUBPIXELS * column + prepared.place[0], transform.SUBPIXELS * row + prepared.place[1]
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, at)
+    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

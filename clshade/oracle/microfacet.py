@@ -15,7 +15,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.model import LEAST_ROUGHNESS, Material
 from . import lights
-from .shade import GATE, conditioning, light_condition, most_arriving
+from .shade import GATE, conditioning, most_arriving
 from .vectors import dot, length, unit
 
 # How far rounding may move a unit vector or a cosine, by precision: the roundings that `oracle_bounds.ALLOWED` allows.
@@ -144,13 +144,11 @@ def reflected(
     wear: Floats | float = 0.0,
     shapes: Sequence[lights.Shape] = (),
     gate: float = GATE,
-    reaching: Floats | None = None,
 ) -> Reflected:
     """Return what surfaces reflect, and how far rounding may change it.
 
     most: (..., 3) the largest color that errors are relative to. reach: see `REACH`. extent, normal_length, parallel: as of
-    `shade.conditions`; shapes, gate: as of `shade.reflected` and `shade.jumps`. reaching: (L, ...) factors of the lights,
-    which `spread` does not know. wear: (...) how far the roughness and the
+    `shade.conditions`; shapes, gate: as of `shade.reflected` and `shade.jumps`. wear: (...) how far the roughness and the
     metallic part may be off, over `reach`.
 
     A cosine within r of its value, r being `reach` times the light's own condition number, bounds distribution, visibility
@@ -167,12 +165,10 @@ def reflected(
     tinted, plain, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
-    common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
-    each = lights.each(light_positions, light_intensities, shapes, point, extent)
-    for k, ((position, intensity, kind), most_intensity) in enumerate(zip(each, most_light, strict=True)):
+    each = lights.each(light_positions, light_intensities, shapes)
+    for (position, intensity, kind), most_intensity in zip(each, most_light, strict=True):
         at = angles(point, normal, eye, lights.place(point, position, kind))
-        share = lights.share(point, position, kind) * (1.0 if reaching is None else reaching[k])
-        arriving = intensity * share[..., None]
+        arriving = intensity * lights.share(point, position, kind)[..., None]
         lobe = np.where(at.mirrors, distribution(at.beside, alpha) * passing(at.n_l, at.n_v, alpha), 0.0)
         below = 1.0 - schlick(facets.f0.max(axis=-1, keepdims=True), facets.f90, at.v_h)
         grazing = (1.0 - at.v_h) ** 5
@@ -183,7 +179,8 @@ def reflected(
             * (f0 * (1.0 - grazing)[..., None] + (f90 + facets.metallic)[..., None] * grazing[..., None])
             * lobe[..., None]
         )
-        own = np.fmax(common, light_condition(point, extent, eye, position, parallel, kind))
+        near = np.asarray(position)[None][: not kind.parallel]  # the direction to a directional light is exact
+        own = conditioning(point, extent, normal_length, eye, near, parallel)
         r = reach * np.maximum(np.nan_to_num(own, nan=1e300, posinf=1e300), 1.0)
         low, high = _lobe_range(at, alpha, f0 + metal, f90 + facets.metallic, r)
         color = np.maximum(np.abs(most), 1.0)

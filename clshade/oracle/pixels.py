@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Environment, Scene, Settings
-from . import environment, light_points, microfacet, shade, shadows, transparency
+from . import environment, microfacet, shade
 from .color_map import MapColors, map_colors
 from .corners import Corners, Texels, corner_colors, texels
 from .lights import Shape, position_of, shape_of
-from .lights import each as light_each
-from .lights import place as place_of
 from .maps import Maps, maps, turned_length, turned_normals
 from .transform import camera_frame
 from .vectors import length, unit
@@ -54,14 +51,10 @@ class Surface:
         return Surface(*(getattr(self, name)[index] for name in ("ka_Ia", "kd", "ks", "n")))
 
 
-def scene_lights(scene: Scene, settings: Settings, at: tuple[Integers, Integers] | None = None) -> Lights:
-    """Return the lights as pixels see them. at: x and y (K,) where these are lit, 1/256 px; None for corners of faces."""
+def scene_lights(scene: Scene) -> Lights:
     lit = [light for light in scene.lights if light.intensity.any()]
     positions = np.array([position_of(light, scene.camera.eye) for light in lit]).reshape(-1, 3)
-    shapes = (shape_of(light, settings.light_samples) for light in lit)
-    shift = 0 if at is None else light_points.shifts(np.stack(at, axis=-1))
-    shapes = (replace(shape, shift=shift) if shape.points else shape for shape in shapes)
-    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(shapes))
+    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(map(shape_of, lit)))
 
 
 def surfaces(scene: Scene, mesh: Integers) -> Surface:
@@ -86,8 +79,7 @@ class Batch:
     texel: per pixel. mapped: per pixel, colors of scalars. tinted: whether the color multiplies the ambient light. turned:
     (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
     gate: see `shade.jumps`. facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the
-    corners. maps: per pixel. environment: of the scene, if it has one. seen: what reaches
-    the pixels, or with shader gouraud the corners (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`.
+    corners. maps: per pixel. environment: of the scene, if it has one.
     """
 
     points: Floats
@@ -109,8 +101,6 @@ class Batch:
     tangents: Floats
     maps: Maps
     environment: Environment | None
-    seen: shadows.Visibility | None = None
-    bends: Floats | None = None
 
     def flips(self, color: Floats) -> Floats:
         """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
@@ -138,12 +128,10 @@ def shade_pixels(
     behind: Bools,
     steps: tuple[Floats, Floats] | None = None,
     condition: Floats | float = 1.0,
-    at: tuple[Integers, Integers] | None = None,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
     the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`. condition: (K,) how much
-    rounding of positions in float64 is amplified in the weights. at: x and y (K,) of the samples, 1/256 px, y up, if there
-    are shadows or lights of finite size."""
+    rounding of positions in float64 is amplified in the weights."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
@@ -162,7 +150,7 @@ def shade_pixels(
         colors=colors,
         extent=extent,
         surface=surfaces(scene, corners.mesh[used]),
-        lights=scene_lights(scene, settings, None if settings.shader == "gouraud" else at),
+        lights=scene_lights(scene),
         tinted=settings.ambient == "tinted",
         where=where,
         weights=weights,
@@ -176,80 +164,8 @@ def shade_pixels(
         tangents=corners.tangents[used],
         maps=maps(scene, settings, corners, face, weights, steps, condition),
         environment=scene.environment,
-        seen=_seen(scene, settings, corners, (used, where), behind, at),
-        bends=corners.bends[used],
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
-
-
-def _seen(
-    scene: Scene,
-    settings: Settings,
-    corners: Corners,
-    faces: tuple[Integers, Integers],
-    behind: Bools,
-    at: tuple[Integers, Integers] | None,
-) -> shadows.Visibility | None:
-    """Return what the lights of non-zero intensity reach; None without shadows. faces: (U,), and the pixels' indices into
-    them (K,). behind, at: see `shade_pixels`."""
-    if not settings.shadows or settings.shader == "nolight":
-        return None
-    assert at is not None
-    veiling = transparency.veiling_faces(scene, corners)
-    factors = partial(transparency.veil_factors, scene, corners)
-    casters, lit = shadows.Casters.of(corners, veiling), [light for light in scene.lights if light.intensity.any()]
-    used, where = faces
-    if settings.shader != "gouraud":
-        receivers = shadows.at_pixels(casters, scene.camera, used[where], *at)
-        return shadows.visibility(casters, lit, receivers, behind, (len(where),), factors)
-    of_face = np.zeros(len(used), bool)
-    of_face[where] = behind  # all pixels of a face see the same side of it
-    receivers = shadows.at_corners(casters, used)
-    return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
-
-
-@dataclass(frozen=True, eq=False)
-class Unhidden:
-    """What share of each light arrives, (L, ...); of one of finite size that of each point. changes: by how much rounding
-    may change it, over how far it may turn a direction. doubtful: what arrives where either answer is right, else 0."""
-
-    share: Floats
-    changes: Floats
-    doubtful: Floats
-
-
-def _unhidden(
-    batch: Batch, point: Floats, normals: tuple[Floats, Floats], extent: Floats, normal_length: Floats, eye: Floats
-) -> Unhidden | None:
-    """Return what triangles leave of the lights; None without shadows. normals: the one that is lit, and before a map turned
-    it. Other arguments as of `shade.conditioning`."""
-    seen, lights = batch.seen, batch.lights
-    if seen is None or not len(lights.positions):
-        return None
-    assert batch.bends is not None
-    bend = batch.bends
-    if len(point.shape) == 2:  # pixels
-        mean = blend(batch.weights, batch.bends[batch.where][..., None])[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend = np.nan_to_num(np.minimum(mean / length(normals[1]), shadows.MOST_BEND))
-    at = shadows.Normals(unit(normals[0]), unit(normals[1]), seen.facing, bend)
-    share, changes, doubtful = [], [], []
-    common = shade.conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), batch.view is not None)
-    numbers = [number for number, shape in enumerate(lights.shapes) for _ in range(max(shape.points, 1))]
-    each = light_each(lights.positions, lights.intensities, lights.shapes, point, extent)
-    for number, (position, _, shape) in zip(numbers, each, strict=True):
-        kappa = np.fmax(common, shade.light_condition(point, extent, eye, position, batch.view is not None, shape))
-        turned = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
-        to_light = unit(place_of(point, position, shape) - point)
-        found, least, most = shadows.softened(at, to_light, turned + seen.off)
-        of_point = number, shape.offset, np.nan_to_num(batch.reach * shape.blur, posinf=1e300)
-        reached, unsure = seen.reached(*of_point)
-        passed = seen.passed(*of_point)
-        found, least, most = found * passed.share, least * passed.least, most * passed.most
-        share.append(np.where(reached | unsure, found, 0.0))
-        changes.append(np.where((reached | unsure) & ~passed.jumps, (most - least) / turned, 0.0))
-        doubtful.append(np.where(unsure, most, np.where(reached & passed.jumps, most - least, 0.0)))
-    return Unhidden(np.array(share), np.array(changes), np.array(doubtful))
 
 
 def _nolight(batch: Batch) -> Shaded:
@@ -270,9 +186,7 @@ def _gouraud(batch: Batch) -> Shaded:
     normals = np.where(turned[:, None, None], -normals, normals)
     eye = batch.eye(points)
     given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
-    reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes, reaching)
+    lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes)
     factor = lit + ka_Ia if batch.tinted else lit
     plain = blend(batch.weights, (batch.colors * factor)[where])
     rgb = plain * batch.texel.color * batch.mapped.color
@@ -293,25 +207,16 @@ def _gouraud(batch: Batch) -> Shaded:
     if arriving.ndim > 2:  # of the brightest corner
         arriving = np.abs(arriving).max(axis=2)[:, where]
     budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, arriving, batch.tinted)
-    jump = jump * worst_color + batch.flips(plain)
-    if unhidden is not None:
-        coefficients = np.abs(kd), np.abs(ks), n, lights.positions, np.abs(lights.intensities), lights.shapes
-        changes, doubtful = (
-            shade.reflected(points, normals, eye, *coefficients, factors).max(axis=1)[where] * worst_color
-            for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget, jump = budget + changes, jump + doubtful
-    return Shaded(rgb, budget, conditions[where], jump, pixel.n)
+    return Shaded(rgb, budget, conditions[where], jump * worst_color + batch.flips(plain), pixel.n)
 
 
 @dataclass(frozen=True, eq=False)
 class Interpolated:
-    """What pixels show, (K, 3): point, normal, the same before a map turned it, vertex color, and color; most: the largest
-    magnitude that the color is a mean of. extent, normal_length: (K,), see `shade.conditions`."""
+    """What pixels show, (K, 3): point, normal, vertex color, and color; most: the largest magnitude that the color is a mean
+    of. extent, normal_length: (K,), see `shade.conditions`."""
 
     point: Floats
     normal: Floats
-    smooth: Floats
     vertex_color: Floats
     color: Floats
     most: Floats
@@ -326,14 +231,12 @@ def _interpolated(batch: Batch) -> Interpolated:
     vertex_color = blend(batch.weights, batch.colors[where])
     # Where all three corner normals are 0 nothing cancels: 0 is exact.
     normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
-    smooth = normal
     if batch.maps.turned.any():
         normal = turned_normals(normal, batch.tangents[where], batch.weights, batch.turned, batch.maps)
         normal_length = np.where(batch.maps.turned, turned_length(normal, batch.maps, batch.reach), normal_length)
     return Interpolated(
         point=blend(batch.weights, batch.points[where]),
         normal=normal,
-        smooth=smooth,
         vertex_color=vertex_color,
         color=vertex_color * batch.texel.color * batch.mapped.color,
         # Corners whose colors differ in sign are each rounded separately.
@@ -349,9 +252,7 @@ def _phong(batch: Batch) -> Shaded:
     point, normal, color = at.point, at.normal, at.color
     eye = batch.eye(point)
     given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
-    reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes, reaching)
+    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes)
     factor = lit + surface.ka_Ia if batch.tinted else lit
     rgb = color * factor if batch.tinted else surface.ka_Ia + color * factor
     parallel = batch.view is not None
@@ -363,14 +264,6 @@ def _phong(batch: Batch) -> Shaded:
     jump = jump + batch.flips(at.vertex_color * factor)
     arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel, batch.gate)
     budget = shade.budget(at.most, surface.ka_Ia, surface.kd, surface.ks, arriving, batch.tinted)
-    if unhidden is not None:
-        coefficients = np.abs(surface.kd), np.abs(surface.ks), surface.n
-        given = lights.positions, np.abs(lights.intensities)
-        changes, doubtful = (
-            shade.reflected(point, normal, eye, *coefficients, *given, lights.shapes, factors) * at.most
-            for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget, jump = budget + changes, jump + doubtful
     return Shaded(rgb, budget, conditions, jump, surface.n)
 
 
@@ -399,27 +292,21 @@ def _pbr(batch: Batch) -> Shaded:
     place = at.extent, at.normal_length
     # A texel is right to 8 roundings, a quarter of `reach`, and its place to `slack` texels.
     wear = np.where(found.wear.found, 0.25 + found.wear.slack / batch.reach, 0.0)
-    unhidden = _unhidden(batch, at.point, (at.normal, at.smooth), *place, eye)
-
-    def reflected(intensities: Floats, reaching: Floats | None) -> microfacet.Reflected:
-        return microfacet.reflected(
-            at.point,
-            at.normal,
-            eye,
-            facets,
-            at.most,
-            lights.positions,
-            intensities,
-            batch.reach,
-            *place,
-            parallel,
-            wear,
-            lights.shapes,
-            batch.gate,
-            reaching,
-        )
-
-    lit = reflected(lights.intensities, None if unhidden is None else unhidden.share)
+    lit = microfacet.reflected(
+        at.point,
+        at.normal,
+        eye,
+        facets,
+        at.most,
+        lights.positions,
+        lights.intensities,
+        batch.reach,
+        *place,
+        parallel,
+        wear,
+        lights.shapes,
+        batch.gate,
+    )
     hidden = np.zeros(3)  # light of the environment that occlusion may hide
     if batch.environment is not None:
         around = _from_around(batch, at, facets, eye)
@@ -436,12 +323,6 @@ def _pbr(batch: Batch) -> Shaded:
     ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
     jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * found.open_spread[:, None]
     jump = jump + facets.emission * found.glow.spread
-    if unhidden is not None:
-        changes, doubtful = (
-            reflected(np.abs(lights.intensities), factors) for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget = budget + at.most * changes.tinted + changes.plain
-        jump = jump + at.most * doubtful.tinted + doubtful.plain
     exchanged = np.maximum(found.normal.spread.max(axis=1), found.wear.spread.max(axis=1)) > 0.0
     jump = np.where(exchanged[:, None], np.inf, jump)
     return Shaded(rgb, budget, conditions, jump, np.ones(len(rgb)))

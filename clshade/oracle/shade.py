@@ -86,22 +86,19 @@ def reflected(
     light_positions: Floats,
     light_intensities: Floats,
     shapes: Sequence[Shape] = (),
-    reaching: Floats | None = None,
 ) -> Floats:
     """Return the light that a white surface reflects: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
 
     light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0. shapes: see
-    `lights.each`, here and below; Ip is the intensity times `lights.share`. reaching: (L, ...) factors of the lights.
+    `lights.each`, here and below; Ip is the intensity times `lights.share`.
     """
     point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
     total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, np.shape(kd), np.shape(ks)))
-    each = lights.each(light_positions, light_intensities, shapes, point)
-    for k, (position, intensity, shape) in enumerate(each):
+    for position, intensity, shape in lights.each(light_positions, light_intensities, shapes):
         n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
         diffuse = np.maximum(n_l, 0.0)[..., None]
         specular = np.where(n_l > 0.0, highlight(r_v, distance2, n), 0.0)[..., None]
-        share = lights.share(point, position, shape) * (1.0 if reaching is None else reaching[k])
-        arriving = intensity * share[..., None]
+        arriving = intensity * lights.share(point, position, shape)[..., None]
         total = total + arriving * (kd * diffuse + ks * specular)
     return total
 
@@ -155,14 +152,12 @@ def most_arriving(
     gate: float = GATE,
 ) -> Floats:
     """Return the intensities of the lights as they arrive at most, see `lights.most_share`: (L, 3), or (L, ..., 3) if any
-    is attenuated or of finite size; of such a light there are as many rows as points. Other arguments as of `jumps`."""
-    if not any(shape.attenuates or shape.points for shape in shapes):
+    is attenuated. Other arguments as of `jumps`."""
+    if not any(shape.attenuates for shape in shapes):
         return light_intensities
-    sums = [lights.rounding_of_sums(shape) for shape in shapes]
-    intensities = np.asarray(light_intensities) * np.array(sums)[:, None]
     found = []
-    for position, intensity, shape in lights.each(light_positions, intensities, shapes, point, extent):
-        size = _size(extent, eye, position, parallel) + shape.blur
+    for position, intensity, shape in lights.each(light_positions, light_intensities, shapes):
+        size = _size(extent, eye, position, parallel)
         found.append(intensity * lights.most_share(point, position, shape, size, gate)[..., None])
     return np.stack(found)
 
@@ -201,9 +196,9 @@ def conditions(
         of_normal = 1.0 / np.asarray(normal_length, np.float64)
         of_eye = np.zeros(()) if parallel else extent / length(eye - point)
     of_light = np.zeros(np.shape(point)[:-1])
-    for position, _, shape in lights.each(light_positions, light_positions, shapes, point, extent):
-        amplified = light_condition(point, extent, eye, position, parallel, shape)
-        if shape.axis is not None or shape.attenuates or shape.front is not None:
+    for position, _, shape in lights.each(light_positions, light_positions, shapes):
+        amplified = _light_condition(point, extent, eye, position, parallel, shape)
+        if shape.axis is not None or shape.attenuates:
             amplified = np.fmax(amplified, 1.0)
             amplified = amplified * lights.sensitivity(point, position, shape, gate * amplified)
         of_light = np.fmax(of_light, amplified)
@@ -218,17 +213,17 @@ def condition_number(terms: Floats) -> Floats:
 
 def _size(extent: Floats, eye: Floats, position: Floats, parallel: bool) -> Floats:
     """Return the largest coordinate (...) that a point's direction to a light comes from."""
-    size: Floats = np.maximum(extent, np.abs(position if parallel else position - eye).max(axis=-1))
+    size: Floats = np.maximum(extent, np.abs(position if parallel else position - eye).max())
     return size
 
 
-def light_condition(
+def _light_condition(
     point: Floats, extent: Floats, eye: Floats, position: Floats, parallel: bool, shape: Shape = lights.POINT
 ) -> Floats:
     """Return the term of kappa that depends on the direction to a light: 0 if that is the same everywhere."""
     if shape.parallel:
         return np.zeros(np.shape(point)[:-1])
-    s = _size(extent, eye, position, parallel) + shape.blur
+    s = _size(extent, eye, position, parallel)
     with np.errstate(divide="ignore", invalid="ignore"):
         amplified: Floats = s / length(position - point)
         return amplified
@@ -249,7 +244,7 @@ def steepness(
     n = np.asarray(n, np.float64)
     if not ((n > 0.0) & (n < 1.0)).any():
         return steepest
-    for position, _, shape in lights.each(light_positions, light_positions, shapes, point):
+    for position, _, shape in lights.each(light_positions, light_positions, shapes):
         n_l, r_v, _ = angles(point, normal, eye, lights.place(point, position, shape))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             slope = np.where((n_l > 0.0) & (r_v > 0.0) & (n > 0.0) & (n < 1.0), n * r_v ** (n - 1.0), 1.0)
@@ -280,9 +275,8 @@ def jumps(
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
     most = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
-    each = lights.each(light_positions, light_intensities, shapes, point, extent)
-    for (position, _, shape), intensity in zip(each, most, strict=True):
-        reach = gate * np.fmax(common, light_condition(point, extent, eye, position, parallel, shape))
+    for position, intensity, shape in lights.each(light_positions, most, shapes):
+        reach = gate * np.fmax(common, _light_condition(point, extent, eye, position, parallel, shape))
         n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
         near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
         largest = np.clip(r_v + reach, 0.0, 1.0)

@@ -11,8 +11,7 @@ from ..scene.model import Scene, Settings
 from . import coverage, shade
 from .clip import Pieces
 from .corners import Corners, interpolated, lookup_of, textured
-from .shadows import Passed
-from .texture import bilerp, brightest, spread
+from .texture import bilerp, brightest
 
 EQUAL = 2.0**-40  # relative difference of depths that count as equal: the later face is nearer
 SURELY_EQUAL, SURELY_APART = 2.0**-41, 2.0**-38  # the renderer may take what lies between for either
@@ -56,39 +55,6 @@ def alphas(scene: Scene, corners: Corners, face: Integers, weights: Floats) -> t
         alpha[mine] *= mesh.material.opacity
         most[mine] *= mesh.material.opacity
     return alpha, most, varies
-
-
-def veiling_faces(scene: Scene, corners: Corners) -> Bools:
-    """Return (F,) bool: the faces that may let light pass."""
-    return np.array([mesh.blends or mesh.tests_alpha for mesh in scene.meshes], bool)[corners.mesh]
-
-
-def veil_factors(scene: Scene, corners: Corners, face: Integers, weights: Floats, off: Floats) -> Passed:
-    """Return what share of light faces (K,) let pass at weights (K, 3) of their corners, which are `off` (K,) and a rounding
-    of float32 from the device's."""
-    alpha, _, _ = alphas(scene, corners, face, weights)
-    moved = off + 2.0**-22
-    change = 2.0**-20 + 3.0 * moved * np.ptp(corners.alphas[face], axis=1)
-    tested, cutoff = np.zeros(len(face), bool), np.zeros(len(face))
-    for index in np.unique(corners.mesh[face]):
-        mesh, mine = scene.meshes[index], np.flatnonzero(corners.mesh[face] == index)
-        texture = mesh.material.texture
-        if textured(mesh) and texture.image.shape[2] == 4:
-            uv = corners.uvs_for(texture)[face[mine]]
-            slack = moved[mine] * np.abs(uv).sum(axis=1).max(axis=1)
-            if texture.filter == "nearest":
-                at, both = interpolated(weights[mine], uv), np.stack([slack, slack], axis=1)
-                change[mine] += spread(at, texture.image[..., 3:], texture.wrap, both)[:, 0]
-            else:  # between the centers of texels alpha changes by at most their difference, along both axes
-                change[mine] += sum(texture.image.shape[:2]) * slack * np.ptp(texture.image[..., 3])
-        if mesh.tests_alpha:
-            tested[mine], cutoff[mine] = True, mesh.material.alpha_cutoff
-    doubt = tested & (np.abs(alpha - cutoff) <= change)
-    low, high = np.clip(alpha - change, 0.0, 1.0), np.clip(alpha + change, 0.0, 1.0)
-    alpha = np.clip(alpha, 0.0, 1.0)
-    low, alpha, high = (np.where(tested, each >= cutoff, each) for each in (low, alpha, high))
-    slip = 2.0**-19 * (1.0 - alpha)  # of the logarithm in steps
-    return Passed(1.0 - alpha, np.maximum(1.0 - high - slip, 0.0), np.minimum(1.0 - low + slip, 1.0), doubt)
 
 
 def passes(scene: Scene, corners: Corners, face: Integers, weights: Floats) -> Bools:

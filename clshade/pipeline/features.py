@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..errors import InputError
-from ..scene.lights import has_size, is_plain
+from ..scene.lights import is_plain
 from ..scene.model import Material, Mesh, Scene, Settings, Texture
 from .maps import map_of, maps_of, textures_of, usable
 
@@ -45,9 +45,6 @@ OPTIONAL = (
     "EMISSION",
     "ENVIRONMENT",
     "LIGHT_SHAPES",
-    "AREA_LIGHTS",
-    "SHADOWS",
-    "SHADOW_ALPHA",
     "TWO_SIDED",
     "NORMAL_INDICES",
     "VERTEX_COLORS",
@@ -462,22 +459,9 @@ def derive(
         "" if read else _first((terms["DIFFUSE"] == terms["SPECULAR"], terms["DIFFUSE"]), (True, "kd and ks are 0"))
     )
     plain = all(is_plain(light) for light in scene.lights if light.intensity.any())
-    sized = any(has_size(light) for light in scene.lights if light.intensity.any())
-    unneeded_shadows = _first(
-        (not settings.shadows, "no shadows asked for"),
-        (bool(unread), unread),
-        (not any(light.intensity.any() for light in scene.lights), "no light shines"),
-        (not meshes, "no triangle"),
-    )
     unneeded = {
         **terms,
         "LIGHT_SHAPES": unread or _first((plain, "only points without attenuation shine")),
-        "AREA_LIGHTS": unread or _first((not sized, "no light has a size")),
-        "SHADOWS": unneeded_shadows,
-        "SHADOW_ALPHA": _first(
-            (bool(unneeded_shadows), unneeded_shadows),
-            (not any(mesh.blends or mesh.tests_alpha for mesh in meshes), "all that casts shadows is opaque"),
-        ),
         **_unneeded_normals(scene, meshes, unread),
         **_unneeded_maps(meshes, settings.shader, terms),
         **_unneeded_colors(meshes, settings, **corners),

@@ -41,14 +41,7 @@ class SavingOptions(TypedDict, total=False):
 
 
 # Settings that headers leave out where they have this value.
-UNUSUAL: dict[str, Any] = {
-    "scalars": None,
-    "edges": None,
-    "background": "scene",
-    "layer_alpha": 0.5,
-    "light_samples": 16,
-    "shadows": False,
-}
+UNUSUAL: dict[str, Any] = {"scalars": None, "edges": None, "background": "scene", "layer_alpha": 0.5}
 
 SAVING = tuple(SavingOptions.__annotations__)
 

@@ -22,7 +22,6 @@ from .shading_tables import Real, joined, light_unit, material_table, split, to_
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
-MOST_BEND, THINNEST = 0.25, 2.0**-20
 _MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
 
 
@@ -62,22 +61,6 @@ def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
         normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
     return _unit(normals)
-
-
-def _bends(normals: Array, index: Array, corners: Array) -> Floats:
-    """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
-    (K,). index: (F, 3), the normals at corners (F, 3, 3). Faces that are too thin to have a normal do not count."""
-    a, b, c = np.moveaxis(np.asarray(corners, np.float64), 1, 0)
-    across = np.cross(b - a, c - a)
-    size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
-    counts = size > THINNEST * sides
-    found = np.zeros(len(normals))
-    unit = across[counts] / size[counts, None]
-    for k in range(3):
-        rows = index[counts, k]
-        sine = np.linalg.norm(np.cross(np.asarray(normals, np.float64)[rows], unit), axis=1)
-        np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
-    return found
 
 
 def _placed_tangents(tangents: Array, matrix: Array | None) -> Array:
@@ -183,9 +166,7 @@ class Gatherer:
             return joined(points, np.float32), _shifted(faces)
         return joined(points, np.float64), _shifted(faces)
 
-    def normals(self, indexed: bool, *, bends: bool = False) -> tuple[Array, Array | None]:
-        """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
-        of `_bends`."""
+    def normals(self, indexed: bool) -> tuple[Array, Array | None]:
         parts, index = [], []
         for mesh, matrix, verts, faces, kept in self.placed:
             if mesh.normals is None or self.scene.preset == "course":
@@ -194,10 +175,7 @@ class Gatherer:
                 own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
             else:
                 own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
-            rows = _four(own, self._structs.real)
-            if bends:
-                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix)[faces])
-            parts.append(rows)
+            parts.append(_four(own, self._structs.real))
             index.append((own_faces, len(own)))
         return joined(parts), _shifted(index) if indexed else None
 

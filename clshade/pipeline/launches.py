@@ -14,7 +14,7 @@ import pyopencl as cl
 from ..errors import DeviceError
 from . import host_projection, struct_layout
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .features import CHOICES, OPTIONAL, Features
+from .features import Features
 from .opencl.device import Device
 from .programs import Program, build, first_use
 from .surface_inputs import SurfaceInputs
@@ -89,18 +89,6 @@ def lookup_stages(device: Device, features: Features, lanes: int | None = None) 
     return Stages(device, build(device, features.only(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
-def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
-    """Return the stages that trace shadow rays by themselves."""
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
-    return Stages(device, build(device, features, ("shadow.cl",), lanes=lanes))
-
-
-def hierarchy_stages(device: Device) -> Stages:
-    """Return the stages that build the hierarchy of casters."""
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
-    return Stages(device, build(device, features, ("hierarchy.cl",), lanes=1))
-
-
 class Stages:
     """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
@@ -173,28 +161,6 @@ class Stages:
     def _per_item(self, name: str, count: int, *arguments: Any, each: int = 1) -> cl.Event:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
-
-    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, count: int) -> cl.Event:
-        return self._per_item("hierarchy_keys", count, vertices, faces, keys)
-
-    def hierarchy_leaves(
-        self, vertices: Buffer, faces: Buffer, keys: Buffer, leaves: Buffer, nodes: Buffer, slots: int, count: int
-    ) -> cl.Event:
-        arguments = (vertices, faces, keys, leaves, nodes, len(leaves.array), slots)
-        return self._launch("hierarchy_leaves", (-(-slots // 16) * 16,), (16,), *arguments, count)
-
-    def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
-        arguments = (nodes, first, above, count)
-        return self._launch("hierarchy_level", (-(-slots // 16) * 16,), (16,), *arguments, slots)
-
-    def shadow_rays(
-        self, points: Buffer, receivers: Buffer, casters: tuple[Buffer, ...], lights: Buffer, dark: Buffer, count: int
-    ) -> cl.Event:
-        """casters: vertices, faces, nodes, leaves, Casters."""
-        local = 1 if self.device.is_cpu else 64
-        items = -(-count // (self.lanes * local)) * local
-        arguments = (points, receivers, *casters[:4], lights, casters[4], dark)
-        return self._launch("shadow_rays", (max(1, items),), (local,), *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""
@@ -278,12 +244,9 @@ class Stages:
         arguments = (made.triangles, image, made.bounds, chunks.made, chunks.counts, lists, made.counters)
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
-    def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
-        return surface.arguments(shadows=bool(self.pixel_features["SHADOWS"]))
-
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)
-        return self._launch("gouraud_corners", (items,), (1,), *self._surface(surface), order, corner_light, count)
+        return self._launch("gouraud_corners", (items,), (1,), *surface, order, corner_light, count)
 
     def _draw(self, name: str, arguments: tuple[Any, ...], tiles: int) -> cl.Event:
         if self.lanes > 1:
@@ -292,13 +255,13 @@ class Stages:
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
     def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("phong", (*self._surface(surface), *tile), tiles)
+        return self._draw("phong", (*surface, *tile), tiles)
 
     def pbr(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("pbr", (*self._surface(surface), *tile), tiles)
+        return self._draw("pbr", (*surface, *tile), tiles)
 
     def gouraud(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("gouraud", (*self._surface(surface), *tile), tiles)
+        return self._draw("gouraud", (*surface, *tile), tiles)
 
     def bilerp(
         self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int
@@ -344,9 +307,7 @@ class Stages:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
         weights, scalars; None if not asked for."""
         items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
-        return self._launch(
-            "surface_layers", (tiles * items,), (items,), *surface.arguments(shadows=False), owners, *own, *outputs
-        )
+        return self._launch("surface_layers", (tiles * items,), (items,), *surface, owners, *own, *outputs)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""

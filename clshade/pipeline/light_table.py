@@ -8,51 +8,31 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..scene.lights import (
-    NARROWEST_EDGE,
-    DirectionalLight,
-    PointLight,
-    RectangleLight,
-    SpotLight,
-    attenuates,
-    front_of,
-    has_size,
-    unit_direction,
-)
+from ..scene.lights import NARROWEST_EDGE, DirectionalLight, PointLight, SpotLight, attenuates, unit_direction
 from ..scene.model import Light
-from . import light_points
 from .shading_tables import Real, light_exponents, relative_lights, to_real
 from .struct_layout import Structs
 
 _MOST_ATTENUATED = 50  # squared distances of 2^100 leave room for the cone's factor above the smallest normal float
-_LEAST_SIDE = 2.0**-60  # of a light, scaled: products with its points are then no denormal numbers
 _MOST_INVERSE = 2.0**60  # of a range, scaled: nearer than 2^-50 nothing arrives
 
 
 class LightTable:
-    """The lights of non-zero intensity. unit: what their intensities are expressed in. points: how many stand for a light
-    of finite size. shadow_factors: what `shadow_view.shadow_factors` returns of the same lights, 1 without shadows."""
+    """The lights of non-zero intensity. unit: what their intensities are expressed in."""
 
-    def __init__(self, lights: Sequence[Light], unit: float, structs: Structs, points: int) -> None:
+    def __init__(self, lights: Sequence[Light], unit: float, structs: Structs) -> None:
         shining = [light for light in lights if light.intensity.any()]
         self._rows = np.zeros(max(len(shining), 1), structs.Light)
         self._real: Real = structs.real
         self.count, self.unit = len(shining), unit
-        self.shadow_factors: Floats = np.ones(len(shining))
         intensities = np.array([light.intensity for light in shining]).reshape(-1, 3) / unit
-        sized = np.array([has_size(light) for light in shining], bool)
-        intensities[sized] /= points
         rows = self._rows[: self.count]
         rows["intensity"] = to_real(intensities, self._real)
         for row, light in zip(rows, shining, strict=True):
             _write_shape(row, light, self._real)
-            if has_size(light):
-                _write_points(row, light, points)
         placed = [(k, light) for k, light in enumerate(shining) if not isinstance(light, DirectionalLight)]
         self._placed = np.array([k for k, _ in placed], np.int64)
         self._positions = np.array([light.position for _, light in placed]).reshape(-1, 3)
-        self._sides = np.array([light_points.sides_of(light) for _, light in placed]).reshape(-1, 2, 3)
-        self._sizes = np.abs(self._sides).max(axis=(1, 2), initial=0.0)
         self._attenuated = np.array([attenuates(light) for _, light in placed], bool)
         self._most = np.where(self._attenuated, _MOST_ATTENUATED, 60)
         self._intensities: Floats = intensities[self._placed[self._attenuated]]
@@ -63,24 +43,11 @@ class LightTable:
     def rows(self, eye: Array, scale: float) -> Array:
         """Return rows of structs.Light, at least one, for an eye (3,) and the scale of its coordinates, a power of two."""
         if len(self._placed):
-            place = self._positions, eye, scale, self._most
-            self._rows["position"][self._placed] = relative_lights(*place)
-            exponents = light_exponents(*place, self._sizes)
-        if self._sizes.any():
-            self._write_sides(exponents, exponents - light_exponents(*place))
+            self._rows["position"][self._placed] = relative_lights(self._positions, eye, scale, self._most)
         if self._attenuated.any():
+            exponents = light_exponents(self._positions, eye, scale, self._most)
             self._write_attenuation(self._placed[self._attenuated], exponents[self._attenuated])
         return self._rows
-
-    def _write_sides(self, exponents: Array, smaller: Array) -> None:
-        """Write what spans the lights of finite size, counted in 2^-exponent of the scene's unit: 2^smaller times what their
-        positions would be."""
-        sides = np.ldexp(self._sides, exponents[:, None, None])
-        sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
-        self._rows["right"][self._placed], self._rows["up"][self._placed] = sides[:, 0], sides[:, 1]
-        self._rows["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
-        factors = self.shadow_factors[self._placed]
-        self._rows["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
 
     def _write_attenuation(self, index: Array, exponents: Array) -> None:
         """Write what depends on distances, which the kernels count in 2^-exponent of the scene's unit, of the rows `index`
@@ -98,7 +65,7 @@ def _write_shape(row: np.void, light: Light, real: Real) -> None:
         row["directional"], row["position"] = 1.0, -unit_direction(light)
         return
     row["attenuated"] = attenuates(light)
-    if not isinstance(light, SpotLight):
+    if isinstance(light, PointLight):
         return
     inner, outer = (math.cos(math.radians(angle)) for angle in (light.inner_cone, light.outer_cone))
     row["cone"], row["axis"] = 1, unit_direction(light)
@@ -106,18 +73,11 @@ def _write_shape(row: np.void, light: Light, real: Real) -> None:
     row["cone_scale"] = 1.0 / max(inner - outer, NARROWEST_EDGE)
 
 
-def _write_points(row: np.void, light: Light, points: int) -> None:
-    row["points"], row["sphere"] = points, isinstance(light, PointLight)
-    row["axis"] = front_of(light) if isinstance(light, RectangleLight) else light_points.AXIS
-    first, step = light_points.pattern(points)
-    row["first_point"], row["point_step"] = (np.array(each, np.uint32).view(np.int32) for each in (first, step))
-
-
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:
     """Return the intensities (L, 3) with which lights arrive, the attenuated ones at a distance of `radius`."""
     found = np.array([light.intensity for light in lights]).reshape(-1, 3)
     for row, light in zip(found, lights, strict=True):
-        if not isinstance(light, DirectionalLight) and attenuates(light) and radius > 0.0:
+        if isinstance(light, (PointLight, SpotLight)) and attenuates(light) and radius > 0.0:
             with np.errstate(over="ignore"):
                 row[:] = np.nan_to_num(row / radius / radius)
     return found

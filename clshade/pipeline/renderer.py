@@ -27,14 +27,12 @@ from .depth_sort import front_to_back, opaque_first
 from .effective_settings import effective_settings
 from .features import at_lanes, ignored, looks_up
 from .frame import Frame
-from .hierarchy import Hierarchy
 from .launches import Hiding, lookup_stages, scene_stages
 from .layers import Layers
 from .light_table import LightTable
 from .lines import Lines
 from .opencl.device import Device, shared_device
 from .pixel_pass import draw_pixels
-from .shadow_view import shadow_factors, shadow_lights, write_shadow_view
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
 
@@ -215,7 +213,6 @@ class Renderer:
             front_only = np.broadcast_to(front_only | bool(self.features["CULL"]), self._face_count)
             self._lines = Lines(self.stages, self.settings.edges, packed.positions, packed.faces, front_only)
         self._upload_lights(packed.light_unit)
-        self._upload_casters(packed)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, 0, np.uint32)
@@ -229,37 +226,12 @@ class Renderer:
             lights=self._lights,
             image=self._image,
             **tables,
-            **self._shadow_tables,
         )
 
     def _upload_lights(self, unit: float) -> None:
         """Upload the lights. unit: the unit their intensities are expressed in."""
-        self._light_table = LightTable(self.scene.lights, unit, self._structs, self.settings.light_samples)
+        self._light_table = LightTable(self.scene.lights, unit, self._structs)
         self._lights = Buffer(self.device, np.zeros(max(self._light_table.count, 1), self._structs.Light))
-
-    def _upload_casters(self, packed: scene_buffers.Packed) -> None:
-        """Upload what casts shadows, if the kernels look for any."""
-        self._casters: Hierarchy | None = None
-        self._shadow_tables: dict[str, Buffer] = {}
-        if not self.features["SHADOWS"]:
-            return
-        positions = packed.positions.astype(np.float64)
-        veils = (
-            np.flatnonzero(scene_buffers.veiling_faces(packed)) if self.features["SHADOW_ALPHA"] else np.zeros(0, int)
-        )
-        self._casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
-        self._scene_bytes += self._casters.nbytes
-        none = Buffer(self.device, np.zeros(1, self._structs.Casters))  # with the feature forced
-        self._light_table.shadow_factors = shadow_factors(self.scene.lights, self._casters.frame)
-        self._shadow_tables = {
-            "shadow_vertices": self._casters.vertices,
-            "shadow_nodes": self._casters.nodes,
-            "shadow_leaves": self._casters.leaves,
-            "shadow_casters": self._casters.casters if self.settings.shadows else none,
-            "shadow_veils": Buffer(self.device, veils.astype(np.int32)),
-            "shadow_lights": Buffer(self.device, shadow_lights(self.scene.lights, self._casters.frame)),
-            "shadow_view": Buffer(self.device, np.zeros(1, self._structs.ShadowView)),
-        }
 
     def _corner_colors(self, packed: scene_buffers.Packed) -> Array:
         """Return the (3F, 4) colors for texture_at vertex: the texel at each corner times the vertex color."""
@@ -281,9 +253,6 @@ class Renderer:
             rows = self._light_table.rows(space.camera.eye, space.scale)
             with self._lights.writing() as table:
                 table[:] = rows
-        if self._casters is not None:
-            with self._shadow_tables["shadow_view"].writing() as table:
-                write_shadow_view(table[0], space, self._casters.frame)
 
     def _write_image(self, frame: _Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution

@@ -71,13 +71,6 @@ def transparent_faces(packed: Packed) -> Array:
     return np.broadcast_to(of_face, len(packed.faces))
 
 
-def veiling_faces(packed: Packed) -> Array:
-    """Return which faces may let light pass, (F,) bool."""
-    veils = (packed.materials["blends"] != 0) | (packed.materials["alpha_tested"] != 0)
-    of_face = veils[0 if packed.face_materials is None else packed.face_materials]
-    return np.broadcast_to(of_face, len(packed.faces))
-
-
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
     """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
     features.derive."""
@@ -99,9 +92,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features["DIFFUSE"] or features["SPECULAR"]:
-            found["normals"], found["normal_faces"] = gatherer.normals(
-                bool(features["NORMAL_INDICES"]), bends=bool(features["SHADOWS"])
-            )
+            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
         if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
             found["colors"] = gatherer.colors(bool(features["CORNER_COLORS"]))
         if features["SCALARS"]:

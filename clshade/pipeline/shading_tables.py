@@ -146,13 +146,11 @@ def relative_lights(positions: Array, eye: Array, scale: float, most: Array | in
     return relative
 
 
-def light_exponents(
-    positions: Array, eye: Array, scale: float, most: Array | int = 60, sizes: Array | float = 0.0
-) -> Array:
+def light_exponents(positions: Array, eye: Array, scale: float, most: Array | int = 60) -> Array:
     """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
-    2^most. sizes: a number, or (L,), of what is to be scaled with them and no larger than 2^most either."""
+    2^most."""
     half = positions * 0.5 - eye * 0.5
-    exponent = np.frexp(np.maximum(np.abs(half).max(axis=1, initial=0.0), 0.5 * np.asarray(sizes)))[1]
+    exponent = np.frexp(np.abs(half).max(axis=1, initial=0.0))[1]
     return np.asarray(np.minimum(math.frexp(scale)[1], most - exponent) - 1)
 
 

@@ -27,18 +27,6 @@ MOST_POSITION = 2.0**100  # in a color map: positions are clamped to it, and tho
 NAN_POSITION = 2.0**120  # of what has no number
 WHITE_POSITION = 2.0**124  # of what no color map colors
 LINE_INSET = 64  # 1/256 px: the visibility of a line is not asked nearer to its ends, nor beyond its middle
-# How far a column and a row shift the points of lights in their unit square, fractions of 2^24: powers of 1/g, with
-# g^5 = g + 1, so that the shifts of neighboring pixels fill the square evenly (light_points.py).
-LIGHT_SHIFTS = {
-    "SHIFT_U_COLUMN": 14372620,
-    "SHIFT_U_ROW": 9036163,
-    "SHIFT_V_COLUMN": 10547948,
-    "SHIFT_V_ROW": 12312662,
-}
-SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
-SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
-RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver may lie along each axis
-MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
 KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
 
 CONSTANTS = {
@@ -50,14 +38,9 @@ CONSTANTS = {
     "MOST_SAMPLES": MOST_SAMPLES,
     "LINE_INSET": LINE_INSET,
     "KEY_INDEX_BITS": KEY_INDEX_BITS,
-    **LIGHT_SHIFTS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
     "MOST_DEPTH": MOST_DEPTH,
-    "SHADOW_REACH": SHADOW_REACH,
-    "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
-    "SHADOW_GRID": SHADOW_GRID,
-    "RECEIVER_UNITS": RECEIVER_UNITS,
     "LEAST_ALPHA": LEAST_ROUGHNESS**2,
     "ENVIRONMENT_LEVELS": LEVELS,
     "BRDF_SIDE": BRDF_SIDE,
@@ -142,47 +125,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "directional", 1, "1 for a directional light, else 0"),
         ("real", "intensity", 3, "linear RGB; attenuated: at a scaled distance of 1"),
         ("real", "inverse_range", 1, "1/range, scaled; 0 for none"),
-        ("real", "axis", 3, "unit, world axes: of the cone, away from the light; or of a light of finite size"),
+        ("real", "axis", 3, "unit, world axes: of the cone, away from the light"),
         ("real", "cone_cosine", 1, "of the outer angle"),
         ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
         ("int", "cone", 1, "whether it is a spot"),
         ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
-        ("int", "points", 1, "that stand for a light of finite size, 0 for none; with AREA_LIGHTS"),
-        (
-            "real",
-            "right",
-            3,
-            "scaled: half a side of a rectangle, or a radius of a sphere's disc that axis is normal to",
-        ),
-        ("int", "sphere", 1, "whether it is a sphere, else a rectangle whose normal is axis"),
-        ("real", "up", 3, "scaled: half the other side, or the radius at right angles"),
-        ("real", "shadow_scale", 1, "turns right and up into the units of its ShadowLight; with SHADOWS"),
-        ("real", "center_scale", 1, "turns position into the units of right and up, a power of two, 1 or less"),
-        ("int", "first_point", 2, "in the unit square, fractions of 2^32"),
-        ("int", "point_step", 2, "from point to point"),
-    ],
-    "ShadowLight": [
-        ("float", "high", 3, "of its position relative to the casters' origin, in the units of shadows, times w"),
-        ("float", "w", 1, "1, a smaller power of two for a distant light, 0 for a directional one: toward it"),
-        ("float", "low", 3, "what rounding leaves of the position"),
         ("int", "pad", 1, ""),
-    ],
-    "ShadowView": [
-        ("float", "start", 3, "where the rays begin, or with ORTHOGRAPHIC the center's, in the frame of shadows"),
-        ("float", "start_low", 3, "what rounding leaves of start, and so below"),
-        ("float", "along", 3, "direction of the center's ray"),
-        ("float", "along_low", 3, ""),
-        ("float", "right", 3, "what 1/256 px to the right adds to along, with ORTHOGRAPHIC to start"),
-        ("float", "right_low", 3, ""),
-        ("float", "up", 3, "what 1/256 px up adds"),
-        ("float", "up_low", 3, ""),
-        ("int", "center", 2, "1/256 px"),
-        ("int", "pad", 2, ""),
-    ],
-    "Casters": [
-        ("int", "levels", 1, "of nodes of the hierarchy, 0 without casters"),
-        ("int", "first_node", MOST_HIERARCHY_LEVELS, "of each level, the parents of leaves first"),
-        ("int", "veils", 1, "casters that are not opaque, which the hierarchy leaves out"),
     ],
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),
@@ -307,7 +255,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     ],
 }
 
-_NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "ulong": "<u8"}
+_NUMPY = {"double": "<f8", "int": "<i4", "ulong": "<u8"}
 
 
 class Structs(NamedTuple):
@@ -321,9 +269,6 @@ class Structs(NamedTuple):
     Entry: np.dtype
     Piece: np.dtype
     Light: np.dtype
-    ShadowLight: np.dtype
-    ShadowView: np.dtype
-    Casters: np.dtype
     Material: np.dtype
     Environment: np.dtype
     Texture: np.dtype

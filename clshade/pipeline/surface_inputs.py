@@ -45,32 +45,13 @@ class SurfaceInputs(NamedTuple):
     alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
     ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
-    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 8; this and the rest with SHADOWS
-    shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
-    shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
-    shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 1; without levels nothing is hidden
-    shadow_veils: Annotated[Buffer | None, "int"] = None  # faces that are not opaque; with SHADOW_ALPHA
-    shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
-    shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
-
-    def arguments(self, *, shadows: bool) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without SHADOWS."""
-        return tuple(getattr(self, name) for name in self._fields if shadows or name not in SHADOWS_ALONE)
-
-
-SHADOWS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
 @cache
 def macros() -> str:
     """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
-    every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
-    plain = {name: member for name, member in every.items() if name not in SHADOWS_ALONE}
-    return f"#if SHADOWS\n{_macros(every)}#else\n{_macros(plain)}#endif\n"
-
-
-def _macros(declared: dict[str, str]) -> str:
+    declared = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
     return (
         f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
         f"#define SURFACE_ARGUMENTS {{{', '.join(declared)}}}\n"

@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..base.validation import number
 from ..errors import InputError
-from .lights import DirectionalLight, PointLight, RectangleLight, SpotLight, attenuates
+from .lights import DirectionalLight, PointLight, attenuates
 from .model import Light, Scene
 
 
@@ -40,26 +40,14 @@ def scaled_lights(scene: Scene, factors: Sequence[float], option: str = "light i
     return replace(scene, lights=tuple(replace(light, intensity=light.intensity * scale) for light, scale in lights))
 
 
-def sized_lights(scene: Scene, radius: float, option: str = "light radius") -> Scene:
-    """Return the scene with spheres of this radius, scene units, for its point lights. Raises InputError, naming `option`,
-    for a radius below 0 or a scene without point lights."""
-    size = number("scene", option, radius, least=0.0)
-    if not any(isinstance(light, PointLight) for light in scene.lights):
-        raise InputError(f"{option}: expected a scene with point lights, found none")
-    lights = (replace(light, radius=size) if isinstance(light, PointLight) else light for light in scene.lights)
-    return replace(scene, lights=tuple(lights))
-
-
 def turned_light(light: Light, center: Floats, turn: Array) -> Light:
     """Return the light turned about `center` by a rotation (3, 3). Raises InputError where a position overflows."""
     changed: dict[str, Any] = {}
     if not isinstance(light, DirectionalLight):
         with np.errstate(over="ignore"):
             changed["position"] = np.asarray(center + turn @ (light.position - center))
-    if isinstance(light, (DirectionalLight, SpotLight)):
+    if not isinstance(light, PointLight):
         changed["direction"] = turn @ light.direction
-    if isinstance(light, RectangleLight):
-        changed["right"], changed["up"] = turn @ light.right, turn @ light.up
     return replace(light, **changed)
 
 
@@ -69,10 +57,6 @@ def rescaled_light(light: Light, scale: float, shift: float | Floats) -> Light:
     if isinstance(light, DirectionalLight):
         return light
     changed: dict[str, Any] = {"position": light.position * scale + shift}
-    if isinstance(light, PointLight):
-        changed["radius"] = light.radius * scale
-    if isinstance(light, RectangleLight):
-        changed["right"], changed["up"] = light.right * scale, light.up * scale
     if attenuates(light):
         changed["intensity"] = light.intensity * scale**2
         changed["range"] = None if light.range is None else light.range * scale

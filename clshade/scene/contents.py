@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields
 from typing import Any
 
@@ -83,7 +82,6 @@ def _light_lines(contents: dict[str, Any]) -> list[str]:
             f"{number}",
             _vector(light.get("position")),
             _vector(light.get("direction")),
-            _size(light),
             _vector(light["intensity"]),
             f"{light['inner_cone']:.4g} to {light['outer_cone']:.4g}" if "inner_cone" in light else "-",
             light.get("attenuation", "none"),
@@ -93,18 +91,11 @@ def _light_lines(contents: dict[str, Any]) -> list[str]:
     ]
     if not rows:
         return []
-    header = ("light", "number", "position", "direction", "size", "intensity", "cone, degrees", "attenuation", "range")
+    header = ("light", "number", "position", "direction", "intensity", "cone, degrees", "attenuation", "range")
     lines = ["", *as_lines(header, rows, left=2)]
     if contents["light_scale"] != 1.0:
         lines.append(f"intensities are the file's, in candela and lux, times {contents['light_scale']:.6g}")
     return lines
-
-
-def _size(light: dict[str, Any]) -> str:
-    """Return a sphere's radius, or the width and the height of a rectangle."""
-    if "right" in light:
-        return " x ".join(_number(2.0 * math.hypot(*light[side])) for side in ("right", "up"))
-    return f"radius {light['radius']:.4g}" if light.get("radius") else "-"
 
 
 def _vector(values: list[float] | None) -> str:

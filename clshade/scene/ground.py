@@ -14,16 +14,7 @@ from .framing import UPS, Up, up_of
 from .geometry import bounding_box
 from .image_light.irradiance import irradiance_at
 from .image_light.light import image_light
-from .lights import (
-    NARROWEST_EDGE,
-    DirectionalLight,
-    Light,
-    RectangleLight,
-    SpotLight,
-    attenuates,
-    front_of,
-    unit_direction,
-)
+from .lights import NARROWEST_EDGE, DirectionalLight, Light, SpotLight, attenuates, unit_direction
 from .model import Material, Mesh, Scene, Settings
 
 GRAY = (0.2, 0.6)  # linear, of the middle: from dark to bright backgrounds
@@ -137,7 +128,7 @@ def _light(scene: Scene, settings: Settings, verts: Floats, up: Floats) -> tuple
 
 
 def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
-    """Return what part (V,) of a light's intensity the ground receives; of one of finite size from its center."""
+    """Return what part (V,) of a light's intensity the ground receives."""
     if isinstance(light, DirectionalLight):
         return np.full(len(verts), max(float(-unit_direction(light) @ up), 0.0))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # of what Mesh refuses
@@ -151,8 +142,6 @@ def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
             inner, outer = np.cos(np.radians([light.inner_cone, light.outer_cone]))
             ramp = (-towards @ unit_direction(light) - outer) / max(inner - outer, NARROWEST_EDGE)
             arriving = arriving * np.clip(ramp, 0.0, 1.0) ** 2
-        if isinstance(light, RectangleLight):
-            arriving = arriving * np.maximum(-towards @ front_of(light), 0.0)
         if attenuates(light):
             distance = np.ldexp(length, scale)
             window = 1.0 if light.range is None else np.clip(1.0 - (distance / light.range) ** 4, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Lights: points, directions and spots, as the glTF extension KHR_lights_punctual has them; spheres and rectangles."""
+"""Lights: points, directions and spots, as the glTF extension KHR_lights_punctual has them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ..base.validation import choice, number, set_fields, value_error, vector
 Attenuation: TypeAlias = Literal["none", "inverse-square"]
 ATTENUATIONS: tuple[Attenuation, ...] = get_args(Attenuation)
 WIDEST_CONE = 90.0  # degrees from the axis
-NARROWEST_ANGLE = 1e-6  # radians between the sides of a rectangle
 NARROWEST_EDGE = 1e-3  # of a cone: least difference of the cosines between which it fades (KHR_lights_punctual)
 
 
@@ -37,7 +36,7 @@ def _direction(who: str, value: Any) -> Floats:
     return direction
 
 
-def _check_attenuation(who: str, light: PointLight | SpotLight | RectangleLight) -> None:
+def _check_attenuation(who: str, light: PointLight | SpotLight) -> None:
     choice(who, "attenuation", light.attenuation, ATTENUATIONS)
     if light.range is None:
         return
@@ -46,15 +45,13 @@ def _check_attenuation(who: str, light: PointLight | SpotLight | RectangleLight)
     set_fields(light, range=number(who, "range", light.range, above=0.0))
 
 
-def _unit(direction: Floats) -> Floats:
-    scaled = np.ldexp(direction, -np.frexp(np.abs(direction).max())[1])  # squares neither over- nor underflow
-    unit: Floats = scaled / math.sqrt(float(scaled @ scaled))
-    return unit
-
-
 def unit_direction(light: DirectionalLight | SpotLight) -> Floats:
     """Return the direction that the light travels in, or the axis of its cone: (3,), unit."""
-    return _unit(light.direction)
+    scaled = np.ldexp(
+        light.direction, -np.frexp(np.abs(light.direction).max())[1]
+    )  # squares neither over- nor underflow
+    unit: Floats = scaled / math.sqrt(float(scaled @ scaled))
+    return unit
 
 
 def _numbers(values: Floats | tuple[float, ...]) -> str:
@@ -63,7 +60,7 @@ def _numbers(values: Floats | tuple[float, ...]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
-    """A light that shines from a point, or a sphere, in all directions.
+    """A light that shines from a point in all directions.
 
     Attributes
     ----------
@@ -78,10 +75,6 @@ class PointLight:
     range : float or None, default None
         With `inverse-square`: distance d at which the light ends, by the factor
         max(1 - (d/range)^4, 0). None: it never does.
-    radius : float, default 0
-        Of the sphere, scene units. A receiver sees it as the disc of that radius around the position
-        which faces the receiver: the light is the mean over points of the disc, each of which shines
-        as a point light of this intensity (`Settings.light_samples`).
 
     Raises
     ------
@@ -98,7 +91,6 @@ class PointLight:
     intensity: Vector = field(default_factory=_ones)
     attenuation: Attenuation = "none"
     range: float | None = None
-    radius: float = 0.0
 
     if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
 
@@ -108,14 +100,12 @@ class PointLight:
             intensity: ArrayLike = ...,
             attenuation: Attenuation = "none",
             range: float | None = None,
-            radius: float = 0.0,
         ) -> None: ...
 
     def __post_init__(self) -> None:
         position = vector("PointLight", "position", self.position)
         set_fields(self, position=position, intensity=_intensity("PointLight", self.intensity))
         _check_attenuation("PointLight", self)
-        set_fields(self, radius=number("PointLight", "radius", self.radius, least=0.0))
 
     def __repr__(self) -> str:
         return f"<PointLight {described(self)}>"
@@ -228,85 +218,8 @@ class SpotLight:
         return f"<SpotLight {described(self)}>"
 
 
-@dataclass(frozen=True, eq=False)
-class RectangleLight:
-    """A light that shines from the front of a rectangle, as a perfectly diffuse emitter does.
-
-    Attributes
-    ----------
-    position : array_like, (3,)
-        Center, world space.
-    right, up : array_like, (3,)
-        From the center to the middle of the right and of the upper side, as seen from the front,
-        world space: half the width and half the height. The light shines to the side that their
-        cross product right x up points to. Where they are not at right angles the light is a
-        parallelogram.
-    intensity : array_like, (3,), default (1, 1, 1)
-        Linear RGB along that normal, as of a PointLight; at an angle to it, times the angle's cosine.
-        With `inverse-square`, the intensity over the area is the radiance of the front.
-    attenuation : {"none", "inverse-square"}
-        As of a PointLight, from each point of the rectangle.
-    range : float or None, default None
-        As of a PointLight.
-
-    Raises
-    ------
-    InputError
-        A value is not finite, beyond float32, or not allowed; the message names the field.
-
-    Notes
-    -----
-    Position, right, up and intensity are kept as read-only (3,) float64 arrays. The light is the
-    mean over points of the rectangle (`Settings.light_samples`).
-    """
-
-    position: Floats
-    right: Floats
-    up: Floats
-    intensity: Vector = field(default_factory=_ones)
-    attenuation: Attenuation = "none"
-    range: float | None = None
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            position: ArrayLike,
-            right: ArrayLike,
-            up: ArrayLike,
-            intensity: ArrayLike = ...,
-            attenuation: Attenuation = "none",
-            range: float | None = None,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        who = "RectangleLight"
-        set_fields(self, position=vector(who, "position", self.position), intensity=_intensity(who, self.intensity))
-        for name in ("right", "up"):
-            side = vector(who, name, getattr(self, name))
-            if not side.any():
-                raise value_error(who, name, "a vector other than 0", side.tolist())
-            set_fields(self, **{name: side})
-        if np.linalg.norm(np.cross(_unit(self.right), _unit(self.up))) < NARROWEST_ANGLE:
-            raise value_error(who, "up", "a vector that is not parallel to right", self.up.tolist())
-        _check_attenuation(who, self)
-
-    def __repr__(self) -> str:
-        return f"<RectangleLight {described(self)}>"
-
-
-Light: TypeAlias = PointLight | DirectionalLight | SpotLight | RectangleLight
-LIGHTS = (PointLight, DirectionalLight, SpotLight, RectangleLight)
-
-
-def front_of(light: RectangleLight) -> Floats:
-    """Return the normal of the side that shines: (3,), unit."""
-    return _unit(np.cross(_unit(light.right), _unit(light.up)))
-
-
-def has_size(light: Light) -> bool:
-    """Return whether the light is larger than a point."""
-    return isinstance(light, RectangleLight) or (isinstance(light, PointLight) and light.radius > 0.0)
+Light: TypeAlias = PointLight | DirectionalLight | SpotLight
+LIGHTS = (PointLight, DirectionalLight, SpotLight)
 
 
 def attenuates(light: Light) -> bool:
@@ -316,7 +229,7 @@ def attenuates(light: Light) -> bool:
 
 def is_plain(light: Light) -> bool:
     """Return whether the light is a point without attenuation."""
-    return isinstance(light, PointLight) and not attenuates(light) and not has_size(light)
+    return isinstance(light, PointLight) and not attenuates(light)
 
 
 def plain_lights(owner: str, lights: tuple[Light, ...]) -> tuple[PointLight, ...]:
@@ -333,11 +246,7 @@ def described(light: Light) -> str:
     words = []
     if not isinstance(light, DirectionalLight):
         words.append(f"at {_numbers(light.position)}")
-    if isinstance(light, RectangleLight):
-        words.append(f"right {_numbers(light.right)}, up {_numbers(light.up)}")
-    if isinstance(light, PointLight) and has_size(light):
-        words.append(f"radius {light.radius:g}")
-    if isinstance(light, (DirectionalLight, SpotLight)):
+    if not isinstance(light, PointLight):
         words.append(f"along {_numbers(light.direction)}")
     if isinstance(light, SpotLight):
         words.append(f"cone {light.inner_cone:g} to {light.outer_cone:g} degrees")

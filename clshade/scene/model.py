@@ -35,7 +35,6 @@ from .lights import LIGHTS
 from .lights import DirectionalLight as DirectionalLight
 from .lights import Light as Light
 from .lights import PointLight as PointLight
-from .lights import RectangleLight as RectangleLight
 from .lights import SpotLight as SpotLight
 from .metallic_roughness import LEAST_ROUGHNESS as LEAST_ROUGHNESS
 from .metallic_roughness import MetallicRoughness as MetallicRoughness
@@ -404,7 +403,7 @@ class Scene:
     camera : Camera
         Camera and resolution.
     lights : light or iterable of lights, default ()
-        PointLight, DirectionalLight, SpotLight or RectangleLight each. Kept as a tuple.
+        PointLight, DirectionalLight or SpotLight each. Kept as a tuple.
     ambient : float or array_like, default 1
         Intensity Ia of the ambient light, linear RGB.
     background : float, array_like or None, default 0

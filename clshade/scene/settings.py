@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 MAX_SAMPLES = 64  # per pixel
-MAX_LIGHT_SAMPLES = 256
 PICTURE_SAMPLES = 4  # of pictures from the command line, see `picture_samples`
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight", "pbr"]
@@ -79,8 +78,6 @@ class SettingsFields(TypedDict, total=False):
     edges: Edges | AskedKinds | None
     background: ArrayLike | None
     layer_alpha: float
-    light_samples: int
-    shadows: bool
 
 
 class RenderOptions(SettingsFields, total=False):
@@ -164,13 +161,6 @@ class Settings:
         own ray.
     layer_alpha : float, default 0.5
         Layers show the nearest surface whose alpha is at least this, 0 to 1.
-    light_samples : int, default 16
-        Points of each light of finite size (a PointLight with a radius, a RectangleLight) that its
-        light is the mean of, 1 to 256 (`clshade.pipeline.light_points`). They are shifted from pixel
-        to pixel, so that few of them look like fine grain.
-    shadows : bool, default False, with preset `pbr` True
-        A light reaches a point only if no triangle lies between them. Shader `gouraud` asks at the
-        corners of faces. Ambient light, emission and the environment are not shadowed.
 
     Raises
     ------
@@ -196,8 +186,6 @@ class Settings:
     edges: Converted[Edges | AskedKinds | None, Edges | None] = field(default=kept(None))
     background: Converted[ArrayLike | None, NamedBackground | Rgb | None] = field(default=kept("scene"))
     layer_alpha: float = 0.5
-    light_samples: int = 16
-    shadows: bool = False
 
     def __post_init__(self) -> None:
         who = "Settings"
@@ -231,8 +219,7 @@ class Settings:
         layer_alpha = number(who, "layer_alpha", self.layer_alpha, least=0.0, expected="a number from 0 to 1")
         if layer_alpha > 1.0:
             raise value_error(who, "layer_alpha", "a number from 0 to 1", self.layer_alpha)
-        set_fields(self, layer_alpha=layer_alpha, shadows=flag(who, "shadows", self.shadows))
-        set_fields(self, light_samples=integer(who, "light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES))
+        set_fields(self, layer_alpha=layer_alpha)
         if self.edges is not None and not isinstance(self.edges, Edges):
             if not isinstance(self.edges, str) and sequence(self.edges) is None:
                 raise value_error(who, "edges", f"Edges, names of {', '.join(EDGE_KINDS)}, or None", self.edges)
@@ -248,8 +235,7 @@ class Settings:
         ----------
         preset : {"course", "standard", "pbr"}
             `course`: visibility painter, lighting_at centroid, interpolation affine, texture_at
-            vertex, ambient plain. `standard`: the defaults. `pbr`: the defaults with shader pbr and
-            shadows.
+            vertex, ambient plain. `standard`: the defaults. `pbr`: the defaults with shader pbr.
         **fields
             Fields of `Settings` to change.
 
@@ -279,7 +265,7 @@ class Settings:
                 "ambient": "plain",
             }
         elif preset == "pbr":
-            values = {"shader": "pbr", "shadows": True}
+            values = {"shader": "pbr"}
         known("Settings", fields, cls.__dataclass_fields__)
         return cls(**{**values, **fields})
 

@@ -48,8 +48,6 @@ def _setting(name: str, value: Any) -> list[str]:
     option = "--" + name.replace("_", "-")
     if value is True:
         return [option]
-    if value is False:
-        return ["--no-" + option.removeprefix("--")]
     if value is None:
         return [option, "none"]
     if isinstance(value, tuple):

@@ -45,7 +45,7 @@ def rich_scene(*without: str) -> Scene:
         given |= plain.get(name, {})
     filter = "linear" if "NEAREST" in without else "nearest"
     texture = Texture(generator.uniform(0.2, 1, (5, 6, 4)), filter=filter)
-    given["alpha_cutoff"] = None if {"ALPHA_TEST", "SHADOW_ALPHA"} & set(without) else 0.4
+    given["alpha_cutoff"] = None if "ALPHA_TEST" in without else 0.4
     if "TEXTURED" not in without:
         given["texture"] = texture
     sides = "both" if "SIDES" in without else "front"
@@ -54,7 +54,7 @@ def rich_scene(*without: str) -> Scene:
         Material(
             **{**given, "ka": 1.5 * given["ka"], "kd": 0.5 * given["kd"]},
             sides=sides,
-            blend=not {"BLEND", "MATERIALS", "SORTED", "SHADOW_ALPHA"} & set(without),
+            blend=not {"BLEND", "MATERIALS", "SORTED"} & set(without),
         ),
     )
     faces = np.arange(90).reshape(-1, 3)
@@ -81,8 +81,7 @@ def rich_scene(*without: str) -> Scene:
         meshes.append(replace(meshes[0], verts=verts, scalars={"data": generator.uniform(0, 1, 90)}))
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     ends = {} if "LIGHT_SHAPES" in without else {"attenuation": "inverse-square", "range": 9.0}
-    radius = 0.0 if {"LIGHT_SHAPES", "AREA_LIGHTS"} & set(without) else 0.5
-    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), radius=radius, **ends))
+    lights = (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9), **ends))
     background = None if "BACKGROUND" in without else (0.1, 0.2, 0.3)
     return Scene(tuple(meshes), camera, lights, ambient=0.7, background=background)
 
@@ -93,15 +92,10 @@ NEEDS = {
     "OWNERS": {"layers": ()},
     "MIPMAPS": {"texture_filter": "bilinear"},
     "SORTED": {"visibility": "depth"},
-    "SHADOWS": {"shadows": False},
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA"}
-    | {"TWO_SIDED", "NORMAL_INDICES"},
-    "LIGHT_SHAPES": {"AREA_LIGHTS"},
-    "SHADOWS": {"SHADOW_ALPHA"},
-    "SHADOW_ALPHA": {"ALPHA_TEST", "BLEND", "VERTEX_ALPHA"},
+    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "NORMAL_INDICES"},
     "SPECULAR": {"POWER"},
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
@@ -125,7 +119,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def draw_rich(device, *without: str, **options: Any) -> Frame:
     fields = {"shader": "phong", "layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter"}
-    fields |= {"scalars": "data", "shadows": True}
+    fields["scalars"] = "data"
     for name in without:
         options |= NEEDS.get(name, {})
     return draw(device, rich_scene(*without), **{**fields, **options})
@@ -139,34 +133,22 @@ def needed_by(frame: Frame) -> set[str]:
 LEFT_OUT = (
     ("TEXTURED",),
     ("LIT", "DOUBLE_POSITIONS"),
-    ("AMBIENT", "TWO_SIDED", "MIPMAPS", "SHADOWS"),
+    ("AMBIENT", "TWO_SIDED", "MIPMAPS"),
     ("DIFFUSE", "NEAREST", "SIDES"),
-    ("SPECULAR", "UV_INDICES", "BACKGROUND", "AREA_LIGHTS"),
+    ("SPECULAR", "UV_INDICES", "BACKGROUND"),
     ("POWER", "NORMAL_INDICES", "ALPHA_TEST"),
     ("LIGHT_SHAPES", "BLEND", "OWNERS"),
-    ("VERTEX_COLORS", "VERTEX_ALPHA", "SHADOW_ALPHA"),
+    ("VERTEX_COLORS", "VERTEX_ALPHA"),
     ("MATERIALS",),
     ("SCALARS",),
     ("SORTED",),
 )
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
-OF_CORNERS = {
-    "AMBIENT",
-    "DIFFUSE",
-    "SPECULAR",
-    "POWER",
-    "LIGHT_SHAPES",
-    "AREA_LIGHTS",
-    "SHADOWS",
-    "SHADOW_ALPHA",
-    "TWO_SIDED",
-    "VERTEX_COLORS",
-    "MATERIALS",
-}
+OF_CORNERS = {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "TWO_SIDED", "VERTEX_COLORS", "MATERIALS"}
 LEFT_OUT_AT_CORNERS = (
-    ("AMBIENT", "TWO_SIDED", "SHADOWS"),
-    ("DIFFUSE", "LIGHT_SHAPES", "SHADOW_ALPHA"),
-    ("SPECULAR", "VERTEX_COLORS", "AREA_LIGHTS"),
+    ("AMBIENT", "TWO_SIDED"),
+    ("DIFFUSE", "LIGHT_SHAPES"),
+    ("SPECULAR", "VERTEX_COLORS"),
     ("POWER", "MATERIALS"),
 )
 
@@ -321,7 +303,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
 
 def test_where_all_that_phong_has_is_needed_that_of_pbr_is_left_out(device):
     options = {"layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter", "scalars": "data"}
-    found = feature_savings.explain(rich_scene(), frames=1, device=device, shadows=True, **options)
+    found = feature_savings.explain(rich_scene(), frames=1, device=device, **options)
     assert set(found.left_out) == OF_PBR
     assert found.passed
     nothing = replace(found, frames=0, left_out={}, full=found.lean)

@@ -10,7 +10,7 @@ from studies import SMALL, small_study
 from clshade.errors import InputError
 from clshade.measure.defaults import FAMILIES
 from clshade.measure.report import families, tables
-from clshade.measure.report.families import LAWS, LIGHT, PRECISION, ROUNDOFF, SAMPLED, SHADINGS, of_families
+from clshade.measure.report.families import LAWS, PRECISION, ROUNDOFF, SAMPLED, SHADINGS, of_families
 from clshade.measure.report.power_law import Law, Power, expected
 from clshade.measure.report.variants import BASE, base_settings, variants_for
 from clshade.measure.timing import Spread
@@ -44,9 +44,8 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
     known = found.reference.error
     errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
     for family, (prefix, first) in SAMPLED.items():
-        one, field = (16, "light_samples") if family == LIGHT else (1, "samples")
-        named = {n: first if n == one else f"{prefix}{n}" for n in errors}
-        measured = [way(found, named[n], {field: n}, float(n), error) for n, error in errors.items()]
+        named = {n: first if n == 1 else f"{prefix}{n}" for n in errors}
+        measured = [way(found, named[n], {"samples": n}, float(n), error) for n, error in errors.items()]
         fall = of(found, measured)[family]
         assert fall.by_size().exponent == pytest.approx(-1.0)
         assert fall.by_time() == pytest.approx(fall.by_size())  # a millisecond a sample

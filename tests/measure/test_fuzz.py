@@ -19,7 +19,6 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.formats import inert_pickle
-from clshade.scene.lights import RectangleLight
 from clshade.scene.model import DirectionalLight, Material, Mesh, PointLight, Scene, Settings, SpotLight, Texture
 
 SCENES = 40  # of one block, with one program
@@ -118,7 +117,7 @@ def test_scenes_are_of_all_sorts():
     assert max(reach) > 1e20
     assert 0.0 < min(r for r in reach if r) < 1e-15
     lights = [light for scene in scenes for light in scene.lights]
-    assert {type(light) for light in lights} == {PointLight, DirectionalLight, SpotLight, RectangleLight}
+    assert {type(light) for light in lights} == {PointLight, DirectionalLight, SpotLight}
     assert {getattr(light, "attenuation", "none") for light in lights} == {"none", "inverse-square"}
     assert {0.0, 1.0, 90.0} & {light.outer_cone for light in lights if isinstance(light, SpotLight)}
     assert any(getattr(light, "range", None) for light in lights)

@@ -109,8 +109,7 @@ def test_images_too_large_for_many_samples_have_few():
 
 
 def test_the_reference_keeps_what_belongs_to_the_scene(device):
-    base = Settings.from_preset("course", shader="nolight", cull=True, near=0.5, shadows=True)
+    base = Settings.from_preset("course", shader="nolight", cull=True, near=0.5)
     found = reference_module.best_settings(base, device)
     assert (found.ambient, found.shader, found.cull, found.near) == ("plain", "nolight", True, 0.5)
-    assert found.shadows
     assert (found.visibility, found.interpolation, found.texture_at) == ("depth", "perspective", "pixel")

@@ -335,13 +335,6 @@ def test_the_options_named_draw_what_was_measured(device, name):
         assert again.camera.resolution == (48, 36)
     standard = ["--samples", "1"] if own.preset == "standard" else ["--preset", "standard"]
     assert tables.render_options(Settings(), scene)[2:] == standard
-    unshadowed = ["--samples", "1", "--no-shadows"]
-    assert tables.render_options(Settings(shader="pbr"), replace(scene, preset="pbr"))[2:] == unshadowed
-    assert tables.render_options(Settings(shadows=True), replace(scene, preset="standard"))[2:] == [
-        "--samples",
-        "1",
-        "--shadows",
-    ]
 
 
 @pytest.mark.usefixtures("no_figure")

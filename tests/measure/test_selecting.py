@@ -344,7 +344,7 @@ def test_a_preset_stays(device, given):
         assert getattr(chosen.settings, name) == getattr(chosen.reference.settings, name) == getattr(course, name)
     assert fields == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
     assert set(chosen.kept) == {*fields, "near"}
-    assert auto_settings.preset_fields("pbr") == {"shader", "shadows"}
+    assert auto_settings.preset_fields("pbr") == {"shader"}
     assert "unchanged" in outcomes(chosen)
     assert "gouraud" in outcomes(chosen)
     assert not {"course", "vertex-texture", BASE} & set(outcomes(chosen))

@@ -38,10 +38,9 @@ def test_what_settings_or_device_refuse_is_left_out(device):
     assert not possible({"precision": "float64"}, Settings(), replace(device, has_fp64=False))
 
 
-def test_the_base_keeps_what_approximates_nothing():
+def test_the_base_keeps_the_ambient_term():
     assert base_settings(builtin("course")).ambient == "plain"
     assert base_settings(builtin("quads")) == Settings()
-    assert base_settings(replace(builtin("quads"), preset="pbr")) == Settings(shader="pbr", shadows=True)
 
 
 def test_unknown_variants(device):

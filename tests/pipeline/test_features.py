@@ -10,21 +10,10 @@ import pytest
 from clshade.errors import InputError
 from clshade.pipeline import features
 from clshade.scene.camera import Camera
-from clshade.scene.model import (
-    DirectionalLight,
-    Environment,
-    Material,
-    Mesh,
-    PointLight,
-    RectangleLight,
-    Scene,
-    Settings,
-    Texture,
-)
+from clshade.scene.model import DirectionalLight, Environment, Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, -3), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))
 LIGHT, SUN = PointLight((1, 2, -3)), DirectionalLight((0, -1, 0))
-PANEL = RectangleLight((1, 2, -3), (1, 0, 0), (0, 1, 0))
 TEXTURE = Texture(np.full((2, 2, 3), 0.5))
 PLAIN = Mesh(np.eye(3), [[0, 1, 2]])
 COLORED = replace(PLAIN, colors=np.full((3, 3), 0.5))
@@ -75,8 +64,6 @@ CASES = [
     (scene(COLORED), {}, "LIGHT_SHAPES", "only points without attenuation shine"),
     (scene(COLORED, lights=(SUN,)), {"shader": "nolight"}, "LIGHT_SHAPES", NOLIGHT),
     (scene(material(kd=0, ks=0), lights=(SUN,)), {}, "LIGHT_SHAPES", "kd and ks are 0"),
-    (scene(COLORED, lights=(SUN, LIGHT)), {}, "AREA_LIGHTS", "no light has a size"),
-    (scene(COLORED, lights=(PANEL,)), {"shader": "nolight"}, "AREA_LIGHTS", NOLIGHT),
     (scene(COLORED), {}, "MATERIALS", "a single material"),
     (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
     (scene(material(two_sided=True)), {"shader": "nolight"}, "TWO_SIDED", NOLIGHT),
@@ -131,11 +118,6 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
             scene(COLORED, lights=(LIGHT, SUN)),
             {},
             {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "VERTEX_COLORS"},
-        ),
-        (
-            scene(COLORED, lights=(LIGHT, PANEL)),
-            {},
-            {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "VERTEX_COLORS"},
         ),
         (scene(material(color=0.5)), {"shader": "nolight"}, {"VERTEX_COLORS"}),
         (

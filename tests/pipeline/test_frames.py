@@ -69,7 +69,7 @@ EVERY_DAY = {
 
 def combinations() -> list[Any]:
     """Return every built-in scene with every preset and shader, except those of tests/measure/test_checking.py, which
-    compares them with the oracle too; preset pbr is standard with its own shader and shadows."""
+    compares them with the oracle too; preset pbr is standard with its own shader."""
     every = [each for each in itertools.product(SCENES, PRESETS, SHADERS) if (each[1] == "pbr") == (each[2] == "pbr")]
     here = [each for each in every if each not in CHECKED]
     assert set(here) >= EVERY_DAY

@@ -113,16 +113,6 @@ def test_left_out_without_an_environment_at_no_difference(device):
     assert ignored(other, Settings()) == ("the environment, which only shader pbr shows",)
 
 
-def test_an_environment_alone_needs_no_shadows(device):
-    """The preset has them; without lights neither kernels nor bits know of that."""
-    scene = ball(0.4, 0.5, Environment(IMAGE))
-    frames = [draw(device, scene, forced=(), **options) for options in ({}, {"shadows": False})]
-    assert [frame.settings.shadows for frame in frames] == [True, False]
-    assert [frame.stats["left_out"]["SHADOWS"] for frame in frames] == ["no light shines", "no shadows asked for"]
-    assert frames[0].stats["features"] == frames[1].stats["features"]
-    assert len({digest(frame) for frame in frames}) == 1
-
-
 @pytest.mark.parametrize("roughness", [0.0, 0.2, 0.5, 1.0])
 def test_a_white_furnace_loses_what_single_scattering_loses(device, roughness):
     frame = draw(device, ball(roughness, 1.0, WHITE, color=1.0), layers=("Z", "id", "N", "P"))

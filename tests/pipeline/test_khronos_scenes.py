@@ -52,7 +52,6 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         side: int = SIDE,
         ambient: float | None = None,
         own: bool = False,
-        **settings: bool,
     ) -> Cells:
         scene: Scene = load(write(tmp_path / "card.glb"))
         assert scene.ignored == ()
@@ -64,7 +63,7 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
             scene = replace(scene, lights=lights)
         if ambient is not None:
             scene = replace(scene, ambient=ambient)
-        with Renderer(scene, device=device, forced=OPTIONAL, **settings) as renderer:
+        with Renderer(scene, device=device, forced=OPTIONAL) as renderer:
             return Cells(renderer.render(), columns, rows)
 
     return draw
@@ -149,9 +148,9 @@ QUANTIZED = 0.013
 @pytest.mark.parametrize("tangents", [False, True], ids=["computed", "from the file"])
 def test_maps_shade_as_geometry_does(drawn, tangents):
     """Turned, mirrored and half mirrored coordinates. A wrong sign of a tangent changes cells by more than ten times the
-    bound. Without shadows, whose terminator is softened by the faces, which lie otherwise below maps."""
+    bound."""
     write = partial(surfaces.normal_tangent, tangents=tangents)
-    image = drawn(write, 4, 4, ASLANT, side=surfaces.GRID, ambient=0.0, shadows=False).image[:, :, 2:-2, 2:-2]
+    image = drawn(write, 4, 4, ASLANT, side=surfaces.GRID, ambient=0.0).image[:, :, 2:-2, 2:-2]
     geometry = image[0, 0]
     assert np.abs(geometry[:, ::-1] - geometry).max() > 20.0 * QUANTIZED
     assert np.abs(geometry[::-1] - geometry).max() > 20.0 * QUANTIZED
@@ -159,8 +158,8 @@ def test_maps_shade_as_geometry_does(drawn, tangents):
 
 
 def test_negative_scales(drawn):
-    """Front sides stay in front; geometry and maps are shaded alike, but for shadows' softening."""
-    cells = drawn(surfaces.negative_scale, 4, 4, ASLANT, side=surfaces.GRID, shadows=False)
+    """Front sides stay in front; geometry and maps are shaded alike."""
+    cells = drawn(surfaces.negative_scale, 4, 4, ASLANT, side=surfaces.GRID)
     assert passing(cells.inner()[:2]).all()
     domes = cells.image[2:, :, 2:-2, 2:-2]
     assert np.abs(domes - domes[0, 0]).max() < QUANTIZED

@@ -22,13 +22,11 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
-SHADOWED_TEAPOT = "e7f7478c1ac6482b"
 # (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {
     ("torus_knot", "samples", 5): "cca50022d326a2d3",
     ("box_room", "precision", "float64"): "5b6582138bb71d2a",
     ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
-    ("teapot", "shadows", True): SHADOWED_TEAPOT,
 }
 # The same for several fields together: (scene, the fields' names and values).
 COMBINED = {
@@ -37,9 +35,8 @@ COMBINED = {
     ("box_room", ("samples", 3), ("precision", "float64")): "b008318580b76089",
     ("teapot", ("samples", 4), ("texture_filter", "trilinear")): "b059ee709aced3d8",
 }
-# A file of glTF by preset, without shadows; that of `standard` is older than shader pbr.
+# A file of glTF by preset; that of `standard` is older than shader pbr.
 SPHERES = {"standard": "2d145a880ca35a5d", "pbr": "153ffa04bd48d5d3"}
-SHADOWED_SPHERES = "23d334313d497186"  # of the preset pbr, as it is
 # Other programs of golden images: every number of lanes, with and without light, in either order.
 OTHERS = [
     *((key, {"forced": OPTIONAL}) for key in GOLDEN if key[0] in ("teapot", "course")),
@@ -72,23 +69,10 @@ def test_golden_glb(device, tmp_path, preset):
     """The scene's own preset is pbr; an explicit one takes its place. Lit by lights: an environment's tables are made by
     NumPy, whose last bits depend on the machine."""
     scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
-    given = {"shadows": False} if preset == scene.preset else {"preset": preset}
+    given = {} if preset == scene.preset else {"preset": preset}
     with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **given) as renderer:
         frame = renderer.render()
     assert digest(frame) == SPHERES[preset]
-
-
-def test_golden_glb_with_shadows(device, tmp_path):
-    scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
-    with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION) as renderer:
-        frame = renderer.render()
-    assert digest(frame) == SHADOWED_SPHERES
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, 4, 8])
-def test_shadows_with_any_number_of_lanes(device, lanes):
-    assert digest(draw(device, "teapot", "standard", "phong", shadows=True, lanes=lanes)) == SHADOWED_TEAPOT
 
 
 @pytest.mark.long

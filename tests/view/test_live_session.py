@@ -19,7 +19,6 @@ from clshade import exr
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.pipeline.frame import same_bits
-from clshade.view.live_command import render_command
 from clshade.view.live_scene import LiveScene
 from clshade.view.live_session import Session, Task
 from clshade.view.live_stats import LiveStats
@@ -215,15 +214,6 @@ OPTIONS = [
         )
     ),
 ]
-
-
-@pytest.mark.parametrize("given", ["--shadows", "--no-shadows"])
-@pytest.mark.parametrize("preset", ["standard", "pbr"])
-def test_a_command_says_of_shadows_what_its_preset_does_not(preset, given):
-    source = source_of("icosphere", "--preset", preset, given)
-    live = LiveScene(source)
-    named = {"--shadows", "--no-shadows"} & set(render_command(source, live.scene, live.first_view(), None, 0.0))
-    assert named == (set() if (preset == "pbr") == (given == "--shadows") else {given})
 
 
 def test_names_that_look_like_options(tmp_path, monkeypatch, capsys):

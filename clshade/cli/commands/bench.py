@@ -23,6 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--turn",
         type=int,
         metavar="N",
+        default=BENCH_TURN,
         help=f"frames in a row, when alternating with a peer (default: {BENCH_TURN})",
     )
     parser.add_argument(
@@ -39,11 +40,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="a turntable by so many processes each, in turns with one process",
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:8786", help="and by the workers of this Dask scheduler")
-    parser.add_argument(
-        "--shadows",
-        action="store_true",
-        help="shadow rays of teapot and knot, in turns with Intel Embree (PyPI: embreex), one thread each",
-    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
@@ -55,8 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(bench.listing())
         return DONE
-    if arguments.shadows:
-        return _run_shadows(arguments)
     if arguments.workers or arguments.scheduler:
         return _run_crews(arguments)
     named = [name.strip() for name in (arguments.peers or "").split(",")]
@@ -66,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         names=arguments.workloads,
         peers_named=peers,
         frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        turn=BENCH_TURN if arguments.turn is None else arguments.turn,
+        turn=arguments.turn,
         with_scaling=arguments.scaling,
         targets=arguments.targets,
         out=arguments.out,
@@ -86,24 +80,6 @@ def _run_crews(arguments: argparse.Namespace) -> int:
         scheduler=arguments.scheduler,
         device=arguments.device,
         frames=CREW_FRAMES if arguments.frames is None else arguments.frames,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
-
-
-def _run_shadows(arguments: argparse.Namespace) -> int:
-    from ...measure.bench import shadows
-
-    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
-    if any(others) or arguments.turn is not None:
-        raise InputError(
-            "bench: expected either --shadows, or --workers, --scheduler, --scaling, --peers and --turn, found both"
-        )
-    passed = shadows.run(
-        arguments.device,
-        names=arguments.workloads,
-        rounds=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        targets=arguments.targets,
         out=arguments.out,
     )
     return DONE if passed else FAILED

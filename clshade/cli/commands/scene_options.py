@@ -86,12 +86,6 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
         help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
     )
     group.add_argument(
-        "--light-radius",
-        type=float,
-        metavar="R",
-        help="make spheres of this radius of the point lights, scene units (default: as the scene says, 0 for most)",
-    )
-    group.add_argument(
         "--environment",
         metavar="FILE|studio|none",
         help="light from all around, of shader pbr: an image in latitude and longitude, .exr .hdr .png, or the built-in "
@@ -169,12 +163,6 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
     group.add_argument(
-        "--shadows",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
-    )
-    group.add_argument(
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
     )
     group.add_argument(
@@ -186,12 +174,6 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         type=float,
         metavar="A",
         help="layers show the nearest surface whose alpha is at least A, 0 to 1 (default: 0.5)",
-    )
-    group.add_argument(
-        "--light-samples",
-        type=int,
-        metavar="1..256",
-        help="points of each light of finite size that its light is the mean of (default: 16)",
     )
     group.add_argument(
         "--resolve", choices=settings.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
@@ -382,8 +364,6 @@ def with_lights(scene: Scene, arguments: argparse.Namespace) -> Scene:
         scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
     if arguments.light_intensity is not None:
         scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
-    if arguments.light_radius is not None:
-        scene = adjust_lights.sized_lights(scene, arguments.light_radius, "--light-radius")
     return scene
 
 

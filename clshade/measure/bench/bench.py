@@ -21,7 +21,7 @@ from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES, BENCH_TURN
 from ..report.study import machine
 from ..timing import in_turns, ratio_interval, spread, turns_of
-from . import choices, shadow_rays, starting, tables
+from . import choices, starting, tables
 from .children import draw_apart
 from .device_peaks import best, peaks
 from .frame_timing import PATH, SECONDS, FrameTiming, cameras, draw, warm_renderer
@@ -42,9 +42,7 @@ def listing() -> str:
     """Return the list of all workloads and peers with their descriptions."""
     rows = [(each.name, each.about) for each in WORKLOADS] + [(each.NAME, each.ABOUT) for each in PROCESSES]
     peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
-    listed = [text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows]
-    traced = [f"  {each.name:<14} {each.about}" for each in shadow_rays.WORKLOADS]
-    return "\n".join([*listed, "", "peers", *peers, "", "with --shadows", *traced])
+    return "\n".join([*(text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows), "", "peers", *peers])
 
 
 def run(

@@ -117,7 +117,7 @@ def _interval(each: Compared) -> str:
     return "-" if each.interval is None else f"{digits(each.interval[0])} to {digits(each.interval[1])}"
 
 
-def verdict_row(each: Verdict) -> text_tables.Row:
+def _verdict(each: Verdict) -> text_tables.Row:
     word = {True: "yes", False: "NO", None: "-"}[each.kept]
     return (each.workload, each.what, _large(each.value), f"{'>=' if each.at_least else '<='} {_large(each.bar)}", word)
 
@@ -161,7 +161,7 @@ def _tables(speed: Speed, targets: bool) -> list[tuple[str, int, text_tables.Row
         ("Exponents", 1, EXPONENTS, [(each.name, *map(digits, each.exponents().values())) for each in speed.series]),
         ("Start-up", 1, STARTS, _starts(speed)),
         ("Choices", 1, CHOICES, [each.row() for each in speed.choices]),
-        ("Targets", 2, TARGETS, [verdict_row(each) for each in speed.verdicts()] if targets else []),
+        ("Targets", 2, TARGETS, [_verdict(each) for each in speed.verdicts()] if targets else []),
     ]
     return [each for each in found if each[3]]
 

@@ -1,14 +1,13 @@
-"""Lights of random scenes that are no plain points: directions, cones, attenuation and sizes, also at their limits."""
+"""Lights of random scenes that are no plain points: directions, cones and attenuation, also at their limits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...base.arrays import Array
-from ...scene.lights import WIDEST_CONE, Attenuation, DirectionalLight, PointLight, RectangleLight, SpotLight
+from ...scene.lights import WIDEST_CONE, Attenuation, DirectionalLight, PointLight, SpotLight
 from ...scene.model import Light
 from .random_shapes import Random
 
@@ -53,23 +52,3 @@ def _attenuation(rng: Random, light: PointLight, scale: float) -> tuple[Attenuat
     how = rng.random()
     end = None if how < 0.4 else scale * (rng.uniform(1.0, 10.0) if how < 0.8 else 10.0 ** rng.uniform(-12, 12))
     return "inverse-square", intensity, end
-
-
-def sized(rng: Random, lights: Sequence[Light], points: Sequence[PointLight], scale: float) -> tuple[Light, ...]:
-    """Return the lights, some of them spheres and rectangles; the first always. points: the lights as plain points."""
-    found: list[Light] = []
-    for k, (light, point) in enumerate(zip(lights, points, strict=True)):
-        chosen = light if isinstance(light, PointLight) else point
-        found.append(_sized(rng, chosen, scale) if k == 0 or rng.random() < 0.4 else light)
-    return tuple(found)
-
-
-def _sized(rng: Random, light: PointLight, scale: float) -> Light:
-    size = scale * (rng.uniform(0.02, 1.0) if rng.random() < 0.7 else 10.0 ** rng.uniform(-8, 6))
-    right, up = rng.normal(size=(2, 3))
-    if rng.random() < 0.5:
-        return replace(light, radius=size)
-    if rng.random() < 0.3:
-        right, up = np.eye(3)[rng.permutation(3)[:2]] * rng.choice((-1.0, 1.0))
-    sides = size * right, size * rng.uniform(0.1, 2.0) * up
-    return RectangleLight(light.position, *sides, light.intensity, light.attenuation, light.range)

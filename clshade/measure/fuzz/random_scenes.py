@@ -27,7 +27,7 @@ from ...scene.settings import (
 from .random_environments import random_environment
 from .random_extremes import stiffened
 from .random_facets import with_facets
-from .random_lights import shaped, sized
+from .random_lights import shaped
 from .random_maps import with_maps, with_nearest
 from .random_scalars import random_map, random_scalars
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
@@ -54,7 +54,6 @@ class Kind:
     transparent: whether materials blend, with alphas at vertices. facets: whether the shader is pbr, with parameters of its
     own rather than those that follow from Phong's.
     transparent: whether materials blend, with alphas at vertices. backdrop: whether an environment is the background.
-    shadowed: whether lights reach only what no triangle hides.
     """
 
     settings: Settings
@@ -88,8 +87,6 @@ class Kind:
     transparent: bool = False
     facets: bool = False
     backdrop: bool = False
-    shadowed: bool = False
-    sized: bool = False
 
     @property
     def dim(self) -> bool:
@@ -186,11 +183,6 @@ def kind_of(seed: int, block: int) -> Kind:
     if often(0.15):
         shown = replace(kind.settings, background="environment")
         kind = replace(kind, settings=shown, backdrop=True, background=False)
-    if lit and often(0.3):
-        kind = replace(kind, settings=replace(kind.settings, shadows=True), shadowed=True)
-    if lit and often(0.2):
-        points = replace(kind.settings, light_samples=int(rng.choice((1, 2, 3, 5, 16))))
-        kind = replace(kind, settings=points, sized=True)
     return kind
 
 
@@ -220,8 +212,6 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
     lights: tuple[Light, ...] = tuple(points)
     if kind.shaped:
         lights = shaped(np.random.default_rng([seed, number, 5]), points, scale, camera.lookat * scale + shift)
-    if kind.sized:
-        lights = sized(np.random.default_rng([seed, number, 9]), lights, points, scale)
     scene = Scene(
         tuple(_moved_mesh(mesh, scale, shift, kind.double) for mesh in meshes),
         replace(

@@ -18,16 +18,13 @@ from .variants import BASE, Variant
 # (kernels/numerics.clh).
 ROUNDOFF: dict[Precision, float] = {"fast": 7.4e-6, "float32": 2.0**-24, "float64": 2.0**-53}
 SAMPLES, SHADED, GOURAUD, FILTER, PRECISION = "samples", "shaded", "gouraud", "filter", "precision"
-LIGHT = "light-samples"
 SHADINGS = {"gouraud": "tessellation, Gouraud", "phong": "tessellation, Phong"}
-# Families that differ in the number of samples, or of points of each light: the prefix of their variants, and another that
-# belongs to them.
+# Families that differ in the number of samples: the prefix of their variants, and the first of them.
 SAMPLED = {
     SAMPLES: ("samples-", BASE),
     SHADED: ("shaded-", BASE),
     GOURAUD: ("gouraud-", "gouraud"),
     FILTER: ("trilinear-", "trilinear"),
-    LIGHT: ("light-", "samples-16"),
 }
 SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
 LAWS = {
@@ -37,7 +34,6 @@ LAWS = {
         0.0, "light at the corners, whose error samples do not cure", below="edges become smooth all the same"
     ),
     FILTER: Law(0.0, "the mip maps' blur, which samples do not cure", below="edges become smooth all the same"),
-    LIGHT: Law(-1.0, "points of low discrepancy, light that varies smoothly", "what 16 samples a pixel leave of edges"),
     PRECISION: Law(
         1.0,
         "a constant number of roundings",
@@ -51,7 +47,6 @@ ABOUT = {
     SHADED: "samples, each shaded",
     GOURAUD: "light at the corners, samples shaded once a pixel",
     FILTER: "mip maps instead of four texels, samples shaded once a pixel",
-    LIGHT: "points of each light of finite size, 16 samples shaded once a pixel",
     PRECISION: "arithmetic: RMS of |value - oracle| / light",
     **dict.fromkeys(SHADINGS.values(), "triangles of a sphere"),
 }
@@ -130,16 +125,15 @@ def alone(variant: Variant, family: str) -> bool:
 
 
 def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
-    ways = {_size(each, name): each for each in measured if alone(each.variant, name)}
+    ways = {_samples(each): each for each in measured if alone(each.variant, name)}
     if 1 not in ways:
         return Family(name, "", ())
     members = (Member(ways[n].name, n, ways[n].frame_ms, ways[n].error, ways[n].error > known) for n in sorted(ways))
-    what = "the number of points of each light" if name == LIGHT else "the number of samples"
-    return Family(name, what, tuple(members))
+    return Family(name, "the number of samples", tuple(members))
 
 
-def _size(each: Measured, family: str) -> int:
-    count: int = each.settings.light_samples if family == LIGHT else each.settings.samples
+def _samples(each: Measured) -> int:
+    count: int = each.variant.changes.get("samples", 1)
     return count
 
 

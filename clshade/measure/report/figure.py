@@ -12,7 +12,7 @@ from ...base.arrays import Array, Floats
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
-from .families import FILTER, GOURAUD, LIGHT, PRECISION, SAMPLED, SAMPLES, SHADED, Family, alone
+from .families import FILTER, GOURAUD, PRECISION, SAMPLED, SAMPLES, SHADED, Family, alone
 from .labels import label_points
 from .measure import Measured
 from .study import SHOWN, Study
@@ -33,7 +33,7 @@ CAUSE_COLORS = (
     *("#4c72b0", "#dd8452", "#55a868", "#c44e52", "#8172b3"),
     *("#937860", "#da8bc3", "#ccb974", "#64b5cd", figures.MUTED),
 )
-FAMILY_COLORS = {SAMPLES: "#8172b3", SHADED: "#2e8b57", GOURAUD: "#c07a00", FILTER: "#c44e52", LIGHT: "#937860"}
+FAMILY_COLORS = {SAMPLES: "#8172b3", SHADED: "#2e8b57", GOURAUD: "#c07a00", FILTER: "#c44e52"}
 DOMINATED = "#777777"
 COLORS = "magma"
 LEAST_ERROR = 1e-12  # drawn; smaller ones are drawn there

@@ -17,7 +17,6 @@ from ...images.metrics import rmse
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ...scene.settings import Precision
 from .thinned_image import Thinned, Window
@@ -28,10 +27,8 @@ MOST = 1 << 27  # samples of the whole reference, at most: some seconds
 # from every variant's, so that the reference does not share a variant's error.
 STEPS = ((2, 64), (2, 16), (2, 4), (2, 1), (1, 1))
 TILE = 1024  # side of the larger image's tiles in pixels; they are drawn one after another
-BELONGS = frozenset({"ambient", "cull", "near", "shadows"})  # settings that decide what is seen
-CONVERGING = frozenset(
-    {"precision", "samples", "sample_shading", "resolve", "texture_filter", "layers", "light_samples"}
-)  # how well
+BELONGS = frozenset({"ambient", "cull", "near"})  # settings that decide what is seen
+CONVERGING = frozenset({"precision", "samples", "sample_shading", "resolve", "texture_filter", "layers"})  # how well
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +65,7 @@ def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[st
     kept, as are the fields named in `fixed`, except those that decide how accurately the image converges.
     """
     columns, rows = scene.camera.resolution
-    best = best_settings(base, device, fixed)
-    return _converged(_work(scene, best, columns * rows), best, partial(averaged, scene, device), rmse)
+    return _converged(columns * rows, best_settings(base, device, fixed), partial(averaged, scene, device), rmse)
 
 
 def reference_windows(
@@ -84,14 +80,7 @@ def reference_windows(
     def error(coarse: Array, fine: Array) -> float:
         return thinned.estimate(coarse, fine).rmse
 
-    best = best_settings(base, device, fixed)
-    return _converged(_work(scene, best, thinned.count), best, draw, error)
-
-
-def _work(scene: Scene, settings: Settings, pixels: int) -> int:
-    """Return how many pixels take as long to light: four points of a light as long as a sample."""
-    sized = any(map(has_size, scene.lights))
-    return pixels * max(settings.light_samples // 4, 1) if sized else pixels
+    return _converged(thinned.count, best_settings(base, device, fixed), draw, error)
 
 
 def _converged(

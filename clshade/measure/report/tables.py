@@ -267,9 +267,7 @@ def render_options(settings: Settings, scene: Scene) -> list[str]:
         changes = {name: value for name, value in vars(settings).items() if value != before[name]}
         parts = [] if preset == scene.preset else ["--preset", preset]
         for name, value in changes.items():
-            option = name.replace("_", "-")
-            parts.append(f"--no-{option}" if value is False else f"--{option}")
-            parts += [] if isinstance(value, bool) else [str(value)]
+            parts += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         return parts
 
     return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]

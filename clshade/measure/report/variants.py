@@ -10,7 +10,6 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 
 BASE = "standard"
@@ -41,7 +40,6 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
-LIGHT_POINTS = (1, 4, 64, 256)  # besides 16
 VARIANTS = (
     Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
@@ -57,10 +55,6 @@ VARIANTS = (
     Variant("trilinear", "textures filtered by mip maps", {"texture_filter": "trilinear"}),
     Variant("trilinear-4", "mip maps and 4 samples", _samples(4, texture_filter="trilinear")),
     Variant("trilinear-16", "mip maps and 16 samples", _samples(16, texture_filter="trilinear")),
-    *(
-        Variant(f"light-{n}", f"{n} points of each light, 16 samples", _samples(16, light_samples=n))
-        for n in LIGHT_POINTS
-    ),
     Variant("painter", "nearest by mean depth", {"visibility": "painter"}),
     Variant("affine", "linear in the image", {"interpolation": "affine"}),
     Variant(
@@ -81,10 +75,10 @@ SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene) -> Settings:
-    """Return the preset `standard` with the scene's own ambient term, model of reflection and shadows, which approximate no
+    """Return the preset `standard` with the scene's own ambient term and model of reflection, which approximate no
     other."""
     own = Settings.from_preset(scene.preset)
-    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader, shadows=own.shadows)
+    return Settings.from_preset("standard", ambient=own.ambient, shader=own.shader)
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
@@ -106,11 +100,10 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
     base: settings that they change.
     """
     textured = any(texture_applies(mesh) for mesh in scene.meshes)
-    without = set(() if textured else TEXTURES) | ({"light_samples"} if not any(map(has_size, scene.lights)) else set())
     found: dict[frozenset[tuple[str, Any]], Variant] = {}
     for each in VARIANTS:
         if possible(each.changes, base, device):
-            matters = {item for item in each.changes.items() if item[0] not in without}
+            matters = {item for item in each.changes.items() if textured or item[0] not in TEXTURES}
             found.setdefault(frozenset(matters), each)
     return list(found.values())
 

@@ -165,7 +165,7 @@ def why(cause: str, pixel: Pixel) -> str:
 
 
 def _light(pixel: Pixel) -> str:
-    lights = scene_lights(pixel.scene, Settings())
+    lights = scene_lights(pixel.scene)
     point, one = pixel.point - pixel.scene.camera.eye, np.ones(())
     around = point, pixel.extent * one, one, np.zeros(3)
     each = zip(lights.positions, lights.shapes, strict=True)

@@ -154,7 +154,7 @@ def _pot_part(name: str, positions: Array, normals: Array, uvs: Array, material:
 
 
 def _floor(lights: Sequence[PointLight]) -> Mesh:
-    """A disk of marble, dark towards its edge, with the shadows of the pot painted on it (preset `standard` casts none).
+    """A disk of marble, dark towards its edge, with the shadows of the pot painted on it (the renderer casts none).
 
     A vertex color is the fraction of the light, per channel, that reaches the vertex past the pot.
     """

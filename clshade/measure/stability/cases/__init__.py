@@ -25,7 +25,6 @@ def all_cases() -> tuple[Case, ...]:
         maps,
         microfacets,
         order,
-        shadows,
         surfaces,
         transparency,
     )
@@ -38,7 +37,6 @@ def all_cases() -> tuple[Case, ...]:
         lights,
         microfacets,
         around,
-        shadows,
         surfaces,
         maps,
         files,

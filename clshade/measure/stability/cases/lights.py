@@ -1,12 +1,10 @@
-"""Cases 24c to 24h: lights with attenuation, range and cone where these are steep, as far away as they may be, tiny and
-huge."""
+"""Cases 24c to 24f: lights with attenuation, range and cone where these are steep, and as far away as they may be."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ....scene.lights import ATTENUATIONS
-from ....scene.model import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
+from ....scene.model import DirectionalLight, Light, PointLight, SpotLight
 from . import lit
 from .bench import Bench, Case, Outcome, against_oracle, worst
 
@@ -67,60 +65,9 @@ def far_away(bench: Bench) -> Outcome:
     return worst(outcomes, f"{len(lights)} lights")
 
 
-def spheres(bench: Bench) -> Outcome:
-    """Spheres 1e-7 to 1e20 in radius, around a vertex of the sheet and around the whole of it, and one whose disc faces a
-    vertex that is where its mirror plane is not defined."""
-    mesh = lit.patch()
-    vertex = mesh.verts[24]
-    lights = [
-        PointLight((0.1, 0.2, 1.0), (1.0, 0.5, 0.2), attenuation, radius=radius)
-        for radius in (1e-7, 0.3, 3.0, 1e6)
-        for attenuation in ATTENUATIONS
-    ]
-    lights += [
-        PointLight((0.1, 0.2, 1.0), (power, 0.5 * power, 0.2 * power), attenuation, radius=radius)
-        for radius in (1e17, 1e20)
-        for attenuation, power in zip(ATTENUATIONS, (1.0, min(radius**2, 1e38)), strict=True)
-    ]
-    lights += [PointLight(vertex, (0.3, 0.2, 0.1), "inverse-square", radius=radius) for radius in (1e-7, 0.5)]
-    lights.append(PointLight(vertex - np.array([2.0, 3.0, 5.0]) / 4.0, radius=0.5))
-    return worst([_drawn(bench, light) for light in lights], f"{len(lights)} spheres")
-
-
-def rectangles(bench: Bench) -> Outcome:
-    """Rectangles 1e-7 to 1e6 wide, in the plane of a face, edge-on, through the sheet, and nearly folded to a line."""
-    mesh = lit.patch()
-    corners = mesh.verts[mesh.faces[30]]
-    first, second = corners[1] - corners[0], corners[2] - corners[0]
-    above = np.array([0.1, 0.2, 1.0])
-    across, along, upright = np.eye(3)
-    lights = [
-        RectangleLight(above, size * across, -size * along, (1.0, 0.5, 0.2), attenuation)
-        for size in (1e-7, 0.3, 1e6)
-        for attenuation in ATTENUATIONS
-    ]
-    lights += [
-        RectangleLight(corners.mean(axis=0), first, second),
-        RectangleLight(corners.mean(axis=0), second, first, (0.3, 0.2, 0.1), "inverse-square"),
-        RectangleLight(above - 0.8 * upright, 0.5 * across, 0.5 * upright),
-        RectangleLight((0.0, 0.0, 0.1), 0.5 * across, 0.3 * upright, (0.3, 0.2, 0.1), "inverse-square"),
-        RectangleLight(above, across, -across + 2e-6 * along),
-    ]
-    return worst([_drawn(bench, light) for light in lights], f"{len(lights)} rectangles")
-
-
 CASES = (
     Case("24c", "attenuation", "inverse-square lights in the surface", "within the bound", attenuation),
     Case("24d", "cone-edge", "edges of cones, 0 and 90 degrees", "within the bound", cone_edge),
     Case("24e", "range-edge", "lights that end in the surface", "within the bound", range_edge),
     Case("24f", "far-lights", "lights 1e30 away", "within the bound", far_away),
-    Case(
-        "24g",
-        "spheres",
-        "spheres: tiny, huge, around what they light",
-        "within the bound",
-        spheres,
-        True,
-    ),
-    Case("24h", "rectangles", "rectangles: tiny, huge, edge-on", "within the bound", rectangles),
 )
