@@ -236,8 +236,9 @@ def draw_film(
 
 def _source(poses: Mapping[int, Pose], cameras: Mapping[int, Camera]) -> Any:
     """Return what poses are computed from, if they have a `source`, else a digest of each."""
-    source = getattr(poses, "source", None)
-    return [digest_of(poses[number]) for number in cameras] if source is None else source
+    if "source" in dir(poses):  # getattr's default would hide an AttributeError of the property
+        return poses.source  # type: ignore[attr-defined]
+    return [digest_of(poses[number]) for number in cameras]
 
 
 def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorbar: bool) -> tuple[int, int]:

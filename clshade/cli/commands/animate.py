@@ -111,7 +111,7 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
         return replace(found, lights=with_lights(replace(played.scene, lights=found.lights), arguments).lights)
 
     def source() -> Any:
-        return played.poses.source, arguments.lights, arguments.light_intensity, arguments.light_radius
+        return played.poses.source, arguments.lights, arguments.light_intensity
 
     return draw(arguments, scene, _Frames(numbers, camera), _Poses(numbers, pose, source))
 
