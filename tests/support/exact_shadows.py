@@ -115,6 +115,7 @@ class ExactShadows:
         near_may, near_must = (np.asarray(each, bool) for each in near)
         may &= (direct[0] & ~near_must) | (central[0] & near_may)
         must &= (direct[1] | near_must) & (central[1] | ~near_may)
+        touching_may, touching_must = np.zeros((2, len(self.faces)), bool)
         for k in range(3):
             forward, ends = self.forward[:, k, None], (self.corners[:, k], self.corners[:, (k + 1) % 3])
             start, end = np.where(forward, *ends), np.where(forward, *ends[::-1])
@@ -124,12 +125,32 @@ class ExactShadows:
             direct = _alike(toward_inside, signs(volume, magnitude, _ONE))
             central = _alike(toward_inside, self._centroid_sides(receiver, start, end - start, toward, w, point))
             size = abs(volume) << _ONE[1]
-            tie_may = near_may & np.asarray(size <= 2 * _ONE[0] * magnitude, bool)
-            tie_must = near_must & np.asarray(2 * size <= _ONE[0] * magnitude, bool)
+            zero_may = np.asarray(size <= 2 * _ONE[0] * magnitude, bool)
+            zero_must = np.asarray(2 * size <= _ONE[0] * magnitude, bool)
+            tie_may, tie_must = near_may & zero_may, near_must & zero_must
             may &= (direct[0] & ~tie_must) | (central[0] & tie_may)
             must &= (direct[1] | tie_must) & (central[1] | ~tie_may)
+            touching_may |= zero_may
+            touching_must |= zero_must
+        beside_may, beside_must = self._beside(toward, w, point)
+        may &= ~(touching_must & beside_must)
+        must &= ~(touching_may & beside_may)
         may[receiver] = must[receiver] = False
         return DARK if must.any() else EITHER if may.any() else LIT
+
+    def _beside(self, toward: Array, w: int, point: Array) -> tuple[Array, Array]:
+        """Return where, seen along an axis, all corners may lie on one side of the line, and where they must."""
+        corners = self.corners - point
+        value, magnitude = _cross(corners, np.broadcast_to(toward, corners.shape))
+        off = abs(toward) + w * abs(corners)
+        bound = _ONE[0] * magnitude + (RECEIVER_UNITS * (off[..., [1, 0, 0]] + off[..., [2, 2, 1]]) << _ONE[1])
+
+        def one_side(beyond: Array) -> Array:
+            sides = np.where(np.asarray(beyond, bool), _sign(value), 0)
+            return (abs(sides.sum(axis=1)) == 3).any(axis=-1)
+
+        size = abs(value) << _ONE[1]
+        return one_side(2 * size >= bound), one_side(size >= 2 * bound)
 
     def _centroid_sides(self, receiver: int, start: Array, side: Array, toward: Array, w: int, point: Array) -> Signs:
         """Return on which sides of planes through the light and triangles' sides a receiver's centroid lies."""
