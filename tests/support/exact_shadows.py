@@ -125,8 +125,9 @@ class ExactShadows:
             direct = _alike(toward_inside, signs(volume, magnitude, _ONE))
             central = _alike(toward_inside, self._centroid_sides(receiver, start, end - start, toward, w, point))
             size = abs(volume) << _ONE[1]
-            zero_may = np.asarray(size <= 2 * _ONE[0] * magnitude, bool)
-            zero_must = np.asarray(2 * size <= _ONE[0] * magnitude, bool)
+            off = RECEIVER_UNITS * abs(_cross(end - start, toward)[0]).sum(axis=-1) << _ONE[1]
+            most, least = (_ONE[0] * magnitude + np.where(each, off, 0) for each in (near_may, near_must))
+            zero_may, zero_must = np.asarray(size <= 2 * most, bool), np.asarray(2 * size <= least, bool)
             tie_may, tie_must = near_may & zero_may, near_must & zero_must
             may &= (direct[0] & ~tie_must) | (central[0] & tie_may)
             must &= (direct[1] | tie_must) & (central[1] | ~tie_may)
