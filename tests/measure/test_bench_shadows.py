@@ -23,6 +23,7 @@ from clshade.measure.bench.shadow_rays import (
     Receivers,
     ShadowWorkload,
     blocks,
+    occlusion_receivers,
     pixel_rays,
     receivers,
     triangles,
@@ -229,7 +230,8 @@ def measured(opened, monkeypatch, ours=(), theirs=()):
 
 def test_answers_are_compared(opened, monkeypatch):
     found = measured(opened, monkeypatch)
-    assert [each.many for each in found.lights] == [1, 16]
+    assert [each.many for each in found.lights] == [1, 16, 16]
+    assert [len(each.light) for each in found.lights] == [3, 3, 0]
     for light in found.lights:
         assert light.answers == Answers(agreed=shadows.AGREED)
         assert 0 < light.dark < light.rays
@@ -338,8 +340,12 @@ def test_rates_and_ratios():
 
 def test_names_of_lights():
     sized = replace(made_up_light(), many=16)
-    found = replace(made_up(), lights=(made_up_light(), sized, made_up_light(), sized))
-    assert [name for name, _ in found.numbered] == ["1", "1 x16", "2", "2 x16"]
+    around = replace(sized, light=())
+    found = replace(made_up(), lights=(made_up_light(), sized, made_up_light(), sized, around))
+    assert [name for name, _ in found.numbered] == ["1", "1 x16", "2", "2 x16", "AO x16"]
+    bars = {each.what: each.bar for each in found.verdicts(WORKLOAD)}
+    assert bars["times as fast as Embree, light 2 x16"] == 2.0
+    assert bars["times as fast as Embree, AO x16"] == 0.5
 
 
 def test_rays_to_a_sphere():
@@ -355,6 +361,25 @@ def test_rays_to_a_sphere():
     assert len(points) == len(owners) == len(ends) == 16 * count
     assert (points[:16] == rays.points[rays.asked][0]).all()
     assert (ends[16:32] == rays.ends[rays.asked][1]).all()
+
+
+def test_rays_of_ambient_occlusion(opened):
+    """Of what is seen, as long as they are by default, on the side of the face that is seen, as dense as their cosine."""
+    scene = square_room()
+    rays = occlusion_receivers(scene, opened)
+    verts, faces = triangles(scene)
+    points, owners, ends = rays.one_by_one()
+    seen = (render(scene, device=opened, samples=1, layers=("id",))["id"] > 0).sum()
+    assert len(points) == len(owners) == len(ends)
+    assert 0.8 * seen * 16 / 8 < len(points) < 1.2 * seen * 16 / 8
+    a, b, c = verts[faces[owners]].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    normals *= np.sign(np.einsum("kx,kx->k", normals, scene.camera.eye - a))[:, None]
+    reach = np.linalg.norm(ends - points, axis=1)
+    np.testing.assert_allclose(reach, 0.2 * np.linalg.norm(np.ptp(verts, axis=0)), rtol=1e-6)
+    cosines = np.einsum("kx,kx->k", normals, ends - points) / (np.linalg.norm(normals, axis=1) * reach)
+    assert (cosines >= 0.0).all()
+    np.testing.assert_allclose(np.quantile(cosines**2, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.03)
 
 
 def test_stats_can_be_read_again():

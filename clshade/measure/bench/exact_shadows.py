@@ -2,7 +2,8 @@
 
 A triangle T casts a shadow on the point P of a face R if T is not R, has a vertex strictly on the light's side of R's
 plane, separates P from the light strictly, and the segment between them meets it, edges included. Where P lies in the
-plane of T to within the tolerance, as points near an edge of R do for its neighbor, R's center takes its place.
+plane of T to within the tolerance, as points near an edge of R do for its neighbor, R's center takes its place, also where
+the line then touches an edge of T.
 
 Float64 values are integers over a power of two, so all signs here are exact.
 """
@@ -97,10 +98,10 @@ def _casts(ray: _Ray, caster: Triangle) -> Answer:
     towards = _side(caster, ray.light, ray.reach)
     if above <= 0 or towards == 0:
         return Answer.LIT
-    edges = [_turn(ray, caster[k], caster[k - 2]) for k in range(3)]
     near = abs(_side(caster, ray.point, ray.reach)) < 2
+    edges = [_turns(ray, caster[k], caster[k - 2], near) for k in range(3)]
     met = {
-        _within(light, edges, near) if light * point < 0 else Answer.LIT
+        _within(light, edges) if light * point < 0 else Answer.LIT
         for light in ({_sign(towards)} if abs(towards) == 2 else {1, 0, -1})
         for point in _sides_of_point(ray, caster)
     }
@@ -118,13 +119,22 @@ def _sides_of_point(ray: _Ray, caster: Triangle) -> set[int]:
     return {center, _sign(side) or center}
 
 
-def _within(light: int, edges: list[int], near: bool) -> Answer:
-    """Return whether a line is on the inner side of all edges, seen from a light on this side of the triangle. near: whether
-    it may begin in the triangle's plane; where it also touches an edge, the receiver's center decides."""
-    least = min(light * edge for edge in edges)
-    if least == -2:
+def _turns(ray: _Ray, a: Point, b: Point, near: bool) -> set[int]:
+    """Return the signs that may tell on which side of an edge the ray passes: where it begins in the triangle's plane and
+    touches the edge, the receiver's center decides."""
+    turn = _turn(ray, a, b)
+    if abs(turn) == 2 or not near:
+        return {turn}
+    center = 2 * _sign(sum(_volume(corner, a, b, ray.light) for corner in ray.receiver))
+    return {center, 2 * _sign(turn) or center}
+
+
+def _within(light: int, edges: list[set[int]]) -> Answer:
+    """Return whether a line is on the inner side of all edges, seen from a light on this side of the triangle."""
+    seen = [{light * turn for turn in edge} for edge in edges]
+    if {-2} in seen:
         return Answer.LIT
-    return Answer.TIE if least == -1 or (near and min(map(abs, edges)) < 2) else Answer.DARK
+    return Answer.TIE if min(map(min, seen)) < 0 else Answer.DARK
 
 
 # Signs: 0 if exactly zero, 1 or -1 within the tolerance, 2 or -2 beyond it. A sign from float32 pairs is right if the value
@@ -147,7 +157,11 @@ def _turn(ray: _Ray, a: Point, b: Point) -> int:
     """Return on which side of an edge the ray passes."""
     p, q, along = _minus(a, ray.point), _minus(b, ray.point), _minus(ray.light, ray.point)
     moved = ray.reach * _squared(_minus(a, b))
-    return _decided(_dot(_cross(p, q), along), _squared(along) * (_squared(p) * _squared(q) + moved))
+    return _decided(_volume(ray.point, a, b, ray.light), _squared(along) * (_squared(p) * _squared(q) + moved))
+
+
+def _volume(point: Point, a: Point, b: Point, light: Point) -> int:
+    return _dot(_cross(_minus(a, point), _minus(b, point)), _minus(light, point))
 
 
 def _decided(value: int, squares: int) -> int:

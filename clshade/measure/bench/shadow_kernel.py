@@ -35,6 +35,7 @@ class ShadowKernel:
                 return fans.dark.to_host()
 
             return trace_fans
+        assert rays.light is not None
         on_device = self._hierarchy.rays(points, faces, np.append(rays.light, 1.0))
 
         def trace() -> Array:

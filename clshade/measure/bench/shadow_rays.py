@@ -1,14 +1,17 @@
-"""The shadow rays of real images: what the pixels of a scene show, block by block, and the lights that may reach it."""
+"""The rays of shadows and ambient occlusion of real images: from what the pixels of a scene show, block by block, to the
+lights that may reach it, and around."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Array, Bools, Faces, Floats
+from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
@@ -20,13 +23,13 @@ from .workloads import HD, knot
 
 SIDE = 4  # pixels of a block, across and down
 NOBODY = -1  # face of a lane without a ray
-POINTS, EACH = 16, 8  # of a light of finite size, and of how many blocks one has rays to them
+POINTS, EACH = 16, 8  # of a light of finite size, or rays around a point, and of how many blocks one has them
 RADIUS = 0.03  # of such a light, of the largest extent of the scene
 
 
 @dataclass(frozen=True, eq=False)
 class ShadowWorkload:
-    """A scene whose shadow rays are traced. at_least: least speedup over Embree."""
+    """A scene whose rays are traced. at_least: least speedup over Embree of rays to lights."""
 
     name: str
     about: str
@@ -42,16 +45,17 @@ WORKLOADS = (
 
 @dataclass(frozen=True, eq=False)
 class Receivers:
-    """Points that one light may reach. Lane k of block i is a pixel of a square of SIDE x SIDE pixels, row by row.
+    """Points that one light may reach, or light from all around. Lane k of block i is a pixel of a square of SIDE x SIDE
+    pixels, row by row.
 
     points: (B, 16, 3), world space; 0 in lanes without a ray. faces: (B, 16), the face that each lies on, NOBODY
-    in lanes without a ray. light: (3,), position. ends: (B, 16, N, 3), where the N rays of each lane end, at points of a
-    light of finite size; None: one ray, at the light.
+    in lanes without a ray. light: (3,), position; None: all around. ends: (B, 16, N, 3), where the N rays of each lane end,
+    at points of a light of finite size or of a hemisphere; None: one ray, at the light.
     """
 
     points: Floats
     faces: Faces
-    light: Floats
+    light: Floats | None
     ends: Floats | None = None
 
     @property
@@ -69,14 +73,29 @@ class Receivers:
         """Return where all rays begin (K, 3), on which faces (K,), and where they end (K, 3), or the light (3,)."""
         points: Floats = np.repeat(self.points[self.asked], self.many, axis=0)
         faces: Faces = np.repeat(self.faces[self.asked], self.many)
-        return points, faces, self.light if self.ends is None else self.ends[self.asked].reshape(-1, 3)
+        ends = self.light if self.ends is None else self.ends[self.asked].reshape(-1, 3)
+        assert ends is not None
+        return points, faces, ends
 
     def to_sphere(self, radius: float) -> Receivers:
         """Return the rays of every EACH-th block to POINTS points, drawn at random, of a sphere about the light."""
+        assert self.light is not None
         points, faces = self.points[::EACH], self.faces[::EACH]
         around = np.random.default_rng(1).normal(size=(*faces.shape, POINTS, 3))
         around *= radius / np.linalg.norm(around, axis=-1, keepdims=True)
         return Receivers(points, faces, self.light, self.light + around)
+
+    def to_hemisphere(self, normals: Floats, reach: float) -> Receivers:
+        """Return POINTS rays of every EACH-th block as long as `reach`, drawn at random about normals (B, 16, 3) of any
+        length with the density of their cosine."""
+        points, faces = self.points[::EACH], self.faces[::EACH]
+        length = np.linalg.norm(normals[::EACH], axis=-1, keepdims=True)
+        about = normals[::EACH] / np.where(length > 0.0, length, 1.0)
+        directions = np.random.default_rng(1).normal(size=(*faces.shape, POINTS, 3))
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        directions += about[:, :, None]  # a point of the unit sphere that touches the plane: Lambert's density
+        directions *= reach / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return Receivers(points, faces, None, points[:, :, None] + directions)
 
 
 def triangles(scene: Scene) -> tuple[Floats, Faces]:
@@ -96,27 +115,59 @@ def triangles(scene: Scene) -> tuple[Floats, Faces]:
     return np.concatenate(verts), np.concatenate(faces)
 
 
+class _Seen(NamedTuple):
+    """What the pixels show. owners: (M, N), faces, NOBODY for none. points: (M, N, 3). Of the K pixels that show any: a
+    corner of their faces and the normals toward the camera, (K, 3) each."""
+
+    owners: Faces
+    points: Floats
+    corners: Floats
+    normals: Floats
+
+
+def _seen(scene: Scene, device: Device) -> _Seen:
+    owners = render(scene, device=device, samples=1, layers=("id",))["id"].astype(np.int32) - 1
+    verts, faces = triangles(scene)
+    shown = owners >= 0
+    corners = verts[faces[owners[shown]]]
+    rays, origins = pixel_rays(scene.camera)
+    points = np.zeros((*owners.shape, 3))
+    points[shown] = _on_face(origins[shown], rays[shown], corners)
+    first = corners[:, 0]
+    normals = np.cross(corners[:, 1] - first, corners[:, 2] - first)
+    normals *= np.sign(_height(normals, origins[shown] - first))[:, None]
+    return _Seen(owners, points, first, normals)
+
+
 def receivers(scene: Scene, device: Device) -> Iterator[Receivers]:
     """Draw the scene, and yield for each light the visible points on faces that it shines on.
 
     A face counts if light and camera are strictly on the same side of its plane. Blocks without a ray are left out.
     """
-    camera = scene.camera
-    owners = render(scene, device=device, samples=1, layers=("id",))["id"].astype(np.int32) - 1
-    verts, faces = triangles(scene)
-    shown = owners >= 0
-    corners = verts[faces[owners[shown]]]
-    rays, origins = pixel_rays(camera)
-    points = np.zeros((*owners.shape, 3))
-    points[shown] = _on_face(origins[shown], rays[shown], corners)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    towards_camera = _height(normals, origins[shown] - corners[:, 0])
+    seen = _seen(scene, device)
     for light in plain_lights("bench", scene.lights):
-        facing = np.zeros(owners.shape, bool)
-        facing[shown] = towards_camera * _height(normals, light.position - corners[:, 0]) > 0.0
-        in_blocks = blocks(np.where(facing, owners, NOBODY))
-        kept = (in_blocks != NOBODY).any(axis=1)
-        yield Receivers(blocks(np.where(facing[..., None], points, 0.0))[kept], in_blocks[kept], light.position)
+        facing = seen.owners >= 0
+        facing[facing] = _height(seen.normals, light.position - seen.corners) > 0.0
+        yield Receivers(*_kept_blocks(seen.points, seen.owners, facing), light.position)
+
+
+def occlusion_receivers(scene: Scene, device: Device) -> Receivers:
+    """Draw the scene, and return what it shows with rays of ambient occlusion, as long as they are by default."""
+    seen = _seen(scene, device)
+    toward = np.zeros_like(seen.points)
+    toward[seen.owners >= 0] = seen.normals
+    facing = (toward != 0.0).any(axis=2)
+    around = Receivers(*_kept_blocks(seen.points, seen.owners, facing), None)
+    reach = effective_settings(scene, ambient_occlusion=POINTS)[1].ao_distance
+    assert reach is not None
+    return around.to_hemisphere(_kept_blocks(toward, seen.owners, facing)[0], reach)
+
+
+def _kept_blocks(points: Floats, owners: Faces, kept: Bools) -> tuple[Floats, Faces]:
+    """Return the points (B, 16, 3) of the pixels kept and their faces (B, 16), in blocks that have any."""
+    of_blocks = blocks(np.where(kept, owners, NOBODY))
+    some = (of_blocks != NOBODY).any(axis=1)
+    return blocks(np.where(kept[..., None], points, 0.0))[some], of_blocks[some]
 
 
 def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:

@@ -21,7 +21,8 @@ RATES = ("scene", "light", "rays", "dark", "our Mrays/s", "Embree's", "ratio", "
 BUILDS = ("scene", "triangles", "our build, ms", "Embree's", "our bytes a triangle", "Embree's")
 ANSWERS = ("scene", "light", "differ", "decided", "ties", "ours wrong", "Embree wrong", "of the others", "wrong")
 NOTES = (
-    "light: x16, 16 points at random of a sphere about it, each pixel's own, of every eighth block",
+    "light: x16, 16 points at random of a sphere about it, each pixel's own, of every eighth block; AO: so many rays of "
+    "ambient occlusion, at random about the face's normal, by their cosine",
     "rays: from what each pixel shows to the light, where it shines on that side of the face; blocks of 4x4 pixels; both "
     "traced in turns in a process that has one processor",
     "Mrays/s: of the fastest turn; of medians: their ratio with its bootstrap interval",
@@ -168,7 +169,7 @@ def write(speed: ShadowSpeed, prefix: str, *, targets: bool = False) -> list[Pat
 
 def _plot(speed: ShadowSpeed, path: Path) -> None:
     """Draw the rates of both as bars, one pair for each light."""
-    lights = [(f"{result.name}, light {number}", each) for result in speed.results for number, each in result.numbered]
+    lights = [(f"{result.name}, {number}", each) for result in speed.results for number, each in result.numbered]
     figure = figures.blank(6.5, 1.6 + 0.5 * len(lights))
     axes = figure.subplots()
     places = np.arange(len(lights))
@@ -178,7 +179,7 @@ def _plot(speed: ShadowSpeed, path: Path) -> None:
         axes.barh(places + 0.2, theirs, 0.38, color=figures.OTHER, label="Embree")
     axes.set_yticks(places, [name for name, _ in lights])
     axes.invert_yaxis()
-    axes.set(xlabel="million shadow rays a second, one thread")
+    axes.set(xlabel="million rays a second, one thread")
     axes.legend(fontsize=8)
     figure.suptitle(f"{speed.device}\n{speed.machine}", fontsize=8)
     figures.save(figure, path, colors=64)

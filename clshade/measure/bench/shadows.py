@@ -1,4 +1,5 @@
-"""`bench --shadows`: shadow rays of real images, traced by our kernel and by Intel Embree in turns, one thread each."""
+"""`bench --shadows`: rays of shadows and ambient occlusion of real images, traced by our kernel and by Intel Embree in
+turns, one thread each."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from . import shadow_tables
 from .children import run_module
 from .exact_shadows import Answer, answers
 from .peers import MissingPeer
-from .shadow_rays import RADIUS, WORKLOADS, Receivers, ShadowWorkload, receivers, triangles
+from .shadow_rays import RADIUS, WORKLOADS, Receivers, ShadowWorkload, occlusion_receivers, receivers, triangles
 from .shadow_results import Answers, Built, LightTimes, ShadowTimes
 from .tables import paths
 from .workloads import pick
@@ -110,11 +111,9 @@ def measure(workload: ShadowWorkload, device: Device, ours: Builder, theirs: Bui
         peer, missing = None, str(error)
     tracers = [mine] if peer is None else [mine, peer]
     radius = RADIUS * float(np.ptp(verts, axis=0).max())
-    lights = tuple(
-        _measured(tracers, each, verts, faces, rounds)
-        for rays in receivers(scene, device)
-        for each in (rays, rays.to_sphere(radius))
-    )
+    of_lights = [each for rays in receivers(scene, device) for each in (rays, rays.to_sphere(radius))]
+    every = [*of_lights, occlusion_receivers(scene, device)]
+    lights = tuple(_measured(tracers, rays, verts, faces, rounds) for rays in every)
     return ShadowTimes(
         workload.name,
         len(faces),
@@ -153,7 +152,7 @@ def _measured(tracers: Sequence[Tracer], rays: Receivers, verts: Floats, faces: 
     decided = _decided(found[0], found[-1], rays, verts, faces)
     theirs = times[1] if len(tracers) > 1 else ()
     return LightTimes(
-        tuple(map(float, rays.light)),
+        () if rays.light is None else tuple(map(float, rays.light)),
         len(found[0]),
         int(found[0].sum()),
         tuple(times[0]),
@@ -169,7 +168,7 @@ def _decided(ours: Bools, theirs: Bools, rays: Receivers, verts: Floats, faces: 
 
     def of(chosen: Array) -> list[Answer]:
         if rays.ends is None:
-            return answers(points[chosen], owners[chosen], rays.light, verts, faces)
+            return answers(points[chosen], owners[chosen], ends, verts, faces)
         each = (answers(points[k : k + 1], owners[k : k + 1], ends[k], verts, faces) for k in chosen)
         return [found for (found,) in each]
 
