@@ -11,5 +11,6 @@ FAMILIES = (
     "gouraud",
     "filter",
     "light-samples",
+    "occlusion-rays",
     "precision",
 )  # of ways, which `report` fits powers to

@@ -12,10 +12,18 @@ from clshade.errors import InputError
 from clshade.images.metrics import rmse
 from clshade.measure.defaults import FAMILIES
 from clshade.measure.report import families, tables
-from clshade.measure.report.families import LAWS, LIGHT, PRECISION, ROUNDOFF, SAMPLED, SHADINGS, of_families
-from clshade.measure.report.light_point_errors import LightPointErrors
+from clshade.measure.report.families import (
+    COUNTED,
+    LAWS,
+    PRECISION,
+    ROUNDOFF,
+    SAMPLED,
+    SHADINGS,
+    of_families,
+)
 from clshade.measure.report.power_law import Law, Power, expected, exponent
-from clshade.measure.report.variants import BASE, LIGHT_BASE, base_settings, variants_for
+from clshade.measure.report.ray_count_errors import MOST, RayCountErrors, known
+from clshade.measure.report.variants import BASE, base_settings, variants_for
 from clshade.measure.timing import Spread
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
@@ -29,7 +37,7 @@ def found(device):
     return small_study(device)
 
 
-def way(found, name, changes, ms, rmse=0.1, rms=1e-8, light=None):
+def way(found, name, changes, ms, rmse=0.1, rms=1e-8, rays=None):
     """Return a measured variant with these changes, time and errors."""
     one = found.measured[0]
     return replace(
@@ -39,7 +47,7 @@ def way(found, name, changes, ms, rmse=0.1, rms=1e-8, light=None):
         frame_ms=Spread(0.9 * ms, ms, 1.1 * ms),
         approximation=replace(one.approximation, rmse=rmse),
         arithmetic=replace(one.arithmetic, rms=rms),
-        light=light,
+        rays=rays or {},
     )
 
 
@@ -51,7 +59,7 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
     known = found.reference.error
     errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
     for family, (prefix, first) in SAMPLED.items():
-        if family == LIGHT:
+        if family in COUNTED:
             continue
         named = {n: first if n == 1 else f"{prefix}{n}" for n in errors}
         measured = [way(found, named[n], {"samples": n}, float(n), error) for n, error in errors.items()]
@@ -64,19 +72,21 @@ def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_fo
         assert family not in of(found, measured[1:])  # without one sample
 
 
-def test_the_slope_of_light_points_is_of_their_own_errors(found):
+@pytest.mark.parametrize("family", COUNTED)
+def test_the_slope_of_rays_is_of_their_own_errors(found, family):
     """Not of those against the reference, most of which edges make."""
     errors = {1: 0.64, 4: 0.16, 16: 0.04, 64: 0.01, 256: None}
+    field, (prefix, base) = COUNTED[family], SAMPLED[family]
     measured = [
-        way(found, LIGHT_BASE if n == 16 else f"light-{n}", {"light_samples": n}, float(n), rmse=0.3, light=error)
+        way(found, base if n == 16 else f"{prefix}{n}", {field: n}, float(n), rmse=0.3, rays={field: error})
         for n, error in errors.items()
     ]
-    fall = of(found, measured)[LIGHT]
+    fall = of(found, measured)[family]
     assert fall.by_size().exponent == pytest.approx(-1.0)
     assert [each.size for each in fall.fit] == [1, 4, 16, 64]
     assert [each.size for each in fall.members] == [*errors]
-    assert LIGHT not in of(found, measured[2:])
-    assert LIGHT not in of(found, measured[1:])  # without one point
+    assert family not in of(found, measured[2:])
+    assert family not in of(found, measured[1:])  # without one ray
 
 
 def under_a_panel() -> Scene:
@@ -92,19 +102,39 @@ def under_a_panel() -> Scene:
 def test_errors_of_light_points_fall_as_theory_says(device):
     """Edges of the square, which the camera does not see, cut the light; measured: the power -0.93."""
     scene = under_a_panel()
-    lights = LightPointErrors(scene, device)
     settings = base_settings(scene, shadows=True)
-    errors = {}
-    for count in (1, 4, 16, 64):
-        frame = render(scene, settings=replace(settings, light_samples=count), device=device)
-        errors[count] = lights.error(frame)
+    errors = errors_by_count(device, scene, settings, "light_samples")
     assert -1.3 < exponent([*errors], [*errors.values()]) < -0.6
     assert errors[1] > 0.01
-    most = render(scene, settings=replace(settings, light_samples=256), device=device)
-    assert errors[64] == rmse(frame.rgb, most.rgb)
-    assert lights.error(most) is None
     dark = replace(scene, lights=(PointLight((0, 3, 0)),))
-    assert LightPointErrors(dark, device).error(frame) is None
+    frame = render(dark, settings=settings, device=device)
+    assert RayCountErrors(dark, device).error(frame, "light_samples") is None
+
+
+def test_errors_of_occlusion_rays_fall_as_theory_says(device):
+    """Of a floor below a square, both seen from the side: measured: the power -0.72."""
+    camera = Camera((0.0, 0.6, 3.0), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (24, 24))
+    scene = replace(under_a_panel(), camera=camera, ambient=1.0)
+    settings = base_settings(scene, ambient_occlusion=1, ao_distance=3.0)
+    errors = errors_by_count(device, scene, settings, "ambient_occlusion")
+    assert -1.0 < exponent([*errors], [*errors.values()]) < -0.5
+    assert errors[1] > 0.01
+    frame = render(scene, settings=base_settings(scene), device=device)
+    assert RayCountErrors(scene, device).error(frame, "ambient_occlusion") is None
+
+
+def errors_by_count(device, scene, settings, field):
+    """Return the errors of 1, 4, 16 and 64 rays."""
+    counts = RayCountErrors(scene, device)
+    errors = {}
+    for count in (1, 4, 16, 64):
+        frame = render(scene, settings=replace(settings, **{field: count}), device=device)
+        errors[count] = counts.error(frame, field)
+    most = render(scene, settings=replace(settings, **{field: MOST[field]}), device=device)
+    assert errors[64] == rmse(frame.rgb, most.rgb)
+    assert known(field) >= 64
+    assert counts.error(most, field) is None
+    return errors
 
 
 def test_the_slope_of_precision_is_of_the_roundoff(found):

@@ -391,7 +391,7 @@ REFUSED = [
     (("--format", "png,gif"), ("--format", "png, pdf, svg", "'gif'")),
     (
         ("--family", "samplse"),
-        ("--family", "samples, shaded, gouraud, filter, light-samples, precision", "did you mean 'samples'"),
+        ("--family", "samples, shaded, gouraud, filter, light-samples, occlusion-rays, precision", "did you mean 'samples'"),
     ),
     (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
     (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
@@ -421,6 +421,7 @@ def test_refused(device, capsys, tmp_path, monkeypatch, options, parts):
         ((), {}),
         (("--shadows", "--light-samples", "4"), {"shadows": True, "light_samples": 4}),
         (("--no-shadows",), {"shadows": False}),
+        (("--ambient-occlusion", "4", "--ao-distance", "0.5"), {"ambient_occlusion": 4, "ao_distance": 0.5}),
     ],
     ids=str,
 )
@@ -442,16 +443,21 @@ def test_settings_that_all_ways_share(device, capsys, tmp_path, monkeypatch, opt
 
 
 @pytest.mark.long
-def test_points_of_lights_below_a_lamp(device, capsys, tmp_path):
-    """Of shadows; the whole report of a small image."""
-    options = ("--resolution", "48,36", "--shadows", "--light-radius", "0.3", "--family", "light-samples")
-    code, out, _ = run(
-        capsys, "report", "box_room", *options, "--frames", "1", "-o", tmp_path, "--device", device.index
-    )
+@pytest.mark.parametrize(
+    ("family", "options", "settings", "known"),
+    [
+        ("light-samples", ("--shadows", "--light-radius", "0.3"), {"shadows": True}, 4),
+        ("occlusion-rays", ("--ambient-occlusion", "8"), {"ambient_occlusion": 8}, 5),
+    ],
+)
+def test_numbers_of_rays_in_a_room(device, capsys, tmp_path, family, options, settings, known):
+    """The whole report of a small image."""
+    given = ("--resolution", "48,36", "--family", family, "--frames", "1", "-o", tmp_path, "--device", device.index)
+    code, out, _ = run(capsys, "report", "box_room", *options, *given)
     assert code == 0
     found = json.loads((tmp_path / "report.json").read_text())
-    assert found["settings"] == {"shadows": True}
-    (family,) = (each for each in found["families"] if each["family"] == "light-samples")
-    assert -1.2 < family["slope"]["exponent"] < -0.5
-    assert [each["known"] for each in family["members"]] == [True, True, True, True]
-    assert "light-samples (points of each light" in " ".join(out.split())
+    assert found["settings"] == settings
+    (curve,) = (each for each in found["families"] if each["family"] == family)
+    assert -1.2 < curve["slope"]["exponent"] < -0.5
+    assert [each["known"] for each in curve["members"]] == [True] * known
+    assert f"{family} (" in " ".join(out.split())

@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, limit_options, names, numbers, output_name
-from .scene_options import camera_options, chosen_settings, load_scene, scene_options, shadow_options
+from .scene_options import camera_options, chosen_settings, load_scene, ray_options, scene_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="W,...",
         help="times and errors at growing sizes, the scene's shape with so many columns (default: 480,960,1920)",
     )
-    shadow_options(study)
+    ray_options(study)
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
     study.add_argument(
@@ -90,8 +90,9 @@ def _course(arguments: argparse.Namespace) -> int:
     from ...base.atomic_files import shown
     from ...measure.course_report import course_report
 
-    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format", "shadows", "light_samples")
-    for name in unused:
+    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format")
+    rays = ("shadows", "light_samples", "ambient_occlusion", "ao_distance")
+    for name in (*unused, *rays):
         if getattr(arguments, name) not in (None, ()):
             option = name.replace("_", "-")
             raise InputError(f"--{option}: expected none with --course, which studies no variants, found one")

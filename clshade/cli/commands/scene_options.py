@@ -168,19 +168,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         help=f"further layers: {','.join(settings.LAYERS)}; or all",
     )
     group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
-    shadow_options(group)
-    group.add_argument(
-        "--ambient-occlusion",
-        type=int,
-        metavar="0..1024",
-        help="rays from each point that look for triangles nearby, which keep ambient light away (default: 0, none)",
-    )
-    group.add_argument(
-        "--ao-distance",
-        type=float,
-        metavar="D",
-        help="how far these rays reach, scene units (default: 0.2 of the scene's diagonal)",
-    )
+    ray_options(group)
     group.add_argument(
         "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
     )
@@ -223,7 +211,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
     _edge_options(parser)
 
 
-def shadow_options(group: argparse._ArgumentGroup) -> None:
+def ray_options(group: argparse._ArgumentGroup) -> None:
     """Add the fields of Settings that say which light arrives, for the preset or all ways of a study."""
     group.add_argument(
         "--shadows",
@@ -236,6 +224,18 @@ def shadow_options(group: argparse._ArgumentGroup) -> None:
         type=int,
         metavar="1..256",
         help="points of each light of finite size that its light is the mean of (default: 16)",
+    )
+    group.add_argument(
+        "--ambient-occlusion",
+        type=int,
+        metavar="0..1024",
+        help="rays from each point that look for triangles nearby, which keep ambient light away (default: 0, none)",
+    )
+    group.add_argument(
+        "--ao-distance",
+        type=float,
+        metavar="D",
+        help="how far these rays reach, scene units (default: 0.2 of the scene's diagonal)",
     )
 
 

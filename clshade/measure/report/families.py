@@ -7,27 +7,31 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ...errors import InputError
-from ...scene.settings import MAX_LIGHT_SAMPLES, Precision
+from ...scene.settings import Precision
 from ..timing import Spread
 from .measure import Measured
 from .power_law import Law, Power, fitted
+from .ray_count_errors import MOST, RayCount
 from .tessellation import Tessellation
-from .variants import BASE, LIGHT_BASE, Variant
+from .variants import BASE, RAY_BASE, Variant
 
 # Largest relative error of one operation: of float32 and float64 half a unit in the last place; of `fast` that of its power
 # (kernels/numerics.clh).
 ROUNDOFF: dict[Precision, float] = {"fast": 7.4e-6, "float32": 2.0**-24, "float64": 2.0**-53}
 SAMPLES, SHADED, GOURAUD, FILTER, PRECISION = "samples", "shaded", "gouraud", "filter", "precision"
-LIGHT = "light-samples"
+LIGHT, OCCLUSION = "light-samples", "occlusion-rays"
+COUNTED: dict[str, RayCount] = {LIGHT: "light_samples", OCCLUSION: "ambient_occlusion"}
+COUNTS = {LIGHT: "points of each light", OCCLUSION: "rays of each point"}
 SHADINGS = {"gouraud": "tessellation, Gouraud", "phong": "tessellation, Phong"}
-# Families that differ in the number of samples, or of points of each light: the prefix of their variants, and another that
+# Families that differ in the number of samples or rays: the prefix of their variants, and another that
 # belongs to them.
 SAMPLED = {
     SAMPLES: ("samples-", BASE),
     SHADED: ("shaded-", BASE),
     GOURAUD: ("gouraud-", "gouraud"),
     FILTER: ("trilinear-", "trilinear"),
-    LIGHT: ("light-", LIGHT_BASE),
+    LIGHT: ("light-", RAY_BASE),
+    OCCLUSION: ("occlusion-", RAY_BASE),
 }
 SMOOTH = Law(-1.0, "second order in the length of edges", "coarse spheres miss the highlight")
 LAWS = {
@@ -38,6 +42,7 @@ LAWS = {
     ),
     FILTER: Law(0.0, "the mip maps' blur, which samples do not cure", below="edges become smooth all the same"),
     LIGHT: Law(-1.0, "points of low discrepancy, light that varies smoothly", "edges of shadows cut the lights"),
+    OCCLUSION: Law(-0.75, "points of low discrepancy, edges of what is near"),
     PRECISION: Law(
         1.0,
         "a constant number of roundings",
@@ -51,7 +56,8 @@ ABOUT = {
     SHADED: "samples, each shaded",
     GOURAUD: "light at the corners, samples shaded once a pixel",
     FILTER: "mip maps instead of four texels, samples shaded once a pixel",
-    LIGHT: f"points of each light of finite size, against {MAX_LIGHT_SAMPLES} of them in the same 16 samples",
+    LIGHT: f"points of each light of finite size, against {MOST['light_samples']} of them in the same 16 samples",
+    OCCLUSION: f"rays of ambient occlusion, against {MOST['ambient_occlusion']} of them in the same 16 samples",
     PRECISION: "arithmetic: RMS of |value - oracle| / light",
     **dict.fromkeys(SHADINGS.values(), "triangles of a sphere"),
 }
@@ -133,15 +139,15 @@ def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
     ways = {_size(each, name): each for each in measured if alone(each.variant, name)}
     if 1 not in ways:
         return Family(name, "", ())
-    errors = {n: (each.light or 0.0) if name == LIGHT else each.error for n, each in ways.items()}
-    least = 0.0 if name == LIGHT else known
+    rays = COUNTED.get(name)
+    errors = {n: (each.rays.get(rays) or 0.0) if rays else each.error for n, each in ways.items()}
+    least = 0.0 if rays else known
     members = (Member(ways[n].name, n, ways[n].frame_ms, errors[n], errors[n] > least) for n in sorted(ways))
-    what = "the number of points of each light" if name == LIGHT else "the number of samples"
-    return Family(name, what, tuple(members))
+    return Family(name, f"the number of {COUNTS.get(name, 'samples')}", tuple(members))
 
 
 def _size(each: Measured, family: str) -> int:
-    count: int = each.settings.light_samples if family == LIGHT else each.settings.samples
+    count: int = getattr(each.settings, COUNTED.get(family, "samples"))
     return count
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -19,10 +19,10 @@ from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ..check.check import check
 from ..timing import Spread, in_turns, median_interval, spread
-from .light_point_errors import LightPointErrors
 from .model_errors import ModelErrors
+from .ray_count_errors import MOST, RayCount, RayCountErrors
 from .reference_image import Reference
-from .variants import LIGHT_BASE, Variant
+from .variants import RAY_BASE, Variant
 
 SECONDS = 12.0  # for the frames of all variants
 SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
@@ -39,7 +39,7 @@ class Measured:
     before the first frame: building programs or loading them from the cache; packing and uploading the scene.
     arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference,
     from all causes. model: RMSE of its model alone, in images of equal and many samples; sampling: RMSE of its sampling
-    alone, against the converged image of the same model. light: that of the points of lights alone, see `LightPointErrors`;
+    alone, against the converged image of the same model. rays: that of few rays alone, see `RayCountErrors`;
     None if it is not known, or the variant does not belong to that family.
     """
 
@@ -53,7 +53,7 @@ class Measured:
     approximation: ImageError
     model: float
     sampling: float
-    light: float | None = None
+    rays: dict[RayCount, float | None] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -88,7 +88,7 @@ class Measured:
             "approximation": self.approximation.stats(),
             "model": self.model,
             "sampling": self.sampling,
-            "light_points": self.light,
+            "ray_counts": self.rays,
         }
 
 
@@ -103,7 +103,7 @@ class _Drawn(NamedTuple):
     approximation: ImageError
     model: float
     sampling: float
-    light: float | None
+    rays: dict[RayCount, float | None]
 
 
 def measure(
@@ -119,7 +119,7 @@ def measure(
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
     settings. frames: see `frame_times`."""
     models = models or ModelErrors(scene, reference.settings, device)
-    lights = LightPointErrors(scene, device)
+    counts = RayCountErrors(scene, device)
     with ExitStack() as stack:
         drawn = []
         for variant in variants:
@@ -129,8 +129,10 @@ def measure(
             errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
             model = models.difference(renderer.settings)
             by_cause = rms(model), rmse(image.rgb, reference.rgb + model)
-            light = lights.error(image) if variant.name == LIGHT_BASE or "light_samples" in variant.changes else None
-            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause, light))
+            rays = {
+                name: counts.error(image, name) for name in MOST if variant.name == RAY_BASE or name in variant.changes
+            }
+            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause, rays))
         times = frame_times([each.renderer for each in drawn], frames)
         return [
             Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])
@@ -167,10 +169,11 @@ def _pixels_to_check(image: Frame) -> int | Literal["all"]:
     """Return "all", or the number of pixels that there is time for."""
     scene, settings = image.scene, image.settings
     affordable = SAMPLES_CHECKED // settings.samples
+    rays = settings.ambient_occlusion
     if settings.shadows:
-        rays = sum(settings.light_samples if has_size(light) else 1 for light in scene.lights)
-        rays *= (
-            settings.samples if settings.sample_shading else min(settings.samples, 2)
-        )  # at edges two surfaces are lit
+        rays += sum(settings.light_samples if has_size(light) else 1 for light in scene.lights)
+    if rays:
+        # At edges two surfaces are lit.
+        rays *= settings.samples if settings.sample_shading else min(settings.samples, 2)
         affordable = min(affordable, max(PAIRS_CHECKED // max(rays * scene.face_count, 1), FEWEST_CHECKED))
     return "all" if image.alpha.size <= affordable else affordable

@@ -24,16 +24,24 @@ from .thinned_image import Thinned, Window
 
 MOST = 1 << 27  # samples of the whole reference, at most: some seconds
 LIGHT_SAMPLES = 2  # points of each light in each sample, which has others than the next: 512 with 256 samples a pixel
+OCCLUSION_RAYS = 2  # likewise, of ambient occlusion
 # Subpixels along a pixel's side, which are pixels of a larger image, and samples in each. The reference uses one step;
 # the next, with a quarter of the samples, gives the estimate of its error. The larger image's sample positions differ
 # from every variant's, so that the reference does not share a variant's error.
 STEPS = ((2, 64), (2, 16), (2, 4), (2, 1), (1, 1))
 TILE = 1024  # side of the larger image's tiles in pixels; they are drawn one after another
-BELONGS = frozenset(
-    {"ambient", "cull", "near", "shadows", "ambient_occlusion", "ao_distance"}
-)  # settings that decide what is seen
+BELONGS = frozenset({"ambient", "cull", "near", "shadows", "ao_distance"})  # settings that decide what is seen
 CONVERGING = frozenset(
-    {"precision", "samples", "sample_shading", "resolve", "texture_filter", "layers", "light_samples"}
+    {
+        "precision",
+        "samples",
+        "sample_shading",
+        "resolve",
+        "texture_filter",
+        "layers",
+        "light_samples",
+        "ambient_occlusion",
+    }
 )  # how well
 
 
@@ -122,7 +130,12 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
     kept.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
     precision: Precision = "float64" if device.has_fp64 else "float32"
     return Settings.from_preset(
-        "standard", precision=precision, sample_shading=True, light_samples=LIGHT_SAMPLES, **kept
+        "standard",
+        precision=precision,
+        sample_shading=True,
+        light_samples=LIGHT_SAMPLES,
+        ambient_occlusion=min(base.ambient_occlusion, 1) * OCCLUSION_RAYS,
+        **kept,
     )
 
 

@@ -10,8 +10,8 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
+from .ray_count_errors import MOST, traced
 
 BASE = "standard"
 
@@ -42,7 +42,8 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
 LIGHT_POINTS = (1, 4, 64)  # besides 16, of
-LIGHT_BASE = "samples-16"
+RAY_BASE = "samples-16"
+OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
 VARIANTS = (
     Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
     Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
@@ -61,6 +62,10 @@ VARIANTS = (
     *(
         Variant(f"light-{n}", f"{n} points of each light, 16 samples", _samples(16, light_samples=n))
         for n in LIGHT_POINTS
+    ),
+    *(
+        Variant(f"occlusion-{n}", f"{n} rays of ambient occlusion, 16 samples", _samples(16, ambient_occlusion=n))
+        for n in OCCLUSION_RAYS
     ),
     Variant("painter", "nearest by mean depth", {"visibility": "painter"}),
     Variant("affine", "linear in the image", {"interpolation": "affine"}),
@@ -108,12 +113,12 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
     base: settings that they change.
     """
     textured = any(texture_applies(mesh) for mesh in scene.meshes)
-    without = set(() if textured else TEXTURES) | ({"light_samples"} if not any(map(has_size, scene.lights)) else set())
-    found: dict[frozenset[tuple[str, Any]], Variant] = {}
+    without = set(() if textured else TEXTURES) | {name for name in MOST if not traced(scene, base, name)}
+    found: dict[Settings, Variant] = {}
     for each in VARIANTS:
         if possible(each.changes, base, device):
-            matters = {item for item in each.changes.items() if item[0] not in without}
-            found.setdefault(frozenset(matters), each)
+            matters = {name: value for name, value in each.changes.items() if name not in without}
+            found.setdefault(replace(base, **matters), each)
     return list(found.values())
 
 
