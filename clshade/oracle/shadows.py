@@ -82,11 +82,38 @@ class Casters:
     def veils(self) -> Integers:
         return np.flatnonzero(self.casting & self.veiling)
 
+    @cached_property
+    def sides(self) -> PlaneSides:
+        return PlaneSides(self.world)
+
     def toward(self, light: Light) -> tuple[Floats, bool]:
         """Return where a light is, and whether that is a direction toward it."""
         if isinstance(light, DirectionalLight):
             return -unit(np.asarray(light.direction, np.float64)), True
         return (light.position - self.origin) / self.scale, False
+
+
+class PlaneSides:
+    """On which sides of triangles' planes corners of others lie: exact, and computed once, for all rays from a face ask the
+    same. world: as of `Casters`."""
+
+    def __init__(self, world: Floats) -> None:
+        self._world = world
+        self._keys, self._signs = np.zeros(0, np.int64), np.zeros(0, np.int64)
+
+    def of(self, plane: Integers, triangle: Integers, corner: int) -> Integers:
+        """Return the signs (K,) of `orientation` of the planes of triangles (K,) and a corner of others (K,)."""
+        asked, where = np.unique((plane * len(self._world) + triangle) * 3 + corner, return_inverse=True)
+        new = np.setdiff1d(asked, self._keys, assume_unique=True)
+        if len(new):
+            pairs, corners = np.divmod(new, 3)
+            first, other = np.divmod(pairs, len(self._world))
+            a, b, c = np.moveaxis(self._world[first], 1, 0)
+            found = orientation(a, b, c, self._world[other, corners])
+            places = np.searchsorted(self._keys, new)
+            self._keys, self._signs = np.insert(self._keys, places, new), np.insert(self._signs, places, found)
+        signs: Integers = self._signs[np.searchsorted(self._keys, asked)][where]
+        return signs
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +311,6 @@ class _Tests:
         height, off = self._height_of_light(normal, a, sides)
         side = np.sign(height)
         certain, possible = np.zeros(len(self.triangle), bool), np.abs(height) <= off
-        own, world = self.casters.world[self.at.face], self.casters.world[self.triangle]
         most, around = length(sides[0]) * length(sides[1]), length(sides[0]) + length(sides[1])
         for corner in range(3):
             from_first = self.corners[:, corner] - a
@@ -292,7 +318,7 @@ class _Tests:
             rise = dot(normal, from_first) * side
             certain |= rise > margin
             near = np.flatnonzero(np.abs(rise) <= margin)
-            exact = orientation(own[near, 0], own[near, 1], own[near, 2], world[near, corner])
+            exact = self.casters.sides.of(self.at.face[near], self.triangle[near], corner)
             possible[near] |= exact * side[near] > 0.0
             possible |= rise > margin
         return certain & (np.abs(height) > off), possible

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import lru_cache
 
 import numpy as np
 
@@ -42,7 +41,6 @@ def _magnitudes(a: Floats, b: Floats) -> Floats:
     return total
 
 
-@lru_cache(1 << 16)  # rays from a face meet the same others
 def _exact(*points: tuple[float, ...]) -> int:
     first, *others = ([Fraction(x) for x in point] for point in points)
     p, q, r = ([x - y for x, y in zip(point, first, strict=True)] for point in others)

@@ -391,7 +391,11 @@ REFUSED = [
     (("--format", "png,gif"), ("--format", "png, pdf, svg", "'gif'")),
     (
         ("--family", "samplse"),
-        ("--family", "samples, shaded, gouraud, filter, light-samples, occlusion-rays, precision", "did you mean 'samples'"),
+        (
+            "--family",
+            "samples, shaded, gouraud, filter, light-samples, occlusion-rays, precision",
+            "did you mean 'samples'",
+        ),
     ),
     (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
     (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),

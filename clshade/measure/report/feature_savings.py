@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.text_tables import as_lines
 from ...pipeline import programs
-from ...pipeline.features import OPTIONAL
+from ...pipeline.features import OPTIONAL, finds_casters
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
 from ...pipeline.shadow_counts import SKIPPED, CountingRenderer, ShadowCounts
@@ -216,7 +216,7 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
         timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
     rays, counted_identical = None, True
-    if not {"SHADOWS", "AMBIENT_OCCLUSION"} <= left_out.keys():
+    if finds_casters(renderers[0].features):
         with CountingRenderer(scene, **options) as counting:
             counted, rays = counting.count()
         counted_identical = same_bits(first, counted)
