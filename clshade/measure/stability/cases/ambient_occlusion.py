@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from .... import oracle
 from ....scene.model import Scene
 from . import lit, shadows
 from .bench import Bench, Case, Outcome, against_oracle, worst
@@ -18,10 +17,10 @@ def _drawn(bench: Bench, scene: Scene, distance: float | None = None) -> Outcome
 
 
 def closed_boxes(bench: Bench) -> Outcome:
-    """Closed boxes, any way round, seen from inside, with rays as long as their diagonals: all pixels are black, but for
-    points on edges of a box that rays pass so closely that rounding decides."""
+    """Closed boxes, any way round, seen from inside, with rays as long as their diagonals: all pixels are black, also on
+    edges."""
     rng = np.random.default_rng(9)
-    leaks, undecided, seen = 0, 0, 0
+    leaks, seen = 0, 0
     for k in range(6):
         turn = np.eye(3) if k < 2 else np.linalg.qr(rng.normal(size=(3, 3)))[0]
         center = np.zeros(3) if k % 2 == 0 else np.array([1000.0, -300.0, 50.0])
@@ -30,13 +29,9 @@ def closed_boxes(bench: Bench) -> Outcome:
         around = {"lights": (), "ambient": 1.0, "background": 0.0, "camera": replace(camera, focal=0.4)}
         frame = bench.draw(lit.scene_of(box, **around), ambient_occlusion=16, ao_distance=8.0)
         lit_ones = frame.rgb.any(axis=-1)
-        if lit_ones.any():
-            expected = oracle.render(frame.scene, frame.settings)
-            undecided += int((lit_ones & expected.gate).sum())
-            leaks += int((lit_ones & ~expected.gate).sum())
+        leaks += int(lit_ones.sum())
         seen += lit_ones.size
-    detail = f"{seen} pixels, {undecided} of them undecided"
-    return Outcome(leaks, detail=detail, pictures=(frame.rgb, np.zeros_like(frame.rgb)))
+    return Outcome(leaks, detail=f"{seen} pixels", pictures=(frame.rgb, np.zeros_like(frame.rgb)))
 
 
 def open_planes(bench: Bench) -> Outcome:
@@ -71,7 +66,7 @@ def lengths(bench: Bench) -> Outcome:
 
 
 CASES = (
-    Case("24r", "closed-occlusion", "ambient light in closed boxes", "black but on edges", closed_boxes, True),
+    Case("24r", "closed-occlusion", "ambient light in closed boxes", "black", closed_boxes, True),
     Case("24s", "open-planes", "ambient light on planes, far away", "all of it arrives", open_planes, True),
     Case("24t", "sliver-occlusion", "casters and receivers 1e-12 wide", "within the bound", slivers, True),
     Case("24u", "occlusion-length", "rays of 1e-300 to 1e300", "within the bound", lengths, True),
