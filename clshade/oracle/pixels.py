@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -225,6 +225,7 @@ def _seen_at_corners(
     return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
 
 
+@lru_cache(1)  # the parts of an image, one after another, have the same
 def _casting(scene: Scene, corners: Corners) -> tuple[shadows.Casters, list[Light], shadows.Factors]:
     """Return what casts shadows, the lights that shine, and what veils let pass."""
     factors = partial(transparency.veil_factors, scene, corners)

@@ -9,19 +9,14 @@ import numpy as np
 import pytest
 from devices import needs_float64
 from kernel_stages import OTHER_LANES
+from lit_floor import CAMERA, MATTE, bounds_of, draw, lit_by
 
-from clshade import DirectionalLight, PointLight, SpotLight, oracle
-from clshade.measure.check import oracle_bounds
+from clshade import DirectionalLight, PointLight, SpotLight
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.adjust_lights import rescaled_light
-from clshade.scene.camera import Camera
-from clshade.scene.model import Material, Mesh, Scene
+from clshade.scene.model import Scene
 
-# A floor with a coarse grid of its own, seen from above: as in Khronos' test of punctual lights.
-CAMERA = Camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (41, 41))
-MATTE = Material(ka=0.0, kd=1.0, ks=0.0)
-GLOSSY = Material(ka=0.1, kd=0.7, ks=0.4, n=30.0)
 ABOVE, DOWN = (0.3, -0.2, 1.5), (0.0, 0.1, -1.0)
 LIGHTS = {
     "directional": DirectionalLight((0.2, 0.3, -2.0), (1.0, 0.9, 0.7)),
@@ -30,31 +25,6 @@ LIGHTS = {
     "spot": SpotLight(ABOVE, DOWN, (1.0, 1.0, 1.0), 15.0, 30.0),
     "all": SpotLight(ABOVE, DOWN, (2.0, 2.0, 2.0), 0.0, 60.0, "inverse-square", 2.5),
 }
-
-
-def floor(material: Material, cells: int = 8) -> Mesh:
-    line = np.linspace(-2.5, 2.5, cells + 1)
-    x, y = (each.ravel() for each in np.meshgrid(line, line))
-    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    faces = [
-        np.stack([first, first + 1, first + cells + 2], 1),
-        np.stack([first, first + cells + 2, first + cells + 1], 1),
-    ]
-    return Mesh(np.stack([x, y, 0.0 * x], 1), np.concatenate(faces), material=material)
-
-
-def lit_by(*lights, material: Material = GLOSSY) -> Scene:
-    return Scene(floor(material), CAMERA, lights)
-
-
-def draw(device, scene: Scene, **options) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("Z", "id"), "shader": "phong", **options}) as renderer:
-        return renderer.render()
-
-
-def bounds_of(frame: Frame, **options) -> float:
-    expected = oracle.render(frame.scene, frame.settings)
-    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, **options).bounds
 
 
 @pytest.mark.parametrize(

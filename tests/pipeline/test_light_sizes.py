@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from devices import needs_float64
 from kernel_stages import OTHER_LANES
+from lit_floor import CAMERA, GLOSSY, MATTE, bounds_of, draw, lit_by
 
 from clshade import PointLight, RectangleLight, oracle
 from clshade.measure.check import oracle_bounds
@@ -19,13 +20,8 @@ from clshade.pipeline.hierarchy import CasterFrame
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.shadow_view import shadow_factors, shadow_lights
 from clshade.scene.adjust_lights import rescaled_light
-from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene
 
-# A floor with a coarse grid of its own, seen from above. Its middle is the center of a pixel.
-CAMERA = Camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0), (41, 41))
-MATTE = Material(ka=0.0, kd=1.0, ks=0.0)
-GLOSSY = Material(ka=0.1, kd=0.7, ks=0.4, n=30.0)
 LIGHTS = {
     "sphere": PointLight((0.3, -0.2, 1.5), (1.0, 0.9, 0.7), radius=0.5),
     "attenuated sphere": PointLight((0.3, -0.2, 1.0), (1.0, 1.2, 1.4), "inverse-square", 2.5, 0.2),
@@ -34,31 +30,6 @@ LIGHTS = {
         (-0.4, 0.0, 1.0), (0.0, 0.5, 0.0), (0.3, 0.0, 0.2), (1.5, 1.5, 1.5), "inverse-square", 2.5
     ),
 }
-
-
-def floor(material: Material, cells: int = 4) -> Mesh:
-    line = np.linspace(-2.5, 2.5, cells + 1)
-    x, y = (each.ravel() for each in np.meshgrid(line, line))
-    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    faces = [
-        np.stack([first, first + 1, first + cells + 2], 1),
-        np.stack([first, first + cells + 2, first + cells + 1], 1),
-    ]
-    return Mesh(np.stack([x, y, 0.0 * x], 1), np.concatenate(faces), material=material)
-
-
-def lit_by(*lights, material: Material = GLOSSY) -> Scene:
-    return Scene(floor(material), CAMERA, lights)
-
-
-def draw(device, scene: Scene, **options) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("Z", "id"), "shader": "phong", **options}) as renderer:
-        return renderer.render()
-
-
-def bounds_of(frame: Frame) -> float:
-    expected = oracle.render(frame.scene, frame.settings)
-    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds
 
 
 @pytest.mark.parametrize(
