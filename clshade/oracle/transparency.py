@@ -69,7 +69,7 @@ def veil_factors(scene: Scene, corners: Corners, face: Integers, weights: Floats
     alpha, _, _ = alphas(scene, corners, face, weights)
     moved = off + 2.0**-22
     change = 2.0**-20 + 3.0 * moved * np.ptp(corners.alphas[face], axis=1)
-    tested, cutoff = np.zeros(len(face), bool), np.zeros(len(face))
+    tested, blends, cutoff = *np.zeros((2, len(face)), bool), np.zeros(len(face))
     for index in np.unique(corners.mesh[face]):
         mesh, mine = scene.meshes[index], np.flatnonzero(corners.mesh[face] == index)
         texture = mesh.material.texture
@@ -82,11 +82,14 @@ def veil_factors(scene: Scene, corners: Corners, face: Integers, weights: Floats
             else:  # between the centers of texels alpha changes by at most their difference, along both axes
                 change[mine] += sum(texture.image.shape[:2]) * slack * np.ptp(texture.image[..., 3])
         if mesh.tests_alpha:
-            tested[mine], cutoff[mine] = True, mesh.material.alpha_cutoff
+            tested[mine], blends[mine], cutoff[mine] = True, mesh.material.blend, mesh.material.alpha_cutoff
     doubt = tested & (np.abs(alpha - cutoff) <= change)
     low, high = np.clip(alpha - change, 0.0, 1.0), np.clip(alpha + change, 0.0, 1.0)
     alpha = np.clip(alpha, 0.0, 1.0)
-    low, alpha, high = (np.where(tested, each >= cutoff, each) for each in (low, alpha, high))
+    low, alpha, high = (
+        np.where(tested, np.where(each >= cutoff, np.where(blends, each, 1.0), 0.0), each)
+        for each in (low, alpha, high)
+    )
     slip = 2.0**-19 * (1.0 - alpha)  # of the logarithm in steps
     return Passed(1.0 - alpha, np.maximum(1.0 - high - slip, 0.0), np.minimum(1.0 - low + slip, 1.0), doubt)
 

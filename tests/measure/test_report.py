@@ -379,8 +379,9 @@ def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
     code, out, err = run(capsys, *command, "--budget", "1000s")
     assert (code, err) == (0, [])
     assert "use " in out
-    scene, _, chosen, frames = given[0]
+    scene, _, chosen, frames, settings = given[0]
     assert (scene.camera.resolution, [each.name for each in chosen], frames) == ((320, 240), [BASE], 2)
+    assert settings == {}
     code, out, err = run(capsys, "report", "--list")
     assert (code, err, out.count("\n")) == (0, [], len(variants.VARIANTS))
 

@@ -104,6 +104,15 @@ def test_a_masked_card_casts_its_hole(opened):
     assert (share[rim] == 0.0).all()
 
 
+def test_a_card_that_blends_casts_its_alpha_where_it_passes_the_test(opened):
+    share, place = shares(opened, card(blend=True, opacity=0.75, alpha_cutoff=0.5, texture=holed(), uvs=UVS))
+    hole = inside(place, 0.4)
+    rim = inside(place, 0.9) & outside(place, 0.6)
+    assert hole.sum() > 5 < rim.sum()
+    assert (share[hole] == 1.0).all()
+    np.testing.assert_allclose(share[rim], 0.25, rtol=1e-5)
+
+
 def test_alpha_of_vertices_is_that_where_the_light_crosses(opened):
     share, place = shares(opened, card(blend=True, alphas=np.array([0.0, 1.0, 1.0, 0.0])))
     within = inside(place)
@@ -138,6 +147,7 @@ CARDS = {
     "halves": (half(), half(2.0)),
     "masked": (card(alpha_cutoff=0.5, texture=holed(), uvs=UVS), half(2.0)),
     "textured": (card(blend=True, texture=holed(), uvs=UVS), card(2.0)),
+    "both": (card(blend=True, opacity=0.75, alpha_cutoff=0.5, texture=holed(), uvs=UVS), half(2.0)),
     "vertices": (card(blend=True, opacity=0.9, alphas=np.array([0.1, 1.0, 0.3, 0.6])),),
     "ball": (ball(), card(1.5)),
 }

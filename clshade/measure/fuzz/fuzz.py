@@ -217,7 +217,7 @@ def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool], seconds: 
 def _without(scene: Scene, k: int, faces: slice) -> Scene:
     """Return the scene without these faces of mesh k."""
     mesh, meshes = scene.meshes[k], list(scene.meshes)
-    names = ("faces", "normal_faces", "uv_faces")
+    names = ("faces", "normal_faces", "uv_faces", "tangent_faces")
     kept: dict[str, Any] = {
         n: np.delete(getattr(mesh, n), faces, axis=0) for n in names if getattr(mesh, n) is not None
     }
