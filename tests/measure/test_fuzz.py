@@ -48,7 +48,8 @@ def test_faces_are_left_out_with_all_that_they_index():
     corners = {"normals": np.eye(3), "uvs": verts[:3, :2], "tangents": np.ones((3, 4))}
     indices = {f"{name[:-1]}_faces": [[0, 1, 2], [2, 1, 0]] for name in corners}
     mesh = Mesh(verts, [[0, 1, 2], [0, 2, 3]], **corners, **indices)
-    (other,) = fuzz._without(Scene((mesh,)), 0, slice(0, 1)).meshes
+    camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (4, 4))
+    (other,) = fuzz._without(Scene((mesh,), camera), 0, slice(0, 1)).meshes
     assert other.faces.tolist() == [[0, 2, 3]]
     assert {tuple(getattr(other, name)[0].tolist()) for name in indices} == {(2, 1, 0)}
 
