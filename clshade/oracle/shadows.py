@@ -82,38 +82,19 @@ class Casters:
     def veils(self) -> Integers:
         return np.flatnonzero(self.casting & self.veiling)
 
-    @cached_property
-    def sides(self) -> PlaneSides:
-        return PlaneSides(self.world)
+    def sides_of(self, plane: Integers, triangle: Integers, corner: int) -> Integers:
+        """Return on which sides of the planes of triangles (K,) a corner of others (K,) lies, exactly: signs (K,)."""
+        pairs, where = np.unique(plane * len(self.world) + triangle, return_inverse=True)
+        first, other = np.divmod(pairs, max(len(self.world), 1))
+        a, b, c = np.moveaxis(self.world[first], 1, 0)
+        signs: Integers = orientation(a, b, c, self.world[other, corner])[where]
+        return signs
 
     def toward(self, light: Light) -> tuple[Floats, bool]:
         """Return where a light is, and whether that is a direction toward it."""
         if isinstance(light, DirectionalLight):
             return -unit(np.asarray(light.direction, np.float64)), True
         return (light.position - self.origin) / self.scale, False
-
-
-class PlaneSides:
-    """On which sides of triangles' planes corners of others lie: exact, and computed once, for all rays from a face ask the
-    same. world: as of `Casters`."""
-
-    def __init__(self, world: Floats) -> None:
-        self._world = world
-        self._keys, self._signs = np.zeros(0, np.int64), np.zeros(0, np.int64)
-
-    def of(self, plane: Integers, triangle: Integers, corner: int) -> Integers:
-        """Return the signs (K,) of `orientation` of the planes of triangles (K,) and a corner of others (K,)."""
-        asked, where = np.unique((plane * len(self._world) + triangle) * 3 + corner, return_inverse=True)
-        new = np.setdiff1d(asked, self._keys, assume_unique=True)
-        if len(new):
-            pairs, corners = np.divmod(new, 3)
-            first, other = np.divmod(pairs, len(self._world))
-            a, b, c = np.moveaxis(self._world[first], 1, 0)
-            found = orientation(a, b, c, self._world[other, corners])
-            places = np.searchsorted(self._keys, new)
-            self._keys, self._signs = np.insert(self._keys, places, new), np.insert(self._signs, places, found)
-        signs: Integers = self._signs[np.searchsorted(self._keys, asked)][where]
-        return signs
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +299,7 @@ class _Tests:
             rise = dot(normal, from_first) * side
             certain |= rise > margin
             near = np.flatnonzero(np.abs(rise) <= margin)
-            exact = self.casters.sides.of(self.at.face[near], self.triangle[near], corner)
+            exact = self.casters.sides_of(self.at.face[near], self.triangle[near], corner)
             possible[near] |= exact * side[near] > 0.0
             possible |= rise > margin
         return certain & (np.abs(height) > off), possible

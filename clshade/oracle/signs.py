@@ -1,8 +1,8 @@
-"""The exact sign of a determinant: float64 where its error bound allows, fractions where it does not."""
+"""The exact sign of a determinant: float64 where its error bound allows, integers where it does not."""
 
 from __future__ import annotations
 
-from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,8 +41,13 @@ def _magnitudes(a: Floats, b: Floats) -> Floats:
     return total
 
 
+@lru_cache(1 << 18)  # rays from a face meet the same others
 def _exact(*points: tuple[float, ...]) -> int:
-    first, *others = ([Fraction(x) for x in point] for point in points)
-    p, q, r = ([x - y for x, y in zip(point, first, strict=True)] for point in others)
-    volume = sum(r[i] * (p[(i + 1) % 3] * q[(i + 2) % 3] - p[(i + 2) % 3] * q[(i + 1) % 3]) for i in range(3))
+    ratios = [x.as_integer_ratio() for point in points for x in point]
+    unit = max(below for _, below in ratios)  # all are powers of two
+    whole = [above * (unit // below) for above, below in ratios]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (
+        [x - y for x, y in zip(whole[k : k + 3], whole[:3], strict=True)] for k in (3, 6, 9)
+    )
+    volume = cx * (ay * bz - az * by) + cy * (az * bx - ax * bz) + cz * (ax * by - ay * bx)
     return (volume > 0) - (volume < 0)
