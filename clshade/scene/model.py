@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike
 
 from ..base import display
 from ..base.arrays import Converted, Faces, Floats, Reals, Vector, kept
+from ..base.atomic_files import Path
 from ..base.validation import (
     choice,
     coefficient,
     flag,
     floats,
     indices,
+    integer,
     number,
     rows,
     sequence,
@@ -264,6 +266,7 @@ class Mesh:
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
         drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
+        set_fields(self, dropped=integer(who, "dropped", self.dropped, 0, 1 << 53))
         verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
         if drop:
@@ -506,6 +509,39 @@ class Scene:
     def nonfinite(self) -> int:
         """Number of triangles dropped for a vertex that is NaN or infinite, counting instances."""
         return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+
+    def to_json(self, path: Path) -> None:
+        """Write the scene to a file that `clshade.load` reads.
+
+        Parameters
+        ----------
+        path : str or path-like
+            File, with a name that ends in .json; an existing one is replaced. Large arrays, of
+            vertices, faces and texels, go to a second file beside it, whose name is that one and .bin.
+
+        Raises
+        ------
+        InputError
+            The name has another ending, or the scene is beyond the limits of the format.
+        OutputError
+            A file cannot be written; then both are as they were.
+
+        Notes
+        -----
+        The loaded scene has the same values in every field, bit for bit, and renders the same bits.
+        Materials and textures that meshes share are shared again. Settings are no part of a scene.
+        The same scene gives the same bytes.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> clshade.builtin("quads", count=2).to_json("quads.json")
+        >>> clshade.load("quads.json")
+        <Scene quads: 4 triangles, 1 mesh, 2 lights, 1920x1080, preset standard>
+        """
+        from .formats.scene_json_writer import write_scene
+
+        write_scene(self, path)
 
     def __repr__(self) -> str:
         columns, rows = self.camera.resolution
