@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -159,6 +160,7 @@ def shade_pixels(
     extent = np.abs(points).max(axis=(1, 2))
     if settings.lighting_at == "centroid":
         points = np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape)
+    shown = _Shown(scene, settings, corners, (used, where), behind, at)
     batch = Batch(
         points=points,
         normals=corners.normals[used],
@@ -179,28 +181,43 @@ def shade_pixels(
         tangents=corners.tangents[used],
         maps=maps(scene, settings, corners, face, weights, steps, condition),
         environment=scene.environment,
-        seen=_seen(scene, settings, corners, (used, where), behind, at),
+        seen=_seen(shown),
         bends=corners.bends[used],
-        open=_open(scene, settings, corners, (used, where), behind, at),
+        open=_open(shown),
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
 
-def _seen(
-    scene: Scene,
-    settings: Settings,
-    corners: Corners,
-    faces: tuple[Integers, Integers],
-    behind: Bools,
-    at: tuple[Integers, Integers] | None,
-) -> shadows.Visibility | None:
-    """Return what the lights of non-zero intensity reach; None without shadows. faces: (U,), and the pixels' indices into
-    them (K,). behind, at: see `shade_pixels`."""
-    if not settings.shadows or settings.shader == "nolight":
+class _Shown(NamedTuple):
+    """What pixels show. faces: (U,), and the pixels' indices into them (K,). behind, at: see `shade_pixels`."""
+
+    scene: Scene
+    settings: Settings
+    corners: Corners
+    faces: tuple[Integers, Integers]
+    behind: Bools
+    at: tuple[Integers, Integers] | None
+
+    def from_pixels(self) -> shadows.Visibility:
+        """Return what reaches the pixels."""
+        used, where = self.faces
+        return seen_at_pixels(self.scene, self.corners, used[where], self.behind, self.at)
+
+    def from_corners(self) -> shadows.Visibility:
+        """Return what reaches the corners of the faces."""
+        casters, lit, factors = _casting(self.scene, self.corners)
+        used, where = self.faces
+        of_face = np.zeros(len(used), bool)
+        of_face[where] = self.behind  # all pixels of a face see the same side of it
+        receivers = shadows.at_corners(casters, used)
+        return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
+
+
+def _seen(shown: _Shown) -> shadows.Visibility | None:
+    """Return what the lights of non-zero intensity reach; None without shadows."""
+    if not shown.settings.shadows or shown.settings.shader == "nolight":
         return None
-    if settings.shader != "gouraud":
-        return seen_at_pixels(scene, corners, faces[0][faces[1]], behind, at)
-    return _seen_at_corners(scene, corners, faces, behind)
+    return shown.from_corners() if shown.settings.shader == "gouraud" else shown.from_pixels()
 
 
 def seen_at_pixels(
@@ -213,18 +230,6 @@ def seen_at_pixels(
     return shadows.visibility(casters, lit, receivers, behind, (len(face),), factors)
 
 
-def _seen_at_corners(
-    scene: Scene, corners: Corners, faces: tuple[Integers, Integers], behind: Bools
-) -> shadows.Visibility:
-    """Return what reaches the corners of faces. Arguments as of `_seen`."""
-    casters, lit, factors = _casting(scene, corners)
-    used, where = faces
-    of_face = np.zeros(len(used), bool)
-    of_face[where] = behind  # all pixels of a face see the same side of it
-    receivers = shadows.at_corners(casters, used)
-    return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
-
-
 @lru_cache(1)  # the parts of an image, one after another, have the same
 def _casting(scene: Scene, corners: Corners) -> tuple[shadows.Casters, list[Light], shadows.Factors]:
     """Return what casts shadows, the lights that shine, and what veils let pass."""
@@ -233,22 +238,15 @@ def _casting(scene: Scene, corners: Corners) -> tuple[shadows.Casters, list[Ligh
     return casters, [light for light in scene.lights if light.intensity.any()], factors
 
 
-def _open(
-    scene: Scene,
-    settings: Settings,
-    corners: Corners,
-    faces: tuple[Integers, Integers],
-    behind: Bools,
-    at: tuple[Integers, Integers] | None,
-) -> ambient_occlusion.Openness | None:
-    """Return what of the ambient light arrives; None without ambient occlusion. Arguments as of `_seen`."""
+def _open(shown: _Shown) -> ambient_occlusion.Openness | None:
+    """Return what of the ambient light arrives; None without ambient occlusion."""
+    scene, settings = shown.scene, shown.settings
     if not settings.ambient_occlusion or settings.shader == "nolight":
         return None
     reach = microfacet.REACH[settings.precision]
     if settings.shader == "gouraud" and settings.ambient == "tinted":
-        return ambient_occlusion.openness(_seen_at_corners(scene, corners, faces, behind), scene, settings, reach, None)
-    seen = seen_at_pixels(scene, corners, faces[0][faces[1]], behind, at)
-    return ambient_occlusion.openness(seen, scene, settings, reach, at)
+        return ambient_occlusion.openness(shown.from_corners(), scene, settings, reach, None)
+    return ambient_occlusion.openness(shown.from_pixels(), scene, settings, reach, shown.at)
 
 
 def _arriving(ambient: Floats, open_: ambient_occlusion.Openness | None) -> tuple[Floats, Floats, Floats]:

@@ -108,12 +108,12 @@ class Features:
         )
 
     def counting(self) -> Features:
-        """Return the features with the counts of shadow rays, see shadow_counts.py."""
+        """Return the features with the counts of rays, see shadow_counts.py."""
         return Features((*self.values, ("SHADOW_COUNTS", 1)), self.left_out)
 
     @property
     def counts(self) -> bool:
-        """Whether shadow rays are counted."""
+        """Whether rays are counted."""
         return "SHADOW_COUNTS" in self._table
 
     def options(self) -> list[str]:
