@@ -13,7 +13,8 @@ from devices import working_devices
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
-from clshade.farm.cameras import FIELDS, orbit, read_cameras
+from clshade.farm.camera_files import FIELDS, read_cameras
+from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames, parse_pattern
 from clshade.images import exr
 from clshade.scene.builtin.scenes import builtin
@@ -149,7 +150,7 @@ def test_cameras_of_a_file(tmp_path):
         "principal": [0.25, 0.5],
         "orthographic": True,
     }
-    assert {*every, "fov"} == set(FIELDS)
+    assert {*every, "fov", "K", "pose", "convention", "pixel_center"} == set(FIELDS)
     first, second, third, fourth = cameras_of(
         tmp_path, [every, {}, {"eye": [0, 0, 9], "fov": 90}, {"resolution": [60, 20]}]
     )
