@@ -239,8 +239,13 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
 
     assert "warning" not in err
-    err = run(capsys, *command, "--resolution", "64,48")[2]
-    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+    (tmp_path / "out.0010.png").unlink()
+    refused = (
+        "out.0008.png: expected 64x48 of the frames to draw, found 32x24 of an earlier run: --overwrite draws it again"
+    )
+    assert_refused(run(capsys, *command, "--resolution", "64,48"), refused)
+    assert not (tmp_path / "out.0010.png").exists()
+    assert run(capsys, *command, "--quiet") == (0, "", "")
 
     (tmp_path / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
@@ -413,5 +418,5 @@ def test_one_file_of_each_frame(tmp_path):
     assert draw(("png",)) == (0, 2)
     assert draw(("png", "exr")) == (2, 0)
     for files in ((), "png", ["jpg"]):
-        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected (one|some) of exr, png, npz, depth"):
             draw(files)

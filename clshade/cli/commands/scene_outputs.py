@@ -43,4 +43,4 @@ def _named_after(scene: str) -> str:
     from ...pipeline.frame_files import OTHER_FORMATS
 
     name = Path(scene).stem
-    return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
+    return f"{name}.exr" if Path(name).suffix.lower() in (*OTHER_FORMATS, ".npz") else name
