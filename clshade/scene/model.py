@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,6 +164,23 @@ class Material:
         return np.asarray(self.kd) if self.pbr is None else np.ones(3)
 
 
+def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
+    """Let the constructor take `vertices` as another name of `verts`."""
+    init = cls.__init__
+
+    @wraps(init)
+    def init_by_either_name(self: Mesh, *args: Any, **fields: Any) -> None:
+        if "vertices" in fields:
+            if args or "verts" in fields:
+                raise value_error("Mesh", "vertices", "none beside verts, which is the same", fields["vertices"])
+            fields["verts"] = fields.pop("vertices")
+        init(self, *args, **fields)
+
+    cls.__init__ = init_by_either_name  # type: ignore[method-assign]
+    return cls
+
+
+@_taking_vertices
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles with one material, placed any number of times.
@@ -170,7 +188,7 @@ class Mesh:
     Attributes
     ----------
     verts : array_like, (V, 3)
-        Positions, object space, float32 or float64 (kept as given).
+        Positions, object space, float32 or float64 (kept as given). `vertices` is another name of it.
     faces : array_like, (F, 3)
         Indices into verts.
     colors : array_like, (V, 3) or (V, 4), or None, default None
@@ -240,6 +258,7 @@ class Mesh:
 
     if TYPE_CHECKING:
 
+        @overload
         def __init__(
             self,
             verts: ArrayLike,
@@ -260,6 +279,31 @@ class Mesh:
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
         ) -> None: ...
+
+        @overload
+        def __init__(
+            self,
+            *,
+            vertices: ArrayLike,
+            faces: ArrayLike,
+            colors: ArrayLike | None = None,
+            normals: ArrayLike | None = None,
+            normal_faces: ArrayLike | None = None,
+            uvs: ArrayLike | None = None,
+            uv_faces: ArrayLike | None = None,
+            material: Material = ...,
+            instances: ArrayLike | None = None,
+            name: str = "",
+            nonfinite: Nonfinite = "refuse",
+            dropped: int = 0,
+            scalars: Mapping[str, ArrayLike] | None = None,
+            tangents: ArrayLike | None = None,
+            tangent_faces: ArrayLike | None = None,
+            more_uvs: Iterable[ArrayLike] = (),
+            alphas: ArrayLike | None = None,
+        ) -> None: ...
+
+        def __init__(self, *args: Any, **fields: Any) -> None: ...
 
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
@@ -301,6 +345,11 @@ class Mesh:
             raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
         set_fields(self, instances=placements)
+
+    @property
+    def vertices(self) -> Reals:
+        """Another name of `verts`, which the constructor takes too."""
+        return self.verts
 
     @property
     def has_alpha(self) -> bool:
