@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from .base import display
+from .base import display, exchange
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
@@ -101,4 +101,17 @@ def _notebook() -> Any:
     return notebook
 
 
+def _glb_writer() -> Any:
+    from .scene.formats.gltf_writer import write_glb
+
+    return write_glb
+
+
+def _trimesh_converter() -> Any:
+    from .scene.formats.from_trimesh import scene_of
+
+    return scene_of
+
+
 display.install(_notebook)
+exchange.install(to_glb=_glb_writer, from_trimesh=_trimesh_converter)
