@@ -113,5 +113,11 @@ def _trimesh_converter() -> Any:
     return scene_of
 
 
+def _json_writer() -> Any:
+    from .scene.formats.scene_json_writer import write_scene
+
+    return write_scene
+
+
 display.install(_notebook)
-exchange.install(to_glb=_glb_writer, from_trimesh=_trimesh_converter)
+exchange.install(to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter)

@@ -23,6 +23,7 @@ from ..base.validation import (
     flag,
     floats,
     indices,
+    integer,
     number,
     rows,
     sequence,
@@ -309,6 +310,7 @@ class Mesh:
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
         drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
+        set_fields(self, dropped=integer(who, "dropped", self.dropped, 0, 1 << 53))
         verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
         if drop:
@@ -664,6 +666,37 @@ class Scene:
         >>> clshade.builtin("teapot").to_glb("teapot.glb")
         """
         exchange.converter("to_glb")(self, path)
+
+    def to_json(self, path: Path) -> None:
+        """Write the scene to a file that `clshade.load` reads.
+
+        Parameters
+        ----------
+        path : str or path-like
+            File, with a name that ends in .json; an existing one is replaced. Large arrays, of
+            vertices, faces and texels, go to a second file beside it, whose name is that one and .bin.
+
+        Raises
+        ------
+        InputError
+            The name has another ending, or the scene is beyond the limits of the format.
+        OutputError
+            A file cannot be written; then both are as they were.
+
+        Notes
+        -----
+        The loaded scene has the same values in every field, bit for bit, and renders the same bits.
+        Materials and textures that meshes share are shared again. Settings are no part of a scene.
+        The same scene gives the same bytes.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> clshade.builtin("quads", count=2).to_json("quads.json")
+        >>> clshade.load("quads.json")
+        <Scene quads: 4 triangles, 1 mesh, 2 lights, 1920x1080, preset standard>
+        """
+        exchange.converter("to_json")(self, path)
 
     def __repr__(self) -> str:
         columns, rows = self.camera.resolution
