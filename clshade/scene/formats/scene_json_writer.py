@@ -54,7 +54,7 @@ class SceneFile:
     text: bytes
     arrays: tuple[tuple[int, Array], ...]
 
-    def binary(self) -> Iterator[Array | bytes]:
+    def binary(self) -> Iterator[bytes | memoryview]:
         """Yield the parts of the binary file."""
         return _parts(self.arrays)
 
@@ -151,7 +151,7 @@ class _Encoder:
         if array.dtype.name not in TYPES:
             raise value_error("Scene.to_json", "scene", f"arrays of {', '.join(TYPES)}", array)
         array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-        key = array.dtype.name, array.shape, hashlib.sha256(array).digest() if array.size else b""
+        key = array.dtype.name, array.shape, hashlib.sha256(array.data).digest() if array.size else b""
         if key not in self._places:
             self._places[key] = 0
             if array.size:
@@ -161,11 +161,11 @@ class _Encoder:
         return {"type": array.dtype.name, "shape": list(array.shape), "offset": self._places[key]}
 
 
-def _parts(arrays: tuple[tuple[int, Array], ...]) -> Iterator[Array | bytes]:
+def _parts(arrays: tuple[tuple[int, Array], ...]) -> Iterator[bytes | memoryview]:
     end = 0
     for start, array in arrays:
         yield bytes(start - end)
-        yield array
+        yield array.data
         end = start + array.nbytes
 
 
