@@ -32,6 +32,18 @@ def test_the_scene_draws_the_same_picture(capsys, tmp_path):
 
 
 @needs_device
+def test_a_scene_for_other_programs(capsys, tmp_path):
+    saved = tmp_path / "scene.GLB"
+    code, _, err = run(capsys, "render", "teapot", "--resolution", "40,20", "--save-scene", saved, "-o", tmp_path / "a")
+    assert code == 0, err
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.GLB"]
+    scene = clshade.load(saved)
+    columns, rows = scene.camera.resolution
+    assert columns == 2 * rows
+    assert scene.face_count == clshade.builtin("teapot").face_count
+
+
+@needs_device
 def test_standard_output_stays_json(capsys, tmp_path):
     code, out, _ = run(capsys, *SMALL, "--json", "--save-scene", tmp_path / "s.json", "-o", tmp_path / "a")
     assert code == 0
@@ -41,8 +53,8 @@ def test_standard_output_stays_json(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("--save-scene", "a.jsn"), ("--save-scene: expected a file name that ends in .json, found a.jsn",)),
-        (("--save-scene", ""), ("--save-scene: expected a file name that ends in .json",)),
+        (("--save-scene", "a.jsn"), ("--save-scene: expected a file name that ends in .json or .glb, found a.jsn",)),
+        (("--save-scene", ""), ("--save-scene: expected a file name that ends in .json or .glb",)),
         (("teapot", "--save-scene", "a.json"), ("--save-scene: expected one scene with it, found 2",)),
         (("--save-scene", "none/a.json"), ("none/a.json: cannot be written: there is no folder ",)),
         (("--save-scene", "folder.json"), ("folder.json: cannot be written: it is a folder",)),

@@ -153,7 +153,7 @@ def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]
     from ...base import atomic_files
 
     if not output.lower().endswith(tuple(endings)):
-        expected = f"a file name that ends in {endings[0]}"
+        expected = f"a file name that ends in {' or '.join(endings)}"
         raise InputError(f"{option}: expected {expected}, found {atomic_files.shown(output)}")
     atomic_files.check(output)
     for name in inputs:
