@@ -34,6 +34,7 @@ _HOMES = {
     "load_animation": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
+    "cryptomatte": "clshade.pipeline.mattes",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
     "check": "clshade.measure.check.check",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from . import view as view
     from .measure.check.check import check as check
     from .pipeline.frame import Frame as Frame
+    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
