@@ -14,14 +14,14 @@ from ..base.validation import known
 from ..images.cryptomatte import RANKS, Matte, matte
 from ..scene.model import Scene, Settings
 from . import sample_pattern
-from .layer_buffers import material_numbers
+from .layer_buffers import first_instances, material_numbers
 from .renderer import Renderer
 
 if TYPE_CHECKING:
     from .frame import Frame
     from .opencl.device import Device
 
-MatteKind: TypeAlias = Literal["object", "material"]
+MatteKind: TypeAlias = Literal["object", "material", "instance"]
 MATTES: tuple[MatteKind, ...] = get_args(MatteKind)
 
 
@@ -34,10 +34,19 @@ def _material_names(scene: Scene) -> dict[int, str]:
     return {number: mesh.material.name or f"material {number}" for number, mesh in numbered}
 
 
+def _instance_names(scene: Scene) -> dict[int, str]:
+    found = {}
+    for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
+        for number in range(first, first + len(np.asarray(mesh.instances))):
+            found[number] = (mesh.instance_names and mesh.instance_names[number - first]) or f"instance {number}"
+    return found
+
+
 # Layer, name of the Cryptomatte layer, and names of the layer's numbers.
 _LAYERS: dict[MatteKind, tuple[str, str, Callable[[Scene], dict[int, str]]]] = {
     "object": ("object_id", "CryptoObject", _object_names),
     "material": ("material_id", "CryptoMaterial", _material_names),
+    "instance": ("instance_id", "CryptoInstance", _instance_names),
 }
 
 
@@ -51,9 +60,10 @@ def cryptomatte(
     frame : Frame
         As `Renderer.render` draws it. Its scene is drawn again, unlit, for each sample of its
         settings.
-    kinds : sequence of {"object", "material"}, default both
-        What has masks: meshes, materials. Unnamed ones are called ``object 1``, ``material 1`` and
-        so on, after the layers `object_id` and `material_id`.
+    kinds : sequence of {"object", "material", "instance"}, default all
+        What has masks: meshes, materials, placements of meshes. Unnamed ones are called ``object
+        1``, ``material 1``, ``instance 1`` and so on, after the layers `object_id`, `material_id`
+        and `instance_id`.
     ranks : int, 1 to 64, default 6
         Things that a pixel lists at most: those that most of its samples show.
     device : Device or str, optional

@@ -232,6 +232,8 @@ class Mesh:
     alphas : array_like, (V,) or None, default None
         Alpha per vertex; None: 1. Unsigned integers are divided by their type's maximum; numbers
         beyond [0, 1] are clamped.
+    instance_names : iterable of str, default ()
+        Name of each instance, "" for one without; (): none has one. Kept as a tuple.
 
     Raises
     ------
@@ -257,6 +259,7 @@ class Mesh:
     tangent_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
     more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = field(default=kept(()))
     alphas: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    instance_names: Converted[Iterable[str], tuple[str, ...]] = field(default=kept(()))
 
     if TYPE_CHECKING:
 
@@ -280,6 +283,7 @@ class Mesh:
             tangent_faces: ArrayLike | None = None,
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
+            instance_names: Iterable[str] = (),
         ) -> None: ...
 
         @overload
@@ -303,6 +307,7 @@ class Mesh:
             tangent_faces: ArrayLike | None = None,
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
+            instance_names: Iterable[str] = (),
         ) -> None: ...
 
         def __init__(self, *args: Any, **fields: Any) -> None: ...
@@ -347,7 +352,11 @@ class Mesh:
         if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
-        set_fields(self, instances=placements)
+        names = _texts(who, "instance_names", self.instance_names)
+        if names and len(names) != len(placements):
+            expected = f"one text per instance ({len(placements)}), or none"
+            raise value_error(who, "instance_names", expected, len(names))
+        set_fields(self, instances=placements, instance_names=names)
 
     @property
     def vertices(self) -> Reals:

@@ -68,14 +68,19 @@ def test_they_are_the_oracles(device, samples):
             for view in views
         ]
     )[:, ::-1]
-    names = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
-    expected = matte("CryptoObject", mesh_of[owners].astype(np.uint32), names)
+    names_of = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
+    expected = matte("CryptoObject", mesh_of[owners].astype(np.uint32), names_of)
     assert found["object"].metadata == expected.metadata
     for name, plane in expected.channels.items():
         assert np.array_equal(found["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name
-    assert set(found) == {"object", "material"}
-    covered = sum(share(found["material"], name) for name in manifest(found["material"]))
-    assert np.allclose(covered, frame.alpha, atol=1e-6)
+    assert set(found) == {"object", "material", "instance"}
+    for each in found.values():
+        covered = sum(share(each, name) for name in manifest(each))
+        assert np.allclose(covered, frame.alpha, atol=1e-6)
+    dome = next(number for number, mesh in enumerate(scene.meshes, 1) if len(mesh.instances) > 1)
+    names = [f"instance {number}" for number in range(dome, dome + len(scene.meshes[dome - 1].instances))]
+    together = sum(share(found["instance"], name) for name in names)
+    assert np.allclose(together, share(found["object"], names_of[dome]), atol=1e-6)
 
 
 def test_an_empty_scene(device):

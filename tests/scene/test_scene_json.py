@@ -73,7 +73,9 @@ def full_scene() -> Scene:
         *({"height": np.array([1.5, np.nan, 3, 4, 5]), "of corners": np.eye(3, dtype=np.float32)},),
         *([[1.0, 0, 0, -1]], np.zeros((3, 3), int), (np.ones((3, 2), np.float32),), [0.1, 1, 1, 0.3, 1]),
     )
-    shiny = Mesh(VERTS, FACES, material=Material(texture=texture(1, lookup="course")), instances=moved(2.0))
+    names = ("left", "\u00e9", "")
+    material = Material(texture=texture(1, lookup="course"))
+    shiny = Mesh(VERTS, FACES, material=material, instances=moved(2.0, 3.0, 4.0), instance_names=names)
     lights = (
         PointLight((1, 2, 3), 0.1 * np.ones(3), "inverse-square", 9.5, 0.25),
         DirectionalLight((0, -3, 1), (1, 2, -1)),

@@ -40,7 +40,11 @@ def write_glb(scene: Scene, path: Path) -> None:
         sets = 0 if mesh.uvs is None else 1 + len(mesh.more_uvs)
         index, own = meshes.write(mesh, materials.write(mesh.material, sets))
         with np.errstate(over="ignore", invalid="ignore"):
-            nodes += [add_placement(glb, each @ own, mesh=index, **named(mesh.name)) for each in placements]
+            names = mesh.instance_names or (mesh.name,) * len(placements)
+            nodes += [
+                add_placement(glb, each @ own, mesh=index, **named(name))
+                for each, name in zip(placements, names, strict=True)
+            ]
     sphere = bounding_sphere(scene.meshes)
     nodes.append(add_camera(glb, scene.camera, sphere, lost))
     if scene.lights and scene.own_lights:
