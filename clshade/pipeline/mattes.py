@@ -13,6 +13,7 @@ from ..base.arrays import Array
 from ..base.validation import known
 from ..images.cryptomatte import RANKS, Matte, matte
 from ..scene.model import Scene, Settings
+from ..scene.settings import Layer
 from . import sample_pattern
 from .layer_buffers import first_instances, material_numbers
 from .renderer import Renderer
@@ -43,7 +44,7 @@ def _instance_names(scene: Scene) -> dict[int, str]:
 
 
 # Layer, name of the Cryptomatte layer, and names of the layer's numbers.
-_LAYERS: dict[MatteKind, tuple[str, str, Callable[[Scene], dict[int, str]]]] = {
+_LAYERS: dict[MatteKind, tuple[Layer, str, Callable[[Scene], dict[int, str]]]] = {
     "object": ("object_id", "CryptoObject", _object_names),
     "material": ("material_id", "CryptoMaterial", _material_names),
     "instance": ("instance_id", "CryptoInstance", _instance_names),
@@ -89,7 +90,7 @@ def cryptomatte(
     known("cryptomatte", kinds, MATTES)
     scene, settings = frame.scene, frame.settings
     layers = tuple(_LAYERS[kind][0] for kind in kinds)
-    numbers: dict[str, list[Array]] = {layer: [] for layer in layers}
+    numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
     for found in _at_samples(scene, settings, layers, device):
         for layer, shown in numbers.items():
             shown.append(found[layer])
@@ -101,8 +102,8 @@ def cryptomatte(
 
 
 def _at_samples(
-    scene: Scene, settings: Settings, layers: tuple[str, ...], device: Device | str | None
-) -> Iterator[dict[str, Array]]:
+    scene: Scene, settings: Settings, layers: tuple[Layer, ...], device: Device | str | None
+) -> Iterator[dict[Layer, Array]]:
     """Draw layers as each sample of the pixels sees them, nearest to the center first."""
     alone = replace(
         settings,
