@@ -52,6 +52,7 @@ FULL_PRECISION = (
 )  # layers that `half` does not affect: depths, positions and data need their digits
 FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
 
+_MAX_HEADER = 1 << 16  # bytes that are searched for the display window
 FIRST = "rgba"  # name of the first of several parts
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
@@ -461,6 +462,15 @@ def _displayed(plane: Array, data: Window, display: Window, outside: float) -> A
     return whole
 
 
+def resolution(path: Path) -> tuple[int, int] | None:
+    """Return columns and rows of the display window from the header of a file; None if there is no readable EXR."""
+    try:
+        with open(path, "rb") as file:
+            return exr_limits.display_size(file.read(_MAX_HEADER))
+    except OSError:
+        return None
+
+
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Read a flat EXR file, written by clshade or any other program.
 
@@ -489,7 +499,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
-    if not data.startswith(b"\x76\x2f\x31\x01"):
+    if not data.startswith(exr_limits.MAGIC):
         raise file_error(owner, "file", "an OpenEXR image", "something else")
     try:
         with _quiet():

@@ -13,7 +13,8 @@ from devices import working_devices
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
-from clshade.farm.cameras import FIELDS, orbit, read_cameras
+from clshade.farm.camera_files import FIELDS, read_cameras
+from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames, parse_pattern
 from clshade.images import exr
 from clshade.scene.builtin.scenes import builtin
@@ -149,7 +150,7 @@ def test_cameras_of_a_file(tmp_path):
         "principal": [0.25, 0.5],
         "orthographic": True,
     }
-    assert {*every, "fov"} == set(FIELDS)
+    assert {*every, "fov", "K", "pose", "convention", "pixel_center"} == set(FIELDS)
     first, second, third, fourth = cameras_of(
         tmp_path, [every, {}, {"eye": [0, 0, 9], "fov": 90}, {"resolution": [60, 20]}]
     )
@@ -238,8 +239,13 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
 
     assert "warning" not in err
-    err = run(capsys, *command, "--resolution", "64,48")[2]
-    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+    (tmp_path / "out.0010.png").unlink()
+    refused = (
+        "out.0008.png: expected 64x48 of the frames to draw, found 32x24 of an earlier run: --overwrite draws it again"
+    )
+    assert_refused(run(capsys, *command, "--resolution", "64,48"), refused)
+    assert not (tmp_path / "out.0010.png").exists()
+    assert run(capsys, *command, "--quiet") == (0, "", "")
 
     (tmp_path / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
@@ -412,5 +418,5 @@ def test_one_file_of_each_frame(tmp_path):
     assert draw(("png",)) == (0, 2)
     assert draw(("png", "exr")) == (2, 0)
     for files in ((), "png", ["jpg"]):
-        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected (one|some) of exr, png, npz, depth"):
             draw(files)

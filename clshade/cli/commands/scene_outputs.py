@@ -51,7 +51,7 @@ def _named_after(scene: str) -> str:
     from ...pipeline.frame_files import OTHER_FORMATS
 
     name = Path(scene).stem
-    return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
+    return f"{name}.exr" if Path(name).suffix.lower() in (*OTHER_FORMATS, ".npz") else name
 
 
 def save_scene_option(group: argparse._ArgumentGroup) -> None:
