@@ -36,6 +36,7 @@ _HOMES = {
     "render": "clshade.pipeline.renderer",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
+    "flow": "clshade.pipeline.flow",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from . import farm as farm
     from . import view as view
     from .measure.check.check import check as check
+    from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
