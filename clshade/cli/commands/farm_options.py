@@ -44,6 +44,12 @@ def output_options(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--keep-frames", action="store_true", help="of a film, in the folder OUT.mp4.frames")
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
     saving_options(output)
+    output.add_argument(
+        "--flow",
+        action="store_true",
+        help="of frames: optical flow in the EXR, pixels to the right and down, to the next frame (flow) and to the one "
+        "before (flow_back), what is occluded there (flow_occluded, flow_back_occluded), and the layer id",
+    )
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -95,6 +101,8 @@ def draw(
     if is_film(arguments.output):
         from ...view.film import draw_film
 
+        if arguments.flow:
+            raise InputError(f"--flow: expected frames as --output, such as out.####.exr, found {arguments.output}")
         options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
         found = draw_film(scene, cameras, arguments.output, **options)
     else:
@@ -104,7 +112,7 @@ def draw(
             if value and not (name == "fps" and poses is not None):
                 flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
                 raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {arguments.output}")
-        found = draw_frames(scene, cameras, arguments.output, **options)
+        found = draw_frames(scene, cameras, arguments.output, flow=arguments.flow, **options)
     if arguments.json:
         print(json.dumps(found.stats(), indent=2))
     else:
