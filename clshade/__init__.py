@@ -37,6 +37,7 @@ _HOMES = {
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
     "flow": "clshade.pipeline.flow",
+    "visible": "clshade.pipeline.visible",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from .pipeline.frame import Frame as Frame
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
+    from .pipeline.visible import visible as visible
     from .scene.builtin.scenes import builtin as builtin
     from .scene.builtin.studio import studio as studio
     from .scene.camera import Camera as Camera

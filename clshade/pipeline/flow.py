@@ -11,11 +11,11 @@ import numpy as np
 from ..base.arrays import Array, Bools, Faces, Floats
 from ..base.validation import value_error
 from ..scene.camera import Camera
-from ..scene.geometry import bounding_box, camera_axes
+from ..scene.geometry import camera_axes
 from ..scene.model import Mesh, Scene, Settings
 from ..scene.seen_points import face_weights, in_image, pixel_rays, triangles
 from . import sample_pattern
-from .camera_space import CameraSpace, Extent
+from .camera_space import near_plane
 from .flow_vectors import Flow
 from .frame import Frame
 from .gather import mirrors
@@ -162,12 +162,6 @@ class _Target:
         asked = ahead & inside & self._shown[face]
         hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), _eye(self._camera))
         return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
-
-
-def near_plane(scene: Scene) -> float:
-    """Return the distance of the near plane of a scene whose settings give none."""
-    low, high = bounding_box(scene)
-    return CameraSpace.of(scene.camera, Extent.of(low, high) if scene.face_count else None, None).near
 
 
 def _eye(camera: Camera) -> Floats:

@@ -34,6 +34,7 @@ from .view_options import (
     views_of,
     write_crops,
     write_sheet,
+    write_visible,
 )
 
 if TYPE_CHECKING:
@@ -62,6 +63,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="also write OUT_visible.csv or .json: how much of each instance is seen, and how much of it is in the image",
+    )
     output.add_argument(
         "--json",
         "--stats",
@@ -164,7 +170,7 @@ def _draw(
     warming.join()
     for warning in frame.write(output, **chosen_saving(arguments)):
         console.warning(warning)
-    crops = write_crops(frame, output, arguments)
+    others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -172,7 +178,7 @@ def _draw(
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
-        print(summary(frame, output, crops))
+        print(summary(frame, output, others))
         for title, each in found.items():
             lines = (
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
