@@ -44,11 +44,15 @@ SUFFIXES = {
     "P": "XYZ",
     "uv": "UV",
     "barycentrics": "UVW",
+    "flow": "XY",
+    "flow_back": "XY",
 }  # names of a layer's components; R G B A for every other layer
 FULL_PRECISION = (
     "Z",
     "P",
     "scalar",
+    "flow",
+    "flow_back",
 )  # layers that `half` does not affect: depths, positions and data need their digits
 FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
 

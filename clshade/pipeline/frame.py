@@ -18,6 +18,7 @@ from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from . import frame_files
+from .flow_vectors import Flow, FlowName, flow_channels
 from .frame_files import SAVING, FileKind, SavingOptions
 from .image_check import Check
 
@@ -42,6 +43,9 @@ class Frame:
         How it was drawn.
     check : Check or None
         The latest result of `clshade.check`, None before.
+    flows : dict of str to Flow
+        Optical flow to other images that is written to the EXR: "flow" to the next, "flow_back" to the
+        one before; empty at first, see `clshade.flow`.
     """
 
     def __init__(
@@ -55,6 +59,7 @@ class Frame:
         self._rgba, self._layers = rgba, dict(layers)
         self.scene, self.settings = scene, settings
         self.check: Check | None = None
+        self.flows: dict[FlowName, Flow] = {}
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -178,11 +183,12 @@ class Frame:
         Returns
         -------
         dict of str to ndarray
-            R, G, B, A and the layers, by name; also ``error``, (M, N), if every pixel was checked.
+            R, G, B, A and the layers, by name; ``flow`` and ``flow_occluded``, ``flow_back`` and
+            ``flow_back_occluded`` of `flows`; also ``error``, (M, N), if every pixel was checked.
         """
         named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
         checked = {} if self.check is None or self.check.image is None else {"error": self.check.image}
-        return {**named, **self._layers, **checked}
+        return {**named, **self._layers, **flow_channels(self.flows), **checked}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """Return the EXR's header attributes other than its channels.

@@ -35,6 +35,7 @@ from .view_options import (
     views_of,
     write_crops,
     write_sheet,
+    write_visible,
 )
 
 if TYPE_CHECKING:
@@ -65,6 +66,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     saving_options(output)
     save_scene_option(output)
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="also write OUT_visible.csv or .json: how much of each instance is seen, and how much of it is in the image",
+    )
     output.add_argument(
         "--json",
         "--stats",
@@ -174,7 +180,7 @@ def _draw(
     saving = chosen_saving(arguments)
     for warning in frame.write(output, **saving):
         console.warning(warning)
-    crops = write_crops(frame, output, arguments)
+    others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -182,7 +188,7 @@ def _draw(
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
-        print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *crops]))
+        print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))
         for title, each in found.items():
             lines = (
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())

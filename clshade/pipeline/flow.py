@@ -1,0 +1,197 @@
+"""Optical flow: where what a frame shows is in another image, and whether it is seen there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..base.arrays import Array, Bools, Faces, Floats
+from ..base.validation import value_error
+from ..scene.camera import Camera
+from ..scene.geometry import camera_axes
+from ..scene.model import Mesh, Scene, Settings
+from ..scene.seen_points import face_weights, in_image, pixel_rays, triangles
+from . import sample_pattern
+from .camera_space import near_plane
+from .flow_vectors import Flow
+from .frame import Frame
+from .gather import mirrors
+from .hierarchy import Hierarchy
+from .opencl.device import Device, shared_device
+from .struct_layout import SUBPIXEL_BITS
+
+View: TypeAlias = Camera | Scene | Frame
+
+_BAND = 1 << 18  # pixels at a time
+
+
+def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
+    """Return the optical flow from a frame to another image: where the points that its pixels show are there.
+
+    Parameters
+    ----------
+    frame : Frame
+        A rendered frame with the layer id.
+    to : Frame, Scene or Camera
+        The other image: a frame, a scene with its camera, or another camera of the frame's scene. A
+        scene may have its meshes elsewhere: the same faces and as many instances, with other vertices
+        or placements, such as another time of an animation.
+    device : Device or str, optional
+        Where it is decided what is hidden, see `clshade.Renderer`.
+
+    Returns
+    -------
+    Flow
+        Vectors, in pixels to the right and down, and the mask of what the other image does not show.
+
+    Raises
+    ------
+    InputError
+        If the frame has no layer id, or the other scene has other faces.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    The point is where the ray of the pixel's sample nearest the center meets the plane of the face
+    that `id` names, clamped to the face, computed in float64 from the scene; vectors are the difference
+    of its places in both images, exactly 0 where nothing moves. ``flow(b, a)`` is the backward flow.
+
+    A point is hidden where a triangle lies between it and the other eye, by the exact predicate of
+    shadows. Triangles that lie nearer than the near plane, or whose side is culled, hide nothing;
+    blended ones hide all of what is behind them, unless the opacity of their material is below
+    ``layer_alpha``. Alpha in textures is not looked up.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> from dataclasses import replace
+    >>> scene = clshade.builtin("icosphere", level=1)
+    >>> frame = clshade.render(scene, layers="id", resolution=(64, 48))
+    >>> camera = frame.scene.camera
+    >>> moved = replace(camera, eye=camera.eye + (0.1, 0, 0), lookat=camera.lookat + (0.1, 0, 0))
+    >>> clshade.flow(frame, moved).vectors.shape
+    (48, 64, 2)
+    """
+    if not isinstance(frame, Frame):
+        raise value_error("flow", "frame", "a Frame", frame)
+    if "id" not in frame:
+        raise value_error("flow", "frame", 'a frame with the layer id (layers=("id",))', ", ".join(frame) or "none")
+    scene, settings = _scene_of(frame, to), to.settings if isinstance(to, Frame) else frame.settings
+    _check_faces(frame.scene, scene)
+    shown = frame["id"]
+    vectors = np.full((*shown.shape, 2), np.nan, np.float32)
+    occluded = np.ones(shown.shape, bool)
+    target = _Target(frame.scene, scene, settings, device)
+    for rows, (rays, origins) in _bands(frame):
+        at = np.nonzero(shown[rows])
+        if not len(at[0]):
+            continue
+        found, hidden = target.of(shown[rows][at].astype(np.int64) - 1, origins[at], rays[at])
+        vectors[rows][at], occluded[rows][at] = found, hidden
+    return Flow(vectors, occluded, scene, settings)
+
+
+def _scene_of(frame: Frame, to: View) -> Scene:
+    if isinstance(to, Camera):
+        return replace(frame.scene, camera=to)
+    if not isinstance(to, (Frame, Scene)):
+        raise value_error("flow", "to", "a Frame, a Scene or a Camera", to)
+    return to if isinstance(to, Scene) else to.scene
+
+
+def _check_faces(scene: Scene, other: Scene) -> None:
+    """Raise InputError unless the faces of both scenes are the same, mesh by mesh."""
+    if len(scene.meshes) != len(other.meshes):
+        raise value_error("flow", "to", f"{len(scene.meshes)} meshes, as in the frame's scene", len(other.meshes))
+    for number, (mesh, moved) in enumerate(zip(scene.meshes, other.meshes, strict=True), 1):
+        counts, found = ((len(each.faces), len(np.asarray(each.instances))) for each in (mesh, moved))
+        if counts != found:
+            expected = f"{counts[0]} faces and {counts[1]} instances of mesh {number}, as in the frame's scene"
+            raise value_error("flow", "to", expected, found)
+        if mesh.faces is not moved.faces and not np.array_equal(mesh.faces, moved.faces):
+            expected = f"the faces of mesh {number} as in the frame's scene, which may move but not change"
+            raise value_error("flow", "to", expected, "others")
+
+
+def _bands(frame: Frame) -> Iterator[tuple[slice, tuple[Floats, Floats]]]:
+    """Yield rows of the image, and directions and origins of the rays of their samples nearest the center."""
+    count, columns = frame["id"].shape
+    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SUBPIXEL_BITS)).tolist()
+    step = max(1, _BAND // columns)
+    for start in range(0, count, step):
+        rows = slice(start, start + step)
+        yield rows, pixel_rays(frame.scene.camera, (right, up), rows)
+
+
+class _Target:
+    """The other image: where points of faces are in it, and whether it shows them. start: the scene in which the points are
+    seen."""
+
+    def __init__(self, start: Scene, scene: Scene, settings: Settings, device: Device | str | None) -> None:
+        self._camera, self._start_camera = scene.camera, start.camera
+        verts, self._faces = triangles(scene)
+        self._verts = verts
+        self._start_verts = verts if start.meshes is scene.meshes else triangles(start)[0]
+        self._near = settings.near or near_plane(scene)
+        self._shown = ~_culled(scene, settings, verts, self._faces)
+        with np.errstate(invalid="ignore"):
+            nearer = in_image(scene.camera, verts)[1] < self._near
+        casts = self._shown & ~nearer[self._faces].all(axis=1) & ~_see_through(scene, settings)
+        device = device if isinstance(device, Device) else shared_device(device, profiling=True)
+        self._hierarchy = Hierarchy(device, verts, np.where(casts[:, None], self._faces, np.int32(0)))
+
+    def of(self, face: Array, origins: Floats, rays: Floats) -> tuple[Floats, Bools]:
+        """Return the flow (K, 2) of the points where rays meet faces (K,), and which of them are not shown (K,)."""
+        index = self._faces[face]
+        weights = face_weights(origins, rays, self._start_verts[index])
+
+        def weighted(verts: Floats) -> Floats:
+            points: Floats = np.einsum("kc,kcx->kx", weights, verts[index])
+            return points
+
+        points = weighted(self._verts)
+        place, depth = in_image(self._camera, points)
+        vectors = place - in_image(self._start_camera, weighted(self._start_verts))[0]
+        with np.errstate(invalid="ignore"):
+            ahead = (depth >= self._near) & (np.abs(vectors) <= np.finfo(np.float32).max).all(axis=1)
+            inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
+        asked = ahead & inside & self._shown[face]
+        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), _eye(self._camera))
+        return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
+
+
+def _eye(camera: Camera) -> Floats:
+    """Return the homogeneous position of the eye, (4,): of a parallel projection the direction toward it."""
+    return np.append(-camera_axes(camera)[2], 0.0) if camera.orthographic else np.append(camera.eye, 1.0)
+
+
+def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bools:
+    """Return the faces whose back the camera sees, where backs are not drawn, (F,)."""
+    a, b, c = np.moveaxis(verts[faces], 1, 0)
+    toward = np.broadcast_to(-camera_axes(scene.camera)[2], a.shape)
+    if not scene.camera.orthographic:
+        toward = scene.camera.eye - a
+    volume = np.einsum("kx,kx->k", np.cross(b - a, c - a), toward)
+    rows = [
+        (mesh.material.sides == "front" or settings.cull, mirrors(matrix), len(mesh.faces))
+        for mesh, matrix in _placed(scene)
+    ]
+    front_only, mirrored, counts = zip(*rows, strict=True) if rows else ((), (), ())
+    turned = np.where(np.repeat(np.array(mirrored, bool), counts), -volume, volume)
+    return np.repeat(np.array(front_only, bool), counts) & (turned < 0.0)
+
+
+def _see_through(scene: Scene, settings: Settings) -> Bools:
+    """Return the faces through which layers look, (F,)."""
+    rows = [
+        (mesh.blends and mesh.material.opacity < settings.layer_alpha, len(mesh.faces)) for mesh, _ in _placed(scene)
+    ]
+    return np.repeat(np.array([clear for clear, _ in rows], bool), [count for _, count in rows])
+
+
+def _placed(scene: Scene) -> list[tuple[Mesh, Array]]:
+    return [(mesh, matrix) for mesh in scene.meshes for matrix in np.asarray(mesh.instances)]
