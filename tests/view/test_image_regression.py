@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -183,10 +184,12 @@ def fixture(opened, request, tmp_path):
     """Return the fixture's object for the test that asks for it, with a library in a temporary folder."""
 
     def make(**given):
+        node = request.node
+        test = SimpleNamespace(
+            path=tmp_path / "test.py", config=node.config, listchain=node.listchain, user_properties=[]
+        )
         default = {"update": False, "references": True, "out": tmp_path / "out", "temporary": tmp_path.joinpath}
-        made = image_regression.ImageRegression(request.node, **{**default, **given})
-        made._library = tmp_path / "test_images.json"
-        return made
+        return image_regression.ImageRegression(test, **{**default, **given})
 
     return make
 
