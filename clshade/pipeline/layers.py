@@ -56,7 +56,7 @@ class Layers:
         count = rows * columns
         for name, buffer in found.items():
             if name == "Z":
-                events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, count)
+                events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, tiles)
             elif name == "id":
                 events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
             elif name not in _SURFACE:
