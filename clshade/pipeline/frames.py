@@ -15,7 +15,6 @@ from ..images.layer_words import LAYER_WORDS
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.settings import LAYER_REMARKS
-from .buffers import aligned
 from .frame import Frame, as_array, missing_layer
 
 _OWNER = "Renderer.render_many"
@@ -163,10 +162,12 @@ def check_cameras(cameras: Iterable[Camera], like: Camera) -> tuple[Camera, ...]
 
 
 def result_arrays(
-    kinds: Mapping[str, tuple[tuple[int, ...], np.dtype]], out: Mapping[str, Array] | None
+    kinds: Mapping[str, tuple[tuple[int, ...], np.dtype]],
+    out: Mapping[str, Array] | None,
+    make: Callable[[tuple[int, ...], np.dtype], Array],
 ) -> dict[str, Array]:
-    """Return an array for each name, of the given shape and type: that of `out`, if it has one, or a new one. Raises
-    InputError for other arrays, and if there is no memory."""
+    """Return an array for each name, of the given shape and type: that of `out`, if it has one, or what `make` returns.
+    Raises InputError for other arrays, and if there is no memory."""
     if out is None:
         out = {}
     if not isinstance(out, Mapping):
@@ -184,7 +185,7 @@ def result_arrays(
             if _overlap(array, found[other]):
                 raise InputError(f"{_OWNER}: out[{name!r}]: expected memory of its own, found that of out[{other!r}]")
     try:
-        return {name: found[name] if name in found else aligned(*kind) for name, kind in kinds.items()}
+        return {name: found[name] if name in found else make(*kind) for name, kind in kinds.items()}
     except MemoryError:
         size = sum(np.prod(shape) * kind.itemsize for shape, kind in kinds.values())
         expected = "as many as fit in memory, or memory-mapped arrays as out"

@@ -17,7 +17,7 @@ from ..base.validation import set_fields, value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
-from ..scene.settings import Preset, RenderOptions
+from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
@@ -148,7 +148,7 @@ class Renderer:
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
-        self._pool = Pool(self.device)
+        self._pool, self._results = Pool(self.device), Pool(self.device, keep=2, kinds=len(LAYERS) + 1)
         self._upload(packed)
         self._times = {
             "pack": (packed_at - start) * 1e3,
@@ -619,7 +619,8 @@ class Renderer:
         Returns
         -------
         Frames
-            The image and the layers of all K frames, in the order of the cameras; K may be 0.
+            The image and the layers of all K frames, in the order of the cameras; K may be 0. The next call
+            uses their memory again once nothing refers to it.
 
         Raises
         ------
@@ -653,7 +654,9 @@ class Renderer:
             spaces = [CameraSpace.of(camera, self._extent, self.settings.near) for camera in chosen]
             kinds = {"rgba": ((4,), np.dtype(self._structs.real)), **self._layers.kinds()}
             shapes = {name: (len(chosen), rows, columns, *width) for name, (width, _) in kinds.items()}
-            arrays = result_arrays({name: (shapes[name], kind) for name, (_, kind) in kinds.items()}, out)
+            arrays = result_arrays(
+                {name: (shapes[name], kind) for name, (_, kind) in kinds.items()}, out, self._results.take_host
+            )
             queue = FrameQueue(self, arrays)
             queue.draw(spaces)
             times = {**self._times, **queue.stage_ms, "frames": (_clock() - start) * 1e3}
