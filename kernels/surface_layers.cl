@@ -2,6 +2,7 @@
 // barycentric coordinates. Never averaged over samples.
 #include "surface.clh"
 #include "samples.clh"
+#include "layer_blocks.clh"
 #if LAYER_AO
 #include "ambient_occlusion.clh"
 #endif
@@ -99,8 +100,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 }
 
-// The layers of a block whose first pixel is sampled at `at`.
-Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored, global const real *scalars)
+Shown background(void)
 {
     Shown shown;
     shown.u = shown.v = (reals)(0.0f);
@@ -114,6 +114,14 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
     shown.across = shown.factor = (reals)(0.0f);
     shown.turned = no_texels();
 #endif
+    shown.open = (reals)(0.0f);
+    return shown;
+}
+
+// The layers of a block whose first pixel is sampled at `at`.
+Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored, global const real *scalars)
+{
+    Shown shown = background();
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = next_owner(owner, todo, &mine);
         show_owner(&shown, mine, in, in->triangles + index, at, mirrored, scalars);
@@ -125,25 +133,6 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
     shown.open = owner >= 0 ? open : (reals)(0.0f);
 #endif
     return shown;
-}
-
-// Writes component k of `width` of a layer at the pixels of a block that lie within the image.
-void write_layer(global real *layer, int width, int k, reals values, global const Image *image, int column, int row)
-{
-    real each[LANES];
-    STORE_LANES(values, each);
-    for (int lane = 0; lane < LANES; ++lane) {
-        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
-        if (x < image->columns && y < image->rows)
-            layer[((long)(image->rows - 1 - y) * image->columns + x) * width + k] = each[lane];
-    }
-}
-
-void write_vector(global real *layer, reals3 v, global const Image *image, int column, int row)
-{
-    write_layer(layer, 3, 0, v.x, image, column, row);
-    write_layer(layer, 3, 1, v.y, image, column, row);
-    write_layer(layer, 3, 2, v.z, image, column, row);
 }
 
 // The output arrays; layers not asked for are not written.
@@ -162,7 +151,7 @@ typedef struct {
         global real *to_weights, global real *to_scalars, global real *to_open
 #define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights, to_scalars, to_open}
 
-void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
+void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, const LayerBlock *block)
 {
 #if LAYER_N
     reals3 normal = shown->normal;
@@ -173,41 +162,56 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, i
         normal = turned_normal(normal, shown->tangent, across, texel, shown->factor);
     }
 #endif
-    write_vector(to->normals, normalize_or_zero(normal), in->image, column, row);
+    write_components(to->normals, 3, normalize_or_zero(normal), block);
 #endif
 #if LAYER_P
-    write_vector(to->points, shown->point, in->image, column, row);
+    write_components(to->points, 3, shown->point, block);
 #endif
 #if LAYER_ALBEDO
     colors3 albedo = saturate_color(times_texel(shown->albedo, &shown->texels, in));
     reals3 color = {albedo.r, albedo.g, albedo.b};
-    write_vector(to->albedos, color, in->image, column, row);
+    write_components(to->albedos, 3, color, block);
 #endif
 #if LAYER_UV
-    write_layer(to->coordinates, 2, 0, shown->u, in->image, column, row);
-    write_layer(to->coordinates, 2, 1, shown->v, in->image, column, row);
+    reals3 uv = {shown->u, shown->v, shown->v};
+    write_components(to->coordinates, 2, uv, block);
 #endif
 #if LAYER_BARYCENTRICS
-    write_vector(to->weights, shown->weights, in->image, column, row);
+    write_components(to->weights, 3, shown->weights, block);
 #endif
 #if LAYER_SCALAR
-    write_layer(to->scalars, 1, 0, shown->scalar, in->image, column, row);
+    write_numbers(to->scalars, shown->scalar, block);
 #endif
 #if LAYER_AO
-    write_layer(to->open, 1, 0, shown->open, in->image, column, row);
+    write_numbers(to->open, shown->open, block);
 #endif
 }
 
-// The owners of a block's pixels, -1 for none and beyond the image.
-ints owners_in(global const int *owners, global const Image *image, int column, int row)
+void write_background(const LayerOutputs *to, const LayerBlock *block)
 {
-    integer each[LANES];
-    for (int lane = 0; lane < LANES; ++lane) {
-        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
-        int inside = x < image->columns && y < image->rows;
-        each[lane] = inside ? owners[(long)(image->rows - 1 - y) * image->columns + x] : -1;
-    }
-    return LOAD_LANES(each);
+    reals zero = (reals)(0.0f);
+    reals3 none = {zero, zero, zero};
+#if LAYER_N
+    write_components(to->normals, 3, none, block);
+#endif
+#if LAYER_P
+    write_components(to->points, 3, none, block);
+#endif
+#if LAYER_ALBEDO
+    write_components(to->albedos, 3, none, block);
+#endif
+#if LAYER_UV
+    write_components(to->coordinates, 2, none, block);
+#endif
+#if LAYER_BARYCENTRICS
+    write_components(to->weights, 3, none, block);
+#endif
+#if LAYER_SCALAR
+    write_numbers(to->scalars, (reals)((real)NAN_POSITION), block);
+#endif
+#if LAYER_AO
+    write_numbers(to->open, zero, block);
+#endif
 }
 
 // A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
@@ -222,14 +226,19 @@ kernel void surface_layers(SURFACE_PARAMETERS,
     LayerOutputs outputs = LAYER_ARGUMENTS;
     const Inputs *in = &inputs;
     int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
+    int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
-        int column = tile % image->tiles_x * TILE_SIZE + block % BLOCKS_X * BLOCK_WIDTH;
-        int row = tile / image->tiles_x * TILE_SIZE + block / BLOCKS_X * BLOCK_HEIGHT;
+        int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
         if (column >= image->columns || row >= image->rows)
             continue;
-        ints owner = owners_in(owners, image, column, row);
+        LayerBlock pixels = layer_block(image, column, row);
+        ints owner = owners_in(owners, &pixels);
+        if (!any_lane(owner >= 0)) {
+            write_background(&outputs, &pixels);
+            continue;
+        }
         Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored, scalars);
-        write_shown(&outputs, &shown, in, column, row);
+        write_shown(&outputs, &shown, in, &pixels);
     }
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..base import display
 from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
 from ..base.validation import known, value_error
+from ..errors import InputError
 from ..images.depth_png import SCALE
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
@@ -164,9 +165,7 @@ class Frame:
         are always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
-            expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
-            near = hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS)
-            raise value_error("Frame", "layer", expected, name, near)
+            raise missing_layer("Frame", name, self._layers)
         return self._layers[name]
 
     def __contains__(self, name: object) -> bool:
@@ -176,6 +175,10 @@ class Frame:
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names of the layers."""
         return iter(self._layers)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return `rgb`, for ``np.asarray(frame)``."""
+        return as_array(self.rgb, dtype, copy)
 
     def channels(self) -> dict[str, Array]:
         """Return the EXR's channels.
@@ -443,6 +446,23 @@ class Frame:
             "depth": lambda file: depth_png.encode(file, self["Z"], depth_scale, ("Frame.save", "depth_scale")),
         }
         return frame_files.write_files(paths, encoders)
+
+
+def missing_layer(owner: str, name: Any, asked: Iterable[str]) -> InputError:
+    """Return the error for a layer that was not asked for."""
+    expected = f"one that was asked for with layers= ({', '.join(asked) or 'none were'})"
+    return value_error(owner, "layer", expected, name, hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS))
+
+
+def as_array(array: Array, dtype: Any, copy: bool | None) -> Array:
+    """Return what `__array__` does: a copy if `copy`, and None as needed, which NumPy 1 does not ask for; ValueError if it
+    is False and another type needs one."""
+    kind = array.dtype if dtype is None else np.dtype(dtype)
+    if kind == array.dtype and not copy:
+        return array
+    if copy is False:
+        raise ValueError(f"expected type {array.dtype}, which takes no copy, found {kind}")
+    return array.astype(kind)
 
 
 def same_bits(a: Frame, b: Frame) -> bool:

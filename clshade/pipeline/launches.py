@@ -180,6 +180,11 @@ class Stages:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
 
+    def _per_tile(self, name: str, tiles: int, *arguments: Any) -> cl.Event:
+        """Launch a work-item for each tile, or where they have one lane, a work-group with one for each pixel."""
+        items = 1 if self._programs[name].lanes > 1 else struct_layout.TILE_SIZE**2
+        return self._launch(name, (tiles * items,), (items,), *arguments)
+
     def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, count: int) -> cl.Event:
         return self._per_item("hierarchy_keys", count, vertices, faces, keys)
 
@@ -349,8 +354,8 @@ class Stages:
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
 
-    def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, count: int) -> cl.Event:
-        return self._per_item("layer_z", count, owners, triangles, image, depths)
+    def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, tiles: int) -> cl.Event:
+        return self._per_tile("layer_z", tiles, owners, triangles, image, depths)
 
     def layer_number(
         self, owners: Buffer, triangles: Buffer, numbers: Buffer | None, shown: Buffer, count: int
@@ -367,9 +372,8 @@ class Stages:
     ) -> cl.Event:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
         weights, scalars, shares of rays; None if not asked for."""
-        items = 1 if self.lanes > 1 else struct_layout.TILE_SIZE**2
         inputs = surface.arguments(casters=finds_casters(self._programs["surface_layers"].features))
-        return self._launch("surface_layers", (tiles * items,), (items,), *inputs, owners, *own, *outputs)
+        return self._per_tile("surface_layers", tiles, *inputs, owners, *own, *outputs)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import os
 import threading
 import time
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..base.arrays import Array, Integers
-from ..base.validation import value_error
+from ..base.validation import set_fields, value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
-from ..scene.settings import Preset, RenderOptions
+from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
@@ -28,6 +28,9 @@ from .depth_sort import front_to_back, opaque_first
 from .effective_settings import effective_settings
 from .features import Features, at_lanes, finds_casters, ignored, looks_up
 from .frame import Frame
+from .frame_queue import FrameQueue
+from .frame_state import FrameTables, Progress
+from .frames import Frames, check_camera, check_cameras, result_arrays
 from .hierarchy import Hierarchy
 from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
@@ -52,20 +55,13 @@ def _clock() -> float:
     return time.perf_counter() - programs.waited()
 
 
-@dataclass
-class _Progress:
-    """The state of a frame being drawn. events: of its kernels, by name. host_ms: times of the host's stages. is_sorted:
-    whether its triangles were sorted by depth."""
-
-    space: CameraSpace
-    events: dict[str, Any] = field(default_factory=dict)
-    host_ms: dict[str, float] = field(default_factory=dict)
-    is_sorted: bool = False
-
-    @property
-    def tiles(self) -> int:
-        columns, rows = self.space.camera.resolution
-        return -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
+def _seen_by(scene: Scene, camera: Camera) -> Scene:
+    """Return the scene with another camera, without checking the rest again."""
+    if camera is scene.camera:
+        return scene
+    seen = copy.copy(scene)
+    set_fields(seen, camera=camera)
+    return seen
 
 
 class Renderer:
@@ -152,7 +148,7 @@ class Renderer:
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
-        self._pool = Pool(self.device)
+        self._pool, self._results = Pool(self.device), Pool(self.device, keep=2, kinds=len(LAYERS) + 1)
         self._upload(packed)
         self._times = {
             "pack": (packed_at - start) * 1e3,
@@ -210,7 +206,6 @@ class Renderer:
         self._clips = False  # whether the last frame had faces to clip
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
-        self._image_of: tuple[Any, ...] | None = None  # the resolution and the room that it was written for
         self._places: Integers | None = None  # of the samples, if not those of the settings
         self._map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
         self._lines: Lines | None = None
@@ -221,6 +216,8 @@ class Renderer:
             self._lines = Lines(self.stages, self.settings.edges, packed.positions, packed.faces, front_only)
         self._upload_lights(packed.light_unit)
         self._upload_casters(packed)
+        shadow_view = self._shadow_tables.get("shadow_view")
+        self._tables = FrameTables(self._view, self._image, self._lights, shadow_view, self._made.counters)
         self._pieces = Buffer.empty(device, 0, structs.Piece)
         self._lists = TileLists(self.stages)
         self._order = Buffer.empty(device, 0, np.uint32)
@@ -282,6 +279,23 @@ class Renderer:
 
     # Per frame
 
+    def _use_tables(self, tables: FrameTables) -> None:
+        """Use these tables for the next frame."""
+        shadows = self._shadow_tables
+        if tables.shadow_view is not None:
+            shadows = {**shadows, "shadow_view": tables.shadow_view}
+        inputs = self._inputs._replace(lights=tables.lights, image=tables.image, **shadows)
+        # In one step, of which an interrupt does not leave a part.
+        vars(self).update(
+            _tables=tables,
+            _view=tables.view,
+            _image=tables.image,
+            _lights=tables.lights,
+            _shadow_tables=shadows,
+            _inputs=inputs,
+        )
+        self._made.counters = tables.counters
+
     def _write_lights(self, space: CameraSpace) -> None:
         if self._light_table.count:
             rows = self._light_table.rows(space.camera.eye, space.scale)
@@ -291,9 +305,12 @@ class Renderer:
             with self._shadow_tables["shadow_view"].writing() as table:
                 write_shadow_view(table[0], space, self._casters.frame)
 
-    def _write_image(self, frame: _Progress) -> None:
+    def _write_image(self, frame: Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution
-        known = resolution, self._lists.room
+        large = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
+        # Pixels below lines are written twice.
+        streamed = large and frame.streams and self.settings.edges is None
+        known = resolution, self._lists.room, streamed
         with self._image.writing() as table:
             image = table[0]
             image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
@@ -301,9 +318,9 @@ class Renderer:
             around = self.scene.environment if self.features["BACKDROP"] else None
             if around is not None:
                 backdrop.write_rays(image, around, frame.space, self._structs.real)
-            if self._image_of == known:
+            if self._tables.image_of == known:
                 return
-            self._image_of = None
+            self._tables.image_of = None
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
             places = sample_pattern.positions(self.settings.samples) if self._places is None else self._places
@@ -311,8 +328,7 @@ class Renderer:
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
             image["lights"], image["list_capacity"] = self._light_table.count, self._lists.room
-            large = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
-            image["streamed"] = large and self.settings.edges is None  # pixels below lines are written twice
+            image["streamed"] = streamed
             if self.settings.edges is not None:
                 image["line_color"] = self.settings.edges.color
                 image["marked_color"] = self.settings.edges.nonmanifold_color
@@ -325,9 +341,9 @@ class Renderer:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
             image["light_unit"] = self._light_table.unit
             image["layer_alpha"] = shading_tables.to_real(np.float64(self.settings.layer_alpha), self._structs.real)
-        self._image_of = known
+        self._tables.image_of = known  # the resolution, the room, whether it streams
 
-    def _project(self, frame: _Progress) -> None:
+    def _project(self, frame: Progress) -> None:
         """Project the vertices."""
         with self._made.counters.writing() as table:
             table[:] = 0
@@ -337,7 +353,7 @@ class Renderer:
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         self._write_image(frame)
 
-    def _setup(self, frame: _Progress) -> int:
+    def _setup(self, frame: Progress) -> int:
         """Set up the triangles; return the number of visible ones, whose keys are written."""
         made, events = self._made, frame.events
         self._project(frame)
@@ -384,7 +400,7 @@ class Renderer:
         self._inputs = self._inputs._replace(pieces=self._pieces)
         return len(table)
 
-    def _sort(self, visible: int, frame: _Progress) -> None:
+    def _sort(self, visible: int, frame: Progress) -> None:
         """Write the visible triangles, nearest first, to the order buffer."""
         start = _clock()
         if len(self._order.array) < visible:
@@ -428,7 +444,7 @@ class Renderer:
             depth[~whole], face[~whole] = pieces["key_depth"], pieces["face"]
         return depth, face
 
-    def _draw_lines(self, frame: _Progress) -> Buffer | None:
+    def _draw_lines(self, frame: Progress) -> Buffer | None:
         """Find the samples that show lines; None if no edges are drawn."""
         if self._lines is None:
             return None
@@ -439,17 +455,19 @@ class Renderer:
         return self._lines.draw(hiding, self._vertices, frame.space, self._image, frame.events, painter=painter)
 
     def _draw(
-        self, visible: int, rgba: Buffer, owners: Buffer | None, frame: _Progress, shown: Buffer | None = None
-    ) -> np.void:
-        """Run the pixel stage; return the counters. shown: the samples that show lines."""
+        self, visible: int, rgba: Buffer, owners: Buffer | None, frame: Progress, shown: Buffer | None = None
+    ) -> None:
+        """Enqueue the pixel stage. shown: the samples that show lines."""
         tile: tuple[Any, ...] = (self._lists.entries, self._lists.starts, rgba, owners, self._made.counters)
         tile = tile if shown is None else (*tile, shown)
         self._inputs = draw_pixels(self.stages, self._inputs, self._order, visible, tile, frame.tiles, frame.events)
+
+    def _read_counters(self) -> np.void:
         counters: np.void = self._made.counters.to_host()[0].copy()
         return counters
 
-    def _draw_sorted(self, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
-        """Draw the triangles in the order of their depths; return the counters."""
+    def _draw_sorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
+        """Draw the triangles in the order of their depths."""
         frame.events.clear()  # those of a frame that was given up
         visible = self._setup(frame)
         frame.is_sorted = visible > 0
@@ -459,23 +477,80 @@ class Renderer:
         self._lists.count(self._order, self._made, self._image, visible, frame.tiles, frame.events)
         while True:
             self._lists.fill(self._order, self._made, self._image, visible, frame.events)
-            counters = self._draw(visible, rgba, owners, frame, shown)
-            if counters["entries"] <= self._lists.room:
-                return counters
-            self._make_room(int(counters["entries"]))
+            self._draw(visible, rgba, owners, frame, shown)
+            frame.counters = self._read_counters()
+            if frame.counters["entries"] <= self._lists.room:
+                return
+            self._make_room(int(frame.counters["entries"]))
 
-    def _draw_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: _Progress) -> np.void:
-        """Draw the faces in their order; return the counters. Nothing is drawn if there are faces to clip."""
+    def _enqueue_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
+        """Enqueue the drawing of the faces in their order, which `_finish_unsorted` completes. Until then nothing may be
+        drawn of another frame."""
         self._project(frame)
         self._lists.set_up(self._faces, self._vertices, self._made, self._image, frame.tiles, frame.events, self._sides)
         self._write_lights(frame.space)
+        self._fill_unsorted(rgba, owners, frame)
+
+    def _fill_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
+        self._lists.fill_unsorted(self._made, self._image, frame.events)
+        self._draw(self._face_count, rgba, owners, frame)
+
+    def _finish_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
+        """Wait for the frame, and draw it again if lists lack room, or sorted if there are faces to clip: nothing of it is
+        drawn then."""
         while True:
-            self._lists.fill_unsorted(self._made, self._image, frame.events)
-            counters = self._draw(self._face_count, rgba, owners, frame)
-            if counters["to_clip"] or counters["entries"] <= self._lists.room:
-                frame.host_ms["sort"] = 0.0
-                return counters
+            counters = self._read_counters()
+            if counters["to_clip"]:
+                self._draw_sorted(rgba, owners, frame)
+                return
+            if counters["entries"] <= self._lists.room:
+                frame.counters, frame.host_ms["sort"] = counters, 0.0
+                return
             self._make_room(int(counters["entries"]))
+            self._fill_unsorted(rgba, owners, frame)
+
+    def _begin(self, frame: Progress, rgba: Buffer, owners: Buffer | None) -> None:
+        """Enqueue the drawing of a frame without layers. Where no sort is needed the host does not wait, and has no
+        counters yet."""
+        with self._view.writing() as table:
+            frame.space.write_view(table[0])
+        if self.features["SORTED"] or self._clips or not self._face_count:
+            self._draw_sorted(rgba, owners, frame)
+        else:
+            self._enqueue_unsorted(rgba, owners, frame)
+
+    def _finish_frame(self, frame: Progress, rgba: Buffer, owners: Buffer | None) -> None:
+        """Complete what `_begin` has begun, once nothing else is drawn."""
+        if frame.counters is None:
+            self._finish_unsorted(rgba, owners, frame)
+
+    def _enqueue(
+        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
+    ) -> None:
+        """Enqueue the drawing of a frame with its layers in these tables, into buffers by name. If `frame.counters` is None,
+        the host has not waited: nothing is drawn if there are faces to clip, or more entries than `frame.room`, in
+        `frame.counted`."""
+        self._use_tables(tables)
+        self._begin(frame, targets["rgba"], owners)
+        frame.counted, frame.room = self._made.counters, self._lists.room
+        self._enqueue_layers(frame, targets, owners)
+
+    def _draw_again(
+        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
+    ) -> None:
+        """Draw a frame of which nothing was drawn, and enqueue its layers."""
+        assert frame.counters is not None
+        self._finish()  # kernels of the next frame use what is replaced
+        self._use_tables(tables)
+        self._clips, frame.counters = bool(frame.counters["to_clip"]), None
+        self._begin(frame, targets["rgba"], owners)
+        self._finish_frame(frame, targets["rgba"], owners)
+        self._enqueue_layers(frame, targets, owners)
+
+    def _enqueue_layers(self, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None) -> None:
+        if owners is not None:
+            layers = {name: buffer for name, buffer in targets.items() if name != "rgba"}
+            self._layers.enqueue(layers, self._inputs, owners, frame.tiles, frame.events)
 
     def _make_room(self, entries: int) -> None:
         self._lists.make_room(entries)
@@ -493,7 +568,7 @@ class Renderer:
             As `sample_pattern.positions` returns them, at most as many as in the settings. Kernels for
             one sample know no other place than the center: the settings have to have several.
         """
-        self._places, self._image_of = places, None
+        self._places, self._tables.image_of = places, None
 
     def render(self, camera: Camera | None = None) -> Frame:
         """Draw one frame.
@@ -519,35 +594,109 @@ class Renderer:
             If the renderer is closed.
         """
         camera = self.scene.camera if camera is None else camera
-        if not isinstance(camera, Camera):
-            raise value_error("Renderer.render", "camera", "a Camera", camera)
-        if camera.orthographic != self.scene.camera.orthographic:
-            kind = "an orthographic" if self.scene.camera.orthographic else "a perspective"
-            raise value_error("Renderer.render", "camera", f"{kind} camera, as the scene's", "the other kind")
+        check_camera("Renderer.render", "camera", camera, self.scene.camera)
+        with self._drawing("render"):
+            return self._render(camera)
+
+    @contextlib.contextmanager
+    def _drawing(self, name: str) -> Iterator[None]:
+        """Hold the renderer for a block that draws; name: the method's. Raises as `render`."""
         with self._lock:
             if self._closed:
-                raise ClshadeError("Renderer.render: the renderer is closed")
+                raise ClshadeError(f"Renderer.{name}: the renderer is closed")
             if os.getpid() != self._process:
-                raise DeviceError("Renderer.render: expected the process that made the renderer, found a fork of it")
+                raise DeviceError(f"Renderer.{name}: expected the process that made the renderer, found a fork of it")
             try:
-                return self._render(camera)
+                yield
             except BaseException:
                 with contextlib.suppress(DeviceError):  # the first error says more
                     self._finish()  # running kernels still write to memory that the error may free
                 raise
+
+    def render_many(self, cameras: Iterable[Camera], out: Mapping[str, Array] | None = None) -> Frames:
+        """Draw a frame for each camera, faster than one by one: while the device draws one, the host completes the last
+        and enqueues the next, and kernels write straight into the arrays of all. The bits are those of `render`.
+
+        Parameters
+        ----------
+        cameras : iterable of Camera
+            The cameras, all of one resolution and of the same kind as the scene's.
+        out : mapping of str to ndarray, optional
+            Arrays to write into, by name: ``"rgba"``, (K, M, N, 4), and layers that were asked for, each
+            with the shape and type that it has in `Frames`; the others are made. Memory-mapped ones
+            serve for more frames than fit in memory. Kernels write straight into memory that is
+            contiguous but for its first axis and aligned to 16 bytes, float64 to 64; to other memory results
+            are copied.
+
+        Returns
+        -------
+        Frames
+            The image and the layers of all K frames, in the order of the cameras; K may be 0. The next call
+            uses their memory again once nothing refers to it.
+
+        Raises
+        ------
+        InputError
+            If a camera or an array is refused, before the first frame is drawn; or if the scene has
+            too many triangles after clipping.
+        DeviceError
+            If the device fails, or if the renderer was created in another process, before a fork.
+        ClshadeError
+            If the renderer is closed.
+
+        Notes
+        -----
+        After an error or an interrupt `out` holds the frames drawn so far, and the renderer stays usable.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> from clshade.scene.adjust_camera import adjusted
+        >>> scene = clshade.builtin("icosphere")
+        >>> cameras = [adjusted(scene.camera.with_resolution((64, 48)), azimuth=10.0 * k) for k in range(36)]
+        >>> with clshade.Renderer(scene, layers=("Z", "id")) as renderer:
+        ...     frames = renderer.render_many(cameras)
+        >>> frames.rgb.shape, frames["Z"].shape
+        ((36, 48, 64, 3), (36, 48, 64))
+        """
+        chosen = check_cameras(cameras, self.scene.camera)
+        columns, rows = (chosen[0] if chosen else self.scene.camera).resolution
+        with self._drawing("render_many"):
+            start, waited = _clock(), programs.waited()
+            spaces = [CameraSpace.of(camera, self._extent, self.settings.near) for camera in chosen]
+            kinds = {"rgba": ((4,), np.dtype(self._structs.real)), **self._layers.kinds()}
+            shapes = {name: (len(chosen), rows, columns, *width) for name, (width, _) in kinds.items()}
+            arrays = result_arrays(
+                {name: (shapes[name], kind) for name, (_, kind) in kinds.items()}, out, self._results.take_host
+            )
+            queue = FrameQueue(self, arrays)
+            queue.draw(spaces)
+            times = {**self._times, **queue.stage_ms, "frames": (_clock() - start) * 1e3}
+            build_ms = self._build_ms + (programs.waited() - waited) * 1e3
+            self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
+            stats = {
+                "frames": len(chosen),
+                "resolution": (columns, rows),
+                "triangles": self._face_count,
+                "vertices": self._vertex_count,
+                "times_ms": times,
+                "build_ms": build_ms,
+                "ignored": ignored(self.scene, self.settings),
+                "device": self.device.title,
+                "lanes": self.stages.lanes,
+                "bytes": {"scene": self._scene_bytes, "arrays": sum(array.nbytes for array in arrays.values())},
+            }
+        scenes = [_seen_by(self.scene, camera) for camera in chosen]
+        return Frames(arrays, scenes, self.settings, queue.facts, stats)
 
     def _render(self, camera: Camera) -> Frame:
         columns, rows = camera.resolution
         start, waited = _clock(), programs.waited()
         rgba, image = self._pool.take((rows, columns, 4), self._structs.real)
         owners, owned = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
-        frame = _Progress(CameraSpace.of(camera, self._extent, self.settings.near))
-        with self._view.writing() as table:
-            frame.space.write_view(table[0])
-        unsorted = not self.features["SORTED"] and not self._clips and self._face_count > 0
-        counters = self._draw_unsorted(rgba, owners, frame) if unsorted else None
-        if counters is None or counters["to_clip"]:
-            counters = self._draw_sorted(rgba, owners, frame)
+        frame = Progress(CameraSpace.of(camera, self._extent, self.settings.near))
+        self._begin(frame, rgba, owners)
+        self._finish_frame(frame, rgba, owners)
         layers: dict[str, Array] = {}
         if owners is not None and self.settings.layers:
             layers = self._layers.draw(self._inputs, owners, frame.tiles, frame.space, frame.events)
@@ -555,8 +704,8 @@ class Renderer:
         times = {**self._times, **frame.host_ms, "frame": (_clock() - start) * 1e3}
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
-        scene = self.scene if camera is self.scene.camera else replace(self.scene, camera=camera)
-        facts_of = self._facts(frame, counters, {"image": image.nbytes, "owners": 0 if owned is None else owned.nbytes})
+        scene = _seen_by(self.scene, camera)
+        facts_of = self._facts(frame, {"image": image.nbytes, "owners": 0 if owned is None else owned.nbytes})
         events, profiling = frame.events, self.device.profiling
 
         def stats() -> dict[str, Any]:
@@ -567,9 +716,10 @@ class Renderer:
 
         return Frame(image, layers, scene, self.settings, stats)
 
-    def _facts(self, frame: _Progress, counters: np.void, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
+    def _facts(self, frame: Progress, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
-        features, camera, tiles = self.features, frame.space.camera, frame.tiles
+        features, camera, tiles, counters = self.features, frame.space.camera, frame.tiles, frame.counters
+        assert counters is not None
         faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
         title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}
 
