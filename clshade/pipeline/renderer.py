@@ -16,7 +16,7 @@ from ..base.arrays import Array
 from ..base.validation import value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
-from ..scene.model import Scene, Settings
+from ..scene.model import MAX_FACES, Scene, Settings
 from ..scene.settings import Preset, RenderOptions
 from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
@@ -350,8 +350,8 @@ class Renderer:
         if counters["to_clip"]:
             start = _clock()
             count = self._clip(frame.space, int(counters["to_clip"]))
-            if self._face_count + count > 1 << struct_layout.KEY_INDEX_BITS:
-                limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
+            if self._face_count + count > MAX_FACES:
+                limit = f"at most {MAX_FACES} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(
@@ -390,7 +390,7 @@ class Renderer:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
         keys = self._made.keys.to_host(visible)
         exact = None if self.features["DEPTH_TEST"] else self._painter_depths
-        order = front_to_back(keys, exact)
+        order = front_to_back(keys, exact, self._made.index_bits)
         if self._transparent is not None:
             if exact is not None:
                 self._write_ranks(order)
