@@ -75,19 +75,20 @@ def _own_normals(mesh: Mesh, matrix: Array | None, real: Real = np.float64) -> A
     return unit
 
 
-def _bends(normals: Array, index: Array, corners: Array) -> Floats:
+def _bends(normals: Array, index: Array, verts: Array, faces: Array) -> Floats:
     """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
-    (K,). index: (F, 3), the normals at corners (F, 3, 3). Faces that are too thin to have a normal do not count."""
-    a, b, c = np.moveaxis(np.asarray(corners, np.float64), 1, 0)
-    across = np.cross(b - a, c - a)
-    size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
-    counts = size > THINNEST * sides
+    (K,). index: (F, 3), the normals at the corners of faces. Faces that are too thin to have a normal do not count."""
     found = np.zeros(len(normals))
-    unit = across[counts] / size[counts, None]
-    for k in range(3):
-        rows = index[counts, k]
-        sine = np.linalg.norm(np.cross(np.asarray(normals, np.float64)[rows], unit), axis=1)
-        np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
+    for block in _blocks(len(faces)):
+        a, b, c = np.moveaxis(np.asarray(verts[faces[block]], np.float64), 1, 0)
+        across = np.cross(b - a, c - a)
+        size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
+        counts = size > THINNEST * sides
+        unit = across[counts] / size[counts, None]
+        for k in range(3):
+            rows = index[block][counts, k]
+            sine = np.linalg.norm(np.cross(np.asarray(normals[rows], np.float64), unit), axis=1)
+            np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
     return found
 
 
@@ -208,7 +209,7 @@ class Gatherer:
                 own, own_faces = _kept(_own_normals(mesh, matrix, precision)[: len(mesh.verts)], kept), faces
             rows = _four(own, self._structs.real)
             if bends:
-                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix)[faces])
+                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix), faces)
             parts.append(rows)
             index.append((own_faces, len(own)))
         return joined(parts), _shifted(index) if indexed else None

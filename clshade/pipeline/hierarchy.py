@@ -17,6 +17,7 @@ from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_B
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
+_BLOCK = 1 << 14  # vertices whose temporary arrays stay in the cache
 _NO_CASTER = np.uint64(2**64 - 1)
 
 _LEAST_W = 2.0**-100  # a light so far away that its w would be less counts as directional
@@ -106,7 +107,9 @@ class Hierarchy:
         stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
         rows = np.zeros((len(vertices), 2, 4), np.float32)
-        rows[:, :, :3] = self.frame.pairs(vertices).reshape(-1, 2, 3)
+        for start in range(0, len(vertices), _BLOCK):
+            part = vertices[start : start + _BLOCK]
+            rows[start : start + _BLOCK, :, :3] = self.frame.pairs(part).reshape(-1, 2, 3)
         self.vertices = Buffer(device, rows)
         self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
         keys = Buffer.empty(device, len(faces), np.uint64)
