@@ -18,7 +18,7 @@ from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
 from ..scene.model import MAX_FACES, Scene, Settings
 from ..scene.settings import Preset, RenderOptions
-from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
+from . import backdrop, programs, sample_pattern, scene_buffers, scene_memory, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
@@ -111,9 +111,9 @@ class Renderer:
     Raises
     ------
     InputError
-        If an argument is refused.
+        If an argument is refused, or the scene does not fit into this machine's memory.
     DeviceError
-        If no OpenCL device works.
+        If no OpenCL device works, or the scene does not fit into its memory.
 
     Examples
     --------
@@ -137,6 +137,7 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
+        scene_memory.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = _clock()
 
@@ -152,6 +153,7 @@ class Renderer:
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
+        scene_memory.check_device(self.device, packed, self._structs)
         self._pool = Pool(self.device)
         self._upload(packed)
         self._times = {

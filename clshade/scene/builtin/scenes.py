@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base import host_memory
 from ...base.arrays import Array
 from ...base.validation import choice, integer, known, value_error
 from ..camera import Camera
@@ -198,6 +199,7 @@ def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Res
     p, q: turns around the axis of the torus and around its tube, 1 to 50, without a common divisor.
     """
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
+    host_memory.require("torus_knot", "triangles", 24 * triangles, f"{triangles:,}")
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
     if math.gcd(p, q) != 1:
         raise value_error("torus_knot", "p, q", "numbers without a common divisor", (p, q))
