@@ -34,9 +34,10 @@ kernel void project(global const position_t *positions,  // V x 3, world space
     int i = get_global_id(0);
     if (i >= count)
         return;
-    double dx = (double)positions[3 * i] - view->eye[0];
-    double dy = (double)positions[3 * i + 1] - view->eye[1];
-    double dz = (double)positions[3 * i + 2] - view->eye[2];
+    global const position_t *position = positions + 3 * (size_t)i;
+    double dx = (double)position[0] - view->eye[0];
+    double dy = (double)position[1] - view->eye[1];
+    double dz = (double)position[2] - view->eye[2];
     global const double *m = view->axes;
     double x = (dx * m[0] + dy * m[1]) + dz * m[2];
     double y = (dx * m[3] + dy * m[4]) + dz * m[5];

@@ -14,6 +14,7 @@ import pyopencl as cl
 from ..base.arrays import Array
 from ..errors import DeviceError
 from . import struct_layout
+from .depth_sort import index_bits
 from .opencl.device import Device
 
 _FLAGS = cl.mem_flags
@@ -159,7 +160,10 @@ class VertexBuffers:
 
 class TriangleBuffers:
     """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them; or of
-    `setup_count`, which takes no keys and has `slack` more triangles."""
+    `setup_count`, which takes no keys and has `slack` more triangles.
+
+    index_bits: of the keys, see `depth_sort`.
+    """
 
     def __init__(
         self,
@@ -169,7 +173,7 @@ class TriangleBuffers:
         structs: struct_layout.Structs = struct_layout.SINGLE,
         slack: int = 0,
     ) -> None:
-        self.piece_capacity = pieces
+        self.piece_capacity, self.index_bits = pieces, index_bits(faces + pieces)
         self._device, self._structs, self._room = device, structs, faces + pieces
         self.triangles = Buffer.empty(device, faces + pieces + slack, structs.Triangle)
         self.bounds = Buffer.empty(device, faces + pieces + slack, structs.Bounds)

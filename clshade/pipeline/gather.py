@@ -4,7 +4,7 @@ coordinates."""
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -23,6 +23,7 @@ from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
 MOST_BEND, THINNEST = 0.25, 2.0**-20
+_BLOCK = 1 << 14  # rows
 _MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
 
 
@@ -45,6 +46,11 @@ def _placed(points: Array, matrix: Array | None) -> Floats:
     return placed
 
 
+def _blocks(count: int) -> Iterator[slice]:
+    """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
+    return (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
+
+
 def _unit(vectors: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = vectors / np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
@@ -52,31 +58,37 @@ def _unit(vectors: Array) -> Array:
     return np.where(np.isfinite(unit), unit, 0.0)
 
 
-def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
-    normals = np.asarray(mesh.normals, np.float64)
+def _own_normals(mesh: Mesh, matrix: Array | None, real: Real = np.float64) -> Array:
+    """Return a mesh's own normals as unit vectors."""
+    normals = np.asarray(mesh.normals)
     if matrix is not None:
+        normals = normals.astype(np.float64)
         # Scale by powers of two to about 1: products neither overflow nor underflow.
         m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
         normals = np.ldexp(normals, -np.frexp(np.abs(normals).max(axis=1, keepdims=True, initial=0.0))[1])
         # The cofactor matrix transforms normals, even for a singular matrix.
         cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
         normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
-    return _unit(normals)
+    unit = np.empty(normals.shape, real)
+    for block in _blocks(len(normals)):
+        unit[block] = _unit(normals[block].astype(np.float64))
+    return unit
 
 
-def _bends(normals: Array, index: Array, corners: Array) -> Floats:
+def _bends(normals: Array, index: Array, verts: Array, faces: Array) -> Floats:
     """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
-    (K,). index: (F, 3), the normals at corners (F, 3, 3). Faces that are too thin to have a normal do not count."""
-    a, b, c = np.moveaxis(np.asarray(corners, np.float64), 1, 0)
-    across = np.cross(b - a, c - a)
-    size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
-    counts = size > THINNEST * sides
+    (K,). index: (F, 3), the normals at the corners of faces. Faces that are too thin to have a normal do not count."""
     found = np.zeros(len(normals))
-    unit = across[counts] / size[counts, None]
-    for k in range(3):
-        rows = index[counts, k]
-        sine = np.linalg.norm(np.cross(np.asarray(normals, np.float64)[rows], unit), axis=1)
-        np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
+    for block in _blocks(len(faces)):
+        a, b, c = np.moveaxis(np.asarray(verts[faces[block]], np.float64), 1, 0)
+        across = np.cross(b - a, c - a)
+        size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
+        counts = size > THINNEST * sides
+        unit = across[counts] / size[counts, None]
+        for k in range(3):
+            rows = index[block][counts, k]
+            sine = np.linalg.norm(np.cross(np.asarray(normals[rows], np.float64), unit), axis=1)
+            np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
     return found
 
 
@@ -187,16 +199,17 @@ class Gatherer:
         """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
         of `_bends`."""
         parts, index = [], []
+        precision = np.float64 if bends else self._structs.real
         for mesh, matrix, verts, faces, kept in self.placed:
             if mesh.normals is None or self.scene.preset == "course":
                 own, own_faces = vertex_normals(_placed(verts, matrix), faces), faces
             elif mesh.normal_faces is not None:
-                own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
+                own, own_faces = _own_normals(mesh, matrix, precision), _turned(mesh.normal_faces, matrix)
             else:
-                own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
+                own, own_faces = _kept(_own_normals(mesh, matrix, precision)[: len(mesh.verts)], kept), faces
             rows = _four(own, self._structs.real)
             if bends:
-                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix)[faces])
+                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix), faces)
             parts.append(rows)
             index.append((own_faces, len(own)))
         return joined(parts), _shifted(index) if indexed else None
@@ -222,9 +235,10 @@ class Gatherer:
         parts = []
         for mesh, matrix, verts, faces, kept in self.placed:
             white = mesh.colors is None or replaces_colors(mesh)
-            own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
-            rows = _four(to_real(own * mesh.material.color, self._structs.real), self._structs.real)
-            rows[:, 3] = WHITE_POSITION
+            own = np.broadcast_to(1.0, (len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
+            rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
+            for block in _blocks(len(own)):
+                rows[block, :3] = to_real(own[block] * mesh.material.color, self._structs.real)
             positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
             if positions is not None and positions.ndim == 1:
                 rows[:, 3] = _kept(positions, kept)

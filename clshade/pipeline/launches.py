@@ -185,8 +185,8 @@ class Stages:
         items = 1 if self._programs[name].lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
-    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, count: int) -> cl.Event:
-        return self._per_item("hierarchy_keys", count, vertices, faces, keys)
+    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, index_bits: int, count: int) -> cl.Event:
+        return self._per_item("hierarchy_keys", count, vertices, faces, keys, index_bits)
 
     def hierarchy_leaves(
         self,
@@ -196,9 +196,11 @@ class Stages:
         leaves: Buffer,
         nodes: Buffer,
         ends: tuple[int, int, int, int],
+        index_bits: int,
     ) -> cl.Event:
-        """ends: the first leaf and how many, the first node and the children of the lowest level's."""
-        arguments = (vertices, faces, keys, leaves, nodes, *ends, len(keys.array))
+        """ends: the first leaf and how many, the first node and the children of the lowest level's. index_bits: of the
+        keys."""
+        arguments = (vertices, faces, keys, leaves, nodes, *ends, index_bits, len(keys.array))
         return self._launch("hierarchy_leaves", (-(-ends[-1] // 16) * 16,), (16,), *arguments)
 
     def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
@@ -249,7 +251,7 @@ class Stages:
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
             means = Buffer(self.device, host_projection.mean_depths(vertices.projected.array, faces.array))
         inputs = (faces, vertices.projected, *sides, means, view, image)
-        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters, made.index_bits)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
         if means is not None:
             event.wait()  # `means` is freed on return
@@ -281,7 +283,7 @@ class Stages:
         inputs = (pieces, *sides, image)
         outputs = (made.triangles, made.bounds, made.keys, made.counters)
         each = self._programs["setup_pieces"].lanes
-        return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, each=each)
+        return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, made.index_bits, each=each)
 
     def bin_count(self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks) -> cl.Event:
         arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, chunks.counts)

@@ -16,9 +16,9 @@ from ..base.arrays import Array, Integers
 from ..base.validation import set_fields, value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
-from ..scene.model import Scene, Settings
+from ..scene.model import MAX_FACES, Scene, Settings
 from ..scene.settings import LAYERS, Preset, RenderOptions
-from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
+from . import backdrop, programs, sample_pattern, scene_buffers, scene_memory, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
@@ -107,9 +107,9 @@ class Renderer:
     Raises
     ------
     InputError
-        If an argument is refused.
+        If an argument is refused, or the scene does not fit into this machine's memory.
     DeviceError
-        If no OpenCL device works.
+        If no OpenCL device works, or the scene does not fit into its memory.
 
     Examples
     --------
@@ -133,6 +133,7 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
+        scene_memory.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = _clock()
 
@@ -148,6 +149,7 @@ class Renderer:
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
+        scene_memory.check_device(self.device, packed, self._structs)
         self._pool, self._results = Pool(self.device), Pool(self.device, keep=2, kinds=len(LAYERS) + 1)
         self._upload(packed)
         self._times = {
@@ -367,8 +369,8 @@ class Renderer:
         if counters["to_clip"]:
             start = _clock()
             count = self._clip(frame.space, int(counters["to_clip"]))
-            if self._face_count + count > 1 << struct_layout.KEY_INDEX_BITS:
-                limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
+            if self._face_count + count > MAX_FACES:
+                limit = f"at most {MAX_FACES} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(
@@ -407,7 +409,7 @@ class Renderer:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
         keys = self._made.keys.to_host(visible)
         exact = None if self.features["DEPTH_TEST"] else self._painter_depths
-        order = front_to_back(keys, exact)
+        order = front_to_back(keys, exact, self._made.index_bits)
         if self._transparent is not None:
             if exact is not None:
                 self._write_ranks(order)

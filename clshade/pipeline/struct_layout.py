@@ -41,8 +41,9 @@ RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver ma
 OCCLUSION_W = (
     0.125  # w of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
 )
-MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
-KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
+MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
+CURVE_BITS = 36  # of a caster's place along Morton's curve, 12 an axis
+SIZE_BITS = 2  # of its class of size
 # What kernels count of shadow rays, see shadow_counts.py.
 SHADOW_COUNTS = (
     "PLACES",
@@ -58,7 +59,8 @@ CONSTANTS = {
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
     "LINE_INSET": LINE_INSET,
-    "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    "CURVE_BITS": CURVE_BITS,
+    "SIZE_BITS": SIZE_BITS,
     **LIGHT_SHIFTS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,

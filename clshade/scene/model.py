@@ -59,7 +59,7 @@ from .texture import Lookup as Lookup
 from .texture import Texture as Texture
 from .texture import Wrap as Wrap
 
-MAX_FACES = 1 << 24  # the host's sort key has 24 bits for the index of a face
+MAX_FACES = 1 << 29  # kernels count the three corners of each in an int32
 
 Sides: TypeAlias = Literal["both", "front"]
 Nonfinite: TypeAlias = Literal["refuse", "drop"]
@@ -461,7 +461,7 @@ class Scene:
     Attributes
     ----------
     meshes : Mesh or iterable of Mesh
-        At most 2^24 triangles in all, counting instances. Kept as a tuple.
+        At most 2^29 triangles in all, counting instances. Kept as a tuple.
     camera : Camera
         Camera and resolution.
     lights : light or iterable of lights, default ()

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.components import connected_components
-from .geometry import _blocks, _cross, _edges, _exponent
+from .geometry import _blocks, _cross, _edge_exponent, _edges
 from .model import Mesh, Scene
 from .normals import welded
 
@@ -64,13 +64,10 @@ def _placed(mesh: Mesh) -> Iterator[Array]:
 
 def _area(verts: Array, faces: Array) -> float:
     """Return the area of triangles, scaled by a power of two meanwhile so that squares neither overflow nor vanish."""
-    edges = _edges(verts, faces)
-    exponent = _exponent(edges)
-    np.ldexp(edges, -exponent, out=edges)
-    total = 0.0
+    exponent, total = _edge_exponent(verts, faces), 0.0
     for block in _blocks(len(faces)):
-        part = edges[:, :, block]
-        squares = sum(np.square(_cross(part, axis)) for axis in range(3))
+        edges = _edges(verts, faces[block], exponent)
+        squares = sum(np.square(_cross(edges, axis)) for axis in range(3))
         total += float(np.sqrt(squares).sum())
     with np.errstate(over="ignore", under="ignore"):
         return float(np.ldexp(2.0 * total, 2 * exponent))  # half of the cross product of edges, which are halved
