@@ -182,7 +182,8 @@ def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bo
     ]
     front_only, mirrored, counts = zip(*rows, strict=True) if rows else ((), (), ())
     turned = np.where(np.repeat(np.array(mirrored, bool), counts), -volume, volume)
-    return np.repeat(np.array(front_only, bool), counts) & (turned < 0.0)
+    found: Bools = np.repeat(np.array(front_only, bool), counts) & (turned < 0.0)
+    return found
 
 
 def _see_through(scene: Scene, settings: Settings) -> Bools:
