@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
@@ -83,7 +82,7 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
 def first_instances(scene: Scene) -> list[int]:
     """Return the number of each mesh's first instance; instances are counted from 1, mesh by mesh. Raises InputError for
     more than a uint32 counts."""
-    ends = list(itertools.accumulate((len(np.asarray(mesh.instances)) for mesh in scene.meshes), initial=1))
+    ends: list[int] = np.cumsum([1, *(len(np.asarray(mesh.instances)) for mesh in scene.meshes)]).tolist()
     if ends[-1] > 1 << 32:
         limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
         raise value_error("render", "scene", limit, ends[-1] - 1)
