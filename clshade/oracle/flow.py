@@ -101,7 +101,8 @@ def _areas(corners: Floats, point: Floats) -> Floats:
 
 def _size(corners: Floats) -> Floats:
     """Return the longest sides of triangles (K, 3, 3)."""
-    return length(corners - np.roll(corners, 1, axis=1)).max(axis=1)
+    longest: Floats = length(corners - np.roll(corners, 1, axis=1)).max(axis=1)
+    return longest
 
 
 def _reach(camera: Camera, points: Floats) -> Floats:

@@ -138,8 +138,7 @@ class _Target:
         self._start_verts = verts if start.meshes is scene.meshes else triangles(start)[0]
         self._near = settings.near or near_plane(scene)
         self._shown = ~_culled(scene, settings, verts, self._faces)
-        with np.errstate(invalid="ignore"):
-            nearer = in_image(scene.camera, verts)[1] < self._near
+        nearer = (verts - scene.camera.eye) @ camera_axes(scene.camera)[2] < self._near
         casts = self._shown & ~nearer[self._faces].all(axis=1) & ~_see_through(scene, settings)
         device = device if isinstance(device, Device) else shared_device(device, profiling=True)
         self._hierarchy = Hierarchy(device, verts, np.where(casts[:, None], self._faces, np.int32(0)))
@@ -171,18 +170,17 @@ def _eye(camera: Camera) -> Floats:
 
 def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bools:
     """Return the faces whose back the camera sees, where backs are not drawn, (F,)."""
-    a, b, c = np.moveaxis(verts[faces], 1, 0)
-    toward = np.broadcast_to(-camera_axes(scene.camera)[2], a.shape)
-    if not scene.camera.orthographic:
-        toward = scene.camera.eye - a
-    volume = np.einsum("kx,kx->k", np.cross(b - a, c - a), toward)
-    rows = [
-        (mesh.material.sides == "front" or settings.cull, mirrors(matrix), len(mesh.faces))
-        for mesh, matrix in _placed(scene)
-    ]
-    front_only, mirrored, counts = zip(*rows, strict=True) if rows else ((), (), ())
-    turned = np.where(np.repeat(np.array(mirrored, bool), counts), -volume, volume)
-    return np.repeat(np.array(front_only, bool), counts) & (turned < 0.0)
+    found = np.zeros(len(faces), bool)
+    end = 0
+    for mesh, matrix in _placed(scene):
+        start, end = end, end + len(mesh.faces)
+        if mesh.material.sides == "both" and not settings.cull:
+            continue
+        a, b, c = np.moveaxis(verts[faces[start:end]], 1, 0)
+        toward = -camera_axes(scene.camera)[2] if scene.camera.orthographic else scene.camera.eye - a
+        volume = (np.cross(b - a, c - a) * toward).sum(axis=1)
+        found[start:end] = (volume > 0.0) if mirrors(matrix) else (volume < 0.0)
+    return found
 
 
 def _see_through(scene: Scene, settings: Settings) -> Bools:
