@@ -643,7 +643,8 @@ class Scene:
         Raises
         ------
         InputError
-            The name has another ending, or the file would have 4 GiB or more.
+            The name has another ending, the file would have 4 GiB or more, or the scene has numbers
+            or an angle of view that glTF cannot hold.
         OutputError
             The file cannot be written.
 
