@@ -267,6 +267,16 @@ def test_placements_are_nodes(tmp_path):
         np.testing.assert_allclose(squares, np.diag(np.diag(squares)), atol=1e-12)
 
 
+def test_placements_that_only_move_are_short(tmp_path):
+    moved = np.tile(np.eye(4), (3, 1, 1))
+    moved[1:, :3, 3] = [[0.1, 1e-300, -1e200], [0, 0, 0]]
+    moved[2, 0, 1] = 1e-9
+    back, _ = written(tmp_path, mesh(instances=moved))
+    assert back.meshes[0].instances.tobytes() == moved.tobytes()
+    nodes = content(tmp_path / "a.glb")["nodes"][:3]
+    assert [sorted(node) for node in nodes] == [["mesh"], ["mesh", "translation"], ["matrix", "mesh"]]
+
+
 @pytest.mark.parametrize(
     ("offset", "scale"), [(1e6, 1.0), (-4.5e5, 1e-3), (0.0, 1.0), (0.0, 1e100), (1e-60, 1e-60), (1e60, 1e59)]
 )
@@ -593,6 +603,17 @@ def test_colors_that_overflow_are_clamped(tmp_path):
     back, (message,) = written(tmp_path, mesh(material=material))
     assert message.endswith("colors beyond 0 to 1 (clamped)")
     assert back.meshes[0].material.color.tolist() == [1, 1, 1]
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_placements_come_back(tmp_path):
+    turned = np.tile(np.eye(4), (100_000, 1, 1))
+    turned[:, :2, :2] = [[0.6, -0.8], [0.8, 0.6]]
+    turned[:, :3, 3] = RNG.normal(size=(100_000, 3))
+    names = [f"tree {k}" for k in range(100_000)]
+    found = written(tmp_path, mesh(instances=turned, instance_names=names))[0].meshes[0]
+    np.testing.assert_array_equal(found.instances, turned)
+    assert found.instance_names == tuple(names)
 
 
 def test_padding_is_as_the_format_wants():

@@ -27,9 +27,9 @@ def add_placement(glb: Glb, matrix: Floats, **content: Any) -> int:
     """Add a node, in two steps where its matrix shears, which nodes may not; return the index of the outer one."""
     outer, inner = _without_shear(_checked(matrix, "meshes"))
     if inner is None:
-        return glb.add("nodes", {**content, **_matrix(outer)})
-    child = glb.add("nodes", {**content, **_matrix(inner)})
-    return glb.add("nodes", {"children": [child], **_matrix(outer)})
+        return glb.add("nodes", {**content, **_placed(outer)})
+    child = glb.add("nodes", {**content, **_placed(inner)})
+    return glb.add("nodes", {"children": [child], **_placed(outer)})
 
 
 def _checked(matrix: Floats, field: str) -> Floats:
@@ -56,9 +56,11 @@ def _without_shear(matrix: Floats) -> tuple[Floats, Floats | None]:
     return outer, inner
 
 
-def _matrix(matrix: Floats) -> dict[str, list[float]]:
-    """Return the matrix of a node; nothing for the identity."""
-    return {} if (matrix == np.eye(4)).all() else {"matrix": (matrix.T.reshape(-1) + 0.0).tolist()}
+def _placed(matrix: Floats) -> dict[str, list[float]]:
+    """Return the placement of a node, as short as it can be said exactly."""
+    if (matrix[:3, :3] != np.eye(3)).any():
+        return {"matrix": (matrix.T.reshape(-1) + 0.0).tolist()}
+    return {"translation": (matrix[:3, 3] + 0.0).tolist()} if matrix[:3, 3].any() else {}
 
 
 def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int:
@@ -83,7 +85,7 @@ def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int
         entry = {"type": "perspective", "perspective": lens, "extras": extras}
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = np.stack([right, up, -forward], axis=1), camera.eye
-    own = _matrix(_checked(matrix, "camera"))
+    own = _placed(_checked(matrix, "camera"))
     return glb.add("nodes", {"name": "camera", "camera": glb.add("cameras", entry), **own})
 
 
@@ -105,7 +107,7 @@ def add_lights(
         entry, matrix = _light(light, sphere, light_scale, lost)
         entries.append(entry)
         use = glb.use("KHR_lights_punctual", {"light": number})
-        own = _matrix(_checked(matrix, "lights"))
+        own = _placed(_checked(matrix, "lights"))
         nodes.append(glb.add("nodes", {"name": f"light {number}", "extensions": use, **own}))
     return nodes, {"lights": entries}
 
