@@ -353,7 +353,7 @@ def encode(
     Raises
     ------
     InputError
-        Channels, metadata, compression or window are not allowed.
+        Channels, metadata, compression, window or parts are not allowed.
     OSError
         The file cannot be written.
     """
@@ -374,11 +374,13 @@ def encode(
     if parts and compression in LOSSY:
         raise InputError(f"exr: compression: expected a lossless one with further parts, found {compression}")
     for name, (own, own_metadata) in (parts or {}).items():
+        if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST):
+            raise InputError(f"exr: parts: expected names of at least one letter, other than {FIRST}, found {name!r}")
         planes = flatten(own)
         if next(iter(planes.values())).shape != (rows, columns):
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
         whole = (0, 0, columns - 1, rows - 1)
-        found = {channel: _stored(channel, plane, False, warnings) for channel, plane in planes.items()}
+        found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in planes.items()}
         further.append((name, _header(own_metadata, whole, whole), found))
     _compress(file, [(FIRST, header, stored), *further], compression)
     return warnings

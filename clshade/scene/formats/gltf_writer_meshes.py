@@ -63,7 +63,7 @@ class MeshWriter:
                 self.lost.append(f"NaN in scalars {name} (kept, though glTF forbids it)")
             with np.errstate(over="ignore"):
                 rows = values.astype(np.float32)
-            found[f"_{name}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
+            found[f"_{in_utf8(name)}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
         return found
 
     def _colors(self, mesh: Mesh) -> Floats32 | None:
@@ -84,7 +84,12 @@ class MeshWriter:
 
 def named(name: str) -> dict[str, str]:
     """Return the name of an object of the file; nothing for an empty one."""
-    return {"name": name} if name else {}
+    return {"name": in_utf8(name)} if name else {}
+
+
+def in_utf8(name: str) -> str:
+    """Return a text with escapes for what UTF-8 cannot say, halves of surrogate pairs, which other readers refuse."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def in_float32(verts: Array) -> tuple[Floats32, Floats]:
