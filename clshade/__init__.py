@@ -36,6 +36,7 @@ _HOMES = {
     "render": "clshade.pipeline.renderer",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
+    "Views": "clshade.pipeline.many_views",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from . import view as view
     from .measure.check.check import check as check
     from .pipeline.frame import Frame as Frame
+    from .pipeline.many_views import Views as Views
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
