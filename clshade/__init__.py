@@ -39,6 +39,7 @@ _HOMES = {
     "Frame": "clshade.pipeline.frame",
     "flow": "clshade.pipeline.flow",
     "visible": "clshade.pipeline.visible",
+    "Views": "clshade.pipeline.many_views",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.mattes import cryptomatte as cryptomatte
+    from .pipeline.many_views import Views as Views
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .pipeline.visible import visible as visible

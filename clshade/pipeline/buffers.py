@@ -123,16 +123,18 @@ class Buffer:
         return self._shared
 
     @contextlib.contextmanager
-    def writing(self, count: int | None = None) -> Iterator[Array]:
+    def writing(self, count: int | None = None, *, waits: bool = True) -> Iterator[Array]:
         """Yield the first `count` rows (default: all) for the host to overwrite.
 
-        No kernel enqueued before may still use them; the next one enqueued sees them.
+        No kernel enqueued before may still use them; the next one enqueued sees them. waits: whether a copy to the device
+        is complete afterwards; if not, the rows may not change until a kernel enqueued later has run.
         """
         rows = self.array[: len(self.array) if count is None else count]
         yield rows
         if rows.nbytes and not self._shared:
             with _named(self._device):
-                cl.enqueue_copy(self._queue, self.memory, rows)
+                # Freed, the event would be waited for.
+                self._written = cl.enqueue_copy(self._queue, self.memory, rows, is_blocking=waits)
 
     def fetch(self, queue: cl.CommandQueue, after: cl.Event) -> cl.Event:
         """Enqueue a copy to the array, by another queue and after an event."""

@@ -52,7 +52,8 @@ class _Output:
         self.array = array.view(np.ndarray)
         self._device = source.device
         is_shared = source._tables.image.is_shared
-        self.is_direct = is_shared and array.dtype == kernel_type and _is_aligned(array)
+        least = ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
+        self.is_direct = is_shared and array.dtype == kernel_type and _is_aligned(array, least)
         shape = array.shape[1:]
         self._staged = () if self.is_direct else tuple(source._pool.take(shape, kernel_type) for _ in range(2))
 
@@ -61,9 +62,8 @@ class _Output:
         return Buffer(self._device, self.array[index]) if self.is_direct else self._staged[index % 2][0]
 
 
-def _is_aligned(array: Array) -> bool:
-    """Return whether each of the images in an array can be a buffer."""
-    least = ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
+def _is_aligned(array: Array, least: int) -> bool:
+    """Return whether each of the images in an array is contiguous and begins at a multiple of so many bytes."""
     begins_well = array.ctypes.data % least == 0 and (len(array) < 2 or array.strides[0] % least == 0)
     return begins_well and all(first.flags.c_contiguous for first in array[:1])
 
@@ -96,7 +96,7 @@ class FrameQueue:
             for name, array in arrays.items()
         }
         image = self._outputs["rgba"]
-        self._streams = not image.is_direct or image.array.ctypes.data % ALIGNMENT == 0
+        self._streams = not image.is_direct or _is_aligned(image.array, ALIGNMENT)
         shape = image.array.shape[1:3]
         self._owners = [source._pool.take(shape, np.int32) for _ in range(2) if source.features["OWNERS"]]
         self._tables = source._tables, source._tables.twin()

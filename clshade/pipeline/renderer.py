@@ -30,12 +30,12 @@ from .features import Features, at_lanes, finds_casters, ignored, looks_up
 from .frame import Frame
 from .frame_queue import FrameQueue
 from .frame_state import FrameTables, Progress
-from .frames import Frames, check_camera, check_cameras, result_arrays
 from .hierarchy import Hierarchy
 from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
 from .light_table import LightTable
 from .lines import Lines
+from .many_views import Views, check_camera, check_cameras, result_arrays
 from .opencl.device import Device, shared_device
 from .pixel_pass import draw_pixels
 from .shadow_view import shadow_factors, shadow_lights, write_shadow_view
@@ -301,10 +301,10 @@ class Renderer:
     def _write_lights(self, space: CameraSpace) -> None:
         if self._light_table.count:
             rows = self._light_table.rows(space.camera.eye, space.scale)
-            with self._lights.writing() as table:
+            with self._lights.writing(waits=False) as table:
                 table[:] = rows
         if self._casters is not None:
-            with self._shadow_tables["shadow_view"].writing() as table:
+            with self._shadow_tables["shadow_view"].writing(waits=False) as table:
                 write_shadow_view(table[0], space, self._casters.frame)
 
     def _write_image(self, frame: Progress) -> None:
@@ -313,7 +313,7 @@ class Renderer:
         # Pixels below lines are written twice.
         streamed = large and frame.streams and self.settings.edges is None
         known = resolution, self._lists.room, streamed
-        with self._image.writing() as table:
+        with self._image.writing(waits=False) as table:
             image = table[0]
             image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
             image["to_eye"] = -frame.space.axes[2]
@@ -347,7 +347,7 @@ class Renderer:
 
     def _project(self, frame: Progress) -> None:
         """Project the vertices."""
-        with self._made.counters.writing() as table:
+        with self._made.counters.writing(waits=False) as table:
             table[:] = 0
         # Tables are written while kernels run that do not need them yet.
         if self._face_count:
@@ -514,7 +514,7 @@ class Renderer:
     def _begin(self, frame: Progress, rgba: Buffer, owners: Buffer | None) -> None:
         """Enqueue the drawing of a frame without layers. Where no sort is needed the host does not wait, and has no
         counters yet."""
-        with self._view.writing() as table:
+        with self._view.writing(waits=False) as table:
             frame.space.write_view(table[0])
         if self.features["SORTED"] or self._clips or not self._face_count:
             self._draw_sorted(rgba, owners, frame)
@@ -615,9 +615,11 @@ class Renderer:
                     self._finish()  # running kernels still write to memory that the error may free
                 raise
 
-    def render_many(self, cameras: Iterable[Camera], out: Mapping[str, Array] | None = None) -> Frames:
-        """Draw a frame for each camera, faster than one by one: while the device draws one, the host completes the last
-        and enqueues the next, and kernels write straight into the arrays of all. The bits are those of `render`.
+    def render_many(self, cameras: Iterable[Camera], out: Mapping[str, Array] | None = None) -> Views:
+        """Draw a view for each camera, with the bits of `render`, in less time.
+
+        While the device draws one view, the host completes the last and enqueues the next, and
+        kernels write straight into the arrays of all.
 
         Parameters
         ----------
@@ -625,21 +627,20 @@ class Renderer:
             The cameras, all of one resolution and of the same kind as the scene's.
         out : mapping of str to ndarray, optional
             Arrays to write into, by name: ``"rgba"``, (K, M, N, 4), and layers that were asked for, each
-            with the shape and type that it has in `Frames`; the others are made. Memory-mapped ones
-            serve for more frames than fit in memory. Kernels write straight into memory that is
-            contiguous but for its first axis and aligned to 16 bytes, float64 to 64; to other memory results
-            are copied.
+            with the shape and type that it has in `Views`; the others are made. Memory-mapped ones
+            serve for more views than fit in memory. A CPU device's kernels write straight into images that
+            are contiguous and begin at multiples of 16 bytes, float64 of 64; elsewhere they are copied to.
 
         Returns
         -------
-        Frames
-            The image and the layers of all K frames, in the order of the cameras; K may be 0. The next call
+        Views
+            The images and the layers of all K views, in the order of the cameras; K may be 0. The next call
             uses their memory again once nothing refers to it.
 
         Raises
         ------
         InputError
-            If a camera or an array is refused, before the first frame is drawn; or if the scene has
+            If a camera or an array is refused, before the first view is drawn; or if the scene has
             too many triangles after clipping.
         DeviceError
             If the device fails, or if the renderer was created in another process, before a fork.
@@ -648,7 +649,7 @@ class Renderer:
 
         Notes
         -----
-        After an error or an interrupt `out` holds the frames drawn so far, and the renderer stays usable.
+        After an error or an interrupt `out` holds the views drawn so far, and the renderer stays usable.
 
         Examples
         --------
@@ -657,8 +658,8 @@ class Renderer:
         >>> scene = clshade.builtin("icosphere")
         >>> cameras = [adjusted(scene.camera.with_resolution((64, 48)), azimuth=10.0 * k) for k in range(36)]
         >>> with clshade.Renderer(scene, layers=("Z", "id")) as renderer:
-        ...     frames = renderer.render_many(cameras)
-        >>> frames.rgb.shape, frames["Z"].shape
+        ...     views = renderer.render_many(cameras)
+        >>> views.rgb.shape, views["Z"].shape
         ((36, 48, 64, 3), (36, 48, 64))
         """
         chosen = check_cameras(cameras, self.scene.camera)
@@ -673,11 +674,11 @@ class Renderer:
             )
             queue = FrameQueue(self, arrays)
             queue.draw(spaces)
-            times = {**self._times, **queue.stage_ms, "frames": (_clock() - start) * 1e3}
+            times = {**self._times, **queue.stage_ms, "views": (_clock() - start) * 1e3}
             build_ms = self._build_ms + (programs.waited() - waited) * 1e3
             self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
             stats = {
-                "frames": len(chosen),
+                "views": len(chosen),
                 "resolution": (columns, rows),
                 "triangles": self._face_count,
                 "vertices": self._vertex_count,
@@ -689,7 +690,7 @@ class Renderer:
                 "bytes": {"scene": self._scene_bytes, "arrays": sum(array.nbytes for array in arrays.values())},
             }
         scenes = [_seen_by(self.scene, camera) for camera in chosen]
-        return Frames(arrays, scenes, self.settings, queue.facts, stats)
+        return Views(arrays, scenes, self.settings, queue.facts, stats)
 
     def _render(self, camera: Camera) -> Frame:
         columns, rows = camera.resolution

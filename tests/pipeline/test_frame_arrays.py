@@ -10,7 +10,7 @@ import pytest
 
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.frames import Frames
+from clshade.pipeline.many_views import Views
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
 TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -25,7 +25,7 @@ def renderer(device) -> Iterator[Renderer]:
 
 
 @pytest.fixture(params=["frame", "frames"])
-def drawn(request, renderer) -> Frame | Frames:
+def drawn(request, renderer) -> Frame | Views:
     return renderer.render() if request.param == "frame" else renderer.render_many([CAMERA] * 3)
 
 
@@ -55,7 +55,7 @@ def test_no_copy_where_one_is_needed(drawn):
             np.asarray(drawn, dtype=np.float16, copy=False)
 
 
-def arrays_of(drawn: Frame | Frames) -> dict[str, np.ndarray]:
+def arrays_of(drawn: Frame | Views) -> dict[str, np.ndarray]:
     return {"rgba": drawn.rgba, **{name: drawn[name] for name in drawn.layers}}
 
 

@@ -1,4 +1,4 @@
-"""Many rendered frames in arrays: image, layers, statistics."""
+"""Many rendered views in arrays: images, layers, statistics."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .frame import Frame, as_array, missing_layer
 _OWNER = "Renderer.render_many"
 
 
-class Frames:
-    """Rendered images of one scene with their layers, from `Renderer.render_many`.
+class Views:
+    """Rendered views of one scene with their layers, from `Renderer.render_many`.
 
-    ``frames[k]`` gives frame k, 0 to K - 1 or from the end -1 to -K, iteration gives all; ``frames[name]`` gives
-    a layer of all, ``name in frames`` tests for one. K is the number of frames, M and N those of rows and columns; row
-    0 is at the top.
+    ``views[k]`` gives the frame of view k, 0 to K - 1 or from the end -1 to -K, and iteration gives all;
+    ``views[name]`` gives a layer of all views, ``name in views`` tests for one. K is the number of views, M
+    and N those of rows and columns; row 0 is at the top.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Frames:
     settings : Settings
         How all were drawn.
     stats : dict
-        Number of frames, sums of the stages' times in ms, ``times_ms["frames"]`` of all together, device. Those of a
-        frame are in ``frames[k].stats``.
+        Number of views, sums of the stages' times in ms, ``times_ms["views"]`` of the whole call, device. What is
+        counted is in ``views[k].stats``.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Frames:
         return tuple(name for name in self.arrays if name != "rgba")
 
     def __len__(self) -> int:
-        """Return the number of frames, K."""
+        """Return the number of views, K."""
         return len(self._scenes)
 
     def __contains__(self, name: object) -> bool:
@@ -83,7 +83,7 @@ class Frames:
         return name in self.layers
 
     def __iter__(self) -> Iterator[Frame]:
-        """Iterate over the frames."""
+        """Iterate over the frames of the views."""
         return (self[index] for index in range(len(self)))
 
     @overload
@@ -91,12 +91,12 @@ class Frames:
     @overload
     def __getitem__(self, key: str) -> Array: ...
     def __getitem__(self, key: int | str) -> Frame | Array:
-        """Return a frame, or a layer of all.
+        """Return the frame of a view, or a layer of all.
 
         Parameters
         ----------
         key : int or str
-            Index of a frame, or the name of a layer that was asked for.
+            Index of a view, or the name of a layer that was asked for.
 
         Returns
         -------
@@ -109,16 +109,16 @@ class Frames:
         InputError
             If the layer was not asked for.
         IndexError
-            If there is no such frame.
+            If there is no such view.
         """
         if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
             return self._frame(range(len(self))[key])
         if not isinstance(key, str) or key not in self.layers:
-            raise missing_layer("Frames", key, self.layers)
+            raise missing_layer("Views", key, self.layers)
         return self.arrays[key]
 
     def _frame(self, index: int) -> Frame:
-        facts, mean = self._facts[index], self.stats["times_ms"]["frames"] / len(self)
+        facts, mean = self._facts[index], self.stats["times_ms"]["views"] / len(self)
         layers = {name: self.arrays[name][index] for name in self.layers}
         return Frame(
             self.rgba[index],
@@ -129,13 +129,13 @@ class Frames:
         )
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """Return `rgb`, for ``np.asarray(frames)``."""
+        """Return `rgb`, for ``np.asarray(views)``."""
         return as_array(self.rgb, dtype, copy)
 
     def __repr__(self) -> str:
         _, rows, columns = self.rgba.shape[:3]
         layers = f", layers {', '.join(self.layers)}" if self.layers else ""
-        return f"<{len(self)} Frames, {columns}x{rows}{layers}>"
+        return f"<{len(self)} Views, {columns}x{rows}{layers}>"
 
 
 def check_camera(owner: str, name: str, camera: Any, like: Camera) -> None:
