@@ -61,8 +61,8 @@ if TYPE_CHECKING:
     from .measure.check.check import check as check
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
-    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.many_views import Views as Views
+    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .pipeline.visible import visible as visible
