@@ -76,6 +76,12 @@ def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 
+def visible_path(path: str | os.PathLike[str], ending: str, asked: tuple[str, str] = ASKED) -> Path:
+    """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
+    stem = output_paths(path, asked)[0].with_suffix("")
+    return stem.with_name(f"{stem.name}_visible.{ending}")
+
+
 def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
     """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
     than exr and png, or none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from dataclasses import replace
 
@@ -10,7 +11,9 @@ import pytest
 from layer_scenes import mixed
 
 import clshade
+from clshade.cli.main import main
 from clshade.errors import InputError
+from clshade.farm import read_cameras
 from clshade.measure.check.flow_bounds import flow_errors
 from clshade.measure.fuzz.random_scenes import scene_of
 from clshade.pipeline.flow_vectors import Flow
@@ -380,6 +383,24 @@ def test_files(opened, tmp_path):
     with pytest.raises(InputError, match="Frame: flows: expected one of flow, flow_back, found 'motion'"):
         a.save(tmp_path / "b")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.flo", "a.png"]
+
+
+def test_the_command_line_writes_flow(opened, tmp_path, capsys):
+    camera = {"eye": [0.5, 0, 4], "lookat": [0.5, 0, 0]}
+    (tmp_path / "c.json").write_text(json.dumps([camera, {**camera, "fov": 20}]))
+    (tmp_path / "many.json").write_text(json.dumps([camera] * 3))
+    command = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
+    assert main([*command, "--flow-to", str(tmp_path / "c.json"), "-o", str(tmp_path / "a")]) == 0
+    channels, _ = clshade.exr.read(tmp_path / "a.exr")
+    frame = clshade.render(clshade.builtin("icosphere"), device=opened, resolution=(40, 30), samples=4, **PLAIN)
+    for name, found in zip(("flow", "flow_back"), read_cameras(tmp_path / "c.json", frame.scene.camera), strict=True):
+        expected = clshade.flow(frame, found, device=opened)
+        np.testing.assert_array_equal(channels[f"{name}.X"], expected.vectors[..., 0])
+        np.testing.assert_array_equal(channels[f"{name}_occluded"] != 0, expected.occluded)
+    capsys.readouterr()
+    assert main([*command, "--flow-to", str(tmp_path / "many.json"), "-o", str(tmp_path / "b")]) == 2
+    assert "--flow-to: expected one camera or two in" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
 
 
 def test_refusals(opened):

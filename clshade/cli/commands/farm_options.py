@@ -50,6 +50,12 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         help="of frames: optical flow in the EXR, pixels to the right and down, to the next frame (flow) and to the one "
         "before (flow_back), what is occluded there (flow_occluded, flow_back_occluded), and the layer id",
     )
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="of frames: also how much of each instance is seen, and how much of it is in the image, beside each frame: "
+        "out.0001_visible.csv and so on",
+    )
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -101,8 +107,10 @@ def draw(
     if is_film(arguments.output):
         from ...view.film import draw_film
 
-        if arguments.flow:
-            raise InputError(f"--flow: expected frames as --output, such as out.####.exr, found {arguments.output}")
+        for name in ("flow", "visible"):
+            if getattr(arguments, name):
+                expected = "frames as --output, such as out.####.exr"
+                raise InputError(f"--{name}: expected {expected}, found {arguments.output}")
         options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
         found = draw_film(scene, cameras, arguments.output, **options)
     else:
@@ -112,7 +120,7 @@ def draw(
             if value and not (name == "fps" and poses is not None):
                 flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
                 raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {arguments.output}")
-        found = draw_frames(scene, cameras, arguments.output, flow=arguments.flow, **options)
+        found = draw_frames(scene, cameras, arguments.output, flow=arguments.flow, visible=arguments.visible, **options)
     if arguments.json:
         print(json.dumps(found.stats(), indent=2))
     else:
