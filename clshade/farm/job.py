@@ -16,8 +16,9 @@ from ..errors import ClshadeError, WorkerError
 from ..pipeline.flow import flow
 from ..pipeline.flow_vectors import Flow, FlowName
 from ..pipeline.frame import Frame
-from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths
+from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
 from ..pipeline.renderer import Renderer
+from ..pipeline.visible import visible
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.pose import Pose
@@ -27,12 +28,14 @@ SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`."""
+    """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`. visible: ending of
+    each frame's table of instances, None without one."""
 
     scene: Scene
     settings: Settings
     device: str | None
     saving: SavingOptions
+    visible: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +150,9 @@ class FrameWriter:
                     ready()
                 frame = renderer.render(task.camera)
             frame.flows = {beside.name: self._flow(frame, beside) for beside in task.beside}
+            if self._job.visible is not None:
+                table = visible(frame.scene, settings=frame.settings, device=self._job.device)
+                table.save(visible_path(task.path, self._job.visible))
             drawn = time.perf_counter()
             saving: SavingOptions = {**self._job.saving, "files": task.files}
             warnings = frame.write(task.path, **saving)

@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..base.atomic_files import folder_made, shown
-from ..base.validation import flag, integer, known, number, value_error
+from ..base.validation import choice, flag, integer, known, number, value_error
 from ..errors import InputError
 from ..images.colorbar import bar_width
 from ..pipeline.effective_settings import effective_settings
@@ -128,6 +128,7 @@ def draw_frames(
     device: str | None = None,
     saving: SavingOptions | None = None,
     flow: bool = False,
+    visible: Literal["csv", "json"] | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
     """Draw frames of a scene and write each as EXR and PNG, or other files, the same whoever draws them.
@@ -168,6 +169,8 @@ def draw_frames(
         Write optical flow to the EXR of each frame, and the layer id: as ``flow`` to the frame with the
         next number, as ``flow_back`` to the one before, with the masks of what these do not show, see
         `clshade.flow`. The first frame has no ``flow_back``, the last no ``flow``.
+    visible : {"csv", "json"}, optional
+        Write the table of `clshade.visible` beside each frame: ``out.0001_visible.csv``.
     **settings
         Keywords of `clshade.render`; the resolution of a frame is that of its camera.
 
@@ -212,6 +215,8 @@ def draw_frames(
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
     numbers = sorted(cameras) if flow else []
+    if visible is not None:
+        choice("draw_frames", "visible", visible, ("csv", "json"))
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
@@ -236,7 +241,7 @@ def draw_frames(
             checked = ("tonemap", "exposure", "compression", "depth_scale")
             check: dict[str, Any] = {name: value for name, value in chosen.items() if name in checked}
             check_output(pattern.names(left[0])[0], files=files, **check)
-        job = Job(scene, settled, device, chosen)
+        job = Job(scene, settled, device, chosen, visible)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
     return Run(

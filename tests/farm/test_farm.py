@@ -19,6 +19,7 @@ from clshade.farm.frames import parse_frames, parse_pattern
 from clshade.images import exr
 from clshade.pipeline.flow import flow
 from clshade.pipeline.renderer import render
+from clshade.pipeline.visible import visible
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 
@@ -426,10 +427,25 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
         for k, letter in enumerate("XY"):
             np.testing.assert_array_equal(files[1][f"{name}.{letter}"], found.vectors[..., k])
         np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, found.occluded)
-    refused = run(capsys, *command, "--flow", "-o", tmp_path / "a.mp4")
-    assert_refused(refused, "--flow: expected frames as --output, such as out.####.exr, found")
+    for option in (["--flow"], ["--visible", "csv"]):
+        refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
+        assert_refused(refused, f"{option[0]}: expected frames as --output, such as out.####.exr, found")
     with pytest.raises(InputError, match="draw_frames: flow: expected False without the file that holds it, exr"):
         draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
+
+
+@needs_device
+def test_tables_of_instances_beside_the_frames(tmp_path):
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = {1: scene.camera, 2: replace(scene.camera, lookat=(1.0, 0.0, 0.0))}
+    draw_frames(scene, cameras, str(tmp_path / "f#.exr"), preset="course", progress=False, visible="json")
+    assert sorted(path.name for path in tmp_path.glob("f2*")) == ["f2.exr", "f2.png", "f2_visible.json"]
+    for number, camera in cameras.items():
+        (row,) = json.loads((tmp_path / f"f{number}_visible.json").read_text())
+        assert row["inside"] == visible(replace(scene, camera=camera)).table["inside"][0]
+        assert (row["inside"] < 1.0) == (number == 2)
+    with pytest.raises(InputError, match="draw_frames: visible: expected one of csv, json, found 'txt'"):
+        draw_frames(scene, cameras, str(tmp_path / "g#.exr"), visible="txt")
 
 
 @needs_device

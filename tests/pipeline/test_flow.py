@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from dataclasses import replace
 
@@ -10,8 +11,11 @@ import pytest
 from layer_scenes import mixed
 
 import clshade
+from clshade.cli.main import main
 from clshade.errors import InputError
+from clshade.farm import read_cameras
 from clshade.measure.check.flow_bounds import flow_errors
+from clshade.measure.fuzz.random_scenes import scene_of
 from clshade.pipeline.flow_vectors import Flow
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
@@ -293,6 +297,37 @@ def test_a_scene_of_everything_is_the_oracles(opened):
         assert_oracles(frame, clshade.flow(frame, end, device=opened))
 
 
+@pytest.mark.long
+def test_random_scenes_are_the_oracles(opened):
+    """Of all sizes and places, with clipped faces and mirrored placements; the camera moves, and in half of them the
+    meshes."""
+    rng = np.random.default_rng(1)
+    shown = hidden = 0
+    for number in range(40):
+        scene = scene_of(number).scene
+        meshes = [
+            Mesh(m.verts, m.faces, material=Material(sides=m.material.sides), instances=m.instances)
+            for m in scene.meshes
+        ]
+        start = replace(scene.camera, resolution=(32, 24))
+        frame = draw(opened, *meshes, camera=start, samples=(1, 4)[number % 2])
+        reach = np.linalg.norm(start.lookat - start.eye)
+        end = replace(
+            start,
+            eye=start.eye + 0.1 * reach * rng.normal(size=3),
+            lookat=start.lookat + 0.05 * reach * rng.normal(size=3),
+            resolution=(36, 28),
+        )
+        if number % 4 < 2:
+            moves = [at(*0.05 * reach * rng.normal(size=3)) for _ in meshes]
+            meshes = [replace(mesh, instances=move @ mesh.instances) for mesh, move in zip(meshes, moves, strict=True)]
+        found = clshade.flow(frame, replace(frame.scene, meshes=tuple(meshes), camera=end), device=opened)
+        assert_oracles(frame, found)
+        shown += (~found.occluded).sum()
+        hidden += found.occluded[frame["id"] > 0].sum()
+    assert min(shown, hidden) > 1000
+
+
 # Checks, files and refusals
 
 
@@ -310,6 +345,17 @@ def test_check_looks_at_flows(opened):
         found = clshade.check(a, 500)
         assert not found.passed
         assert found.flow > 1.0
+
+
+@pytest.mark.parametrize("layers", [("instance_id",), ("id", "instance_id")])
+def test_check_looks_at_instances(opened, layers):
+    frame, _ = boxes(opened, layers=layers)
+    assert clshade.check(frame, "all").passed
+    assert set(np.unique(frame["instance_id"])) == {0, 1, 2, 3}
+    row, column = np.argwhere(frame["instance_id"] == 2)[5]
+    frame["instance_id"][row, column] = 3
+    found = clshade.check(frame, "all")
+    assert (found.passed, found.wrong) == (False, 1)
 
 
 def test_files(opened, tmp_path):
@@ -337,6 +383,24 @@ def test_files(opened, tmp_path):
     with pytest.raises(InputError, match="Frame: flows: expected one of flow, flow_back, found 'motion'"):
         a.save(tmp_path / "b")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.flo", "a.png"]
+
+
+def test_the_command_line_writes_flow(opened, tmp_path, capsys):
+    camera = {"eye": [0.5, 0, 4], "lookat": [0.5, 0, 0]}
+    (tmp_path / "c.json").write_text(json.dumps([camera, {**camera, "fov": 20}]))
+    (tmp_path / "many.json").write_text(json.dumps([camera] * 3))
+    command = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
+    assert main([*command, "--flow-to", str(tmp_path / "c.json"), "-o", str(tmp_path / "a")]) == 0
+    channels, _ = clshade.exr.read(tmp_path / "a.exr")
+    frame = clshade.render(clshade.builtin("icosphere"), device=opened, resolution=(40, 30), samples=4, **PLAIN)
+    for name, found in zip(("flow", "flow_back"), read_cameras(tmp_path / "c.json", frame.scene.camera), strict=True):
+        expected = clshade.flow(frame, found, device=opened)
+        np.testing.assert_array_equal(channels[f"{name}.X"], expected.vectors[..., 0])
+        np.testing.assert_array_equal(channels[f"{name}_occluded"] != 0, expected.occluded)
+    capsys.readouterr()
+    assert main([*command, "--flow-to", str(tmp_path / "many.json"), "-o", str(tmp_path / "b")]) == 2
+    assert "--flow-to: expected one camera or two in" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
 
 
 def test_refusals(opened):

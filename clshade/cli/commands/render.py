@@ -14,6 +14,7 @@ from ...errors import ClshadeError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
+from .flow_options import add_flows, flow_cameras, flow_option
 from .saving_options import chosen_saving, saving_options
 from .scene_options import (
     SAMPLES_HELP,
@@ -65,6 +66,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
+    flow_option(output)
     save_scene_option(output)
     output.add_argument(
         "--visible",
@@ -171,7 +173,9 @@ def _draw(
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         console.table(selected.table())
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
+    cameras = flow_cameras(scene, arguments)
     frame = renderer.render(scene, **options)
+    add_flows(frame, cameras, arguments)
     if arguments.check is not None:
         from ...measure.check.check import check
 
@@ -204,6 +208,8 @@ def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, An
     chosen = chosen_settings(arguments) if limited else picture_settings(arguments, scene)
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    if arguments.flow_to is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "id")
     return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scene
 
 _NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
-    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible")),
+    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to")),
     **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
     "compression": "zip",
     "crop_zoom": [],
@@ -92,7 +92,7 @@ def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:
         for path in (
             *crop_paths(stem, arguments.crop_zoom),
             *([_beside(stem, "marked")] if arguments.crop_zoom else ()),
-            *([visible_path(stem, arguments.visible)] if arguments.visible else ()),
+            *([_table(stem, arguments.visible)] if arguments.visible else ()),
         )
     ]
 
@@ -141,8 +141,10 @@ def crop_paths(stem: str, crops: Sequence[Crop]) -> list[Path]:
     return [_beside(stem, f"crop{number if len(crops) > 1 else ''}") for number in range(1, len(crops) + 1)]
 
 
-def visible_path(stem: str, ending: str) -> Path:
-    return _beside(stem, "visible", f".{ending}")
+def _table(stem: str, ending: str) -> Path:
+    from ...pipeline.frame_files import visible_path
+
+    return visible_path(stem, ending, ("render", "--output"))
 
 
 def write_visible(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[Path]:
@@ -151,7 +153,7 @@ def write_visible(frame: Frame, stem: str, arguments: argparse.Namespace) -> lis
         return []
     from ...pipeline.visible import visible
 
-    path = visible_path(stem, arguments.visible)
+    path = _table(stem, arguments.visible)
     visible(frame.scene, settings=frame.settings, device=arguments.device).save(path)
     return [path]
 
