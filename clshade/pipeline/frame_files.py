@@ -31,9 +31,7 @@ FileKind: TypeAlias = Literal["exr", "png", "npz", "depth"]
 KINDS: tuple[FileKind, ...] = get_args(FileKind)
 FILES: tuple[FileKind, ...] = ("exr", "png")  # written by default, in the order of `output_paths`
 ENDINGS: dict[FileKind, str] = {"exr": ".exr", "png": ".png", "npz": ".npz", "depth": ".depth.png"}
-
-
-Encoder: TypeAlias = "Callable[[BinaryIO], list[str] | None]"  # writes to an open file, returns warnings
+Encoder: TypeAlias = Callable[[BinaryIO], list[str] | None]  # writes to an open file, returns warnings
 
 
 class SavingOptions(TypedDict, total=False):
@@ -133,7 +131,7 @@ def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
 def check_layers(files: Container[str], layers: Container[str]) -> None:
     """Raise InputError if a file shows a layer that is not there."""
     if "depth" in files and "Z" not in layers:
-        raise InputError("Frame.save: files: expected depth only of a frame with the layer Z, found none: layers='Z'")
+        raise InputError("Frame.save: files: expected depth only of a frame with the layer Z, found a frame without it")
 
 
 def check_output(

@@ -15,7 +15,7 @@ from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
 from clshade.farm.camera_files import FIELDS, read_cameras
 from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames, parse_pattern
+from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
 from clshade.pipeline.flow import flow
 from clshade.pipeline.renderer import render
@@ -85,6 +85,21 @@ def test_refused_frames(text):
 )
 def test_file_names(text, number, stem):
     assert parse_pattern(text, 1).names(number) == (f"{stem}.exr", f"{stem}.png")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("out.####.exr", "out.left.####.exr"),
+        ("a/b_##", "a/b.left_##"),
+        ("out###.npz", "out.left.###.npz"),
+        ("take#3/####.exr", "take#3/left.####.exr"),
+        ("a/film.mp4", "a/film.left.mp4"),
+        ("single", "single.left"),
+    ],
+)
+def test_names_of_an_eye(text, name):
+    assert pattern_of_eye(text, "left") == name
 
 
 @pytest.mark.parametrize(("text", "count"), [("out.exr", 2), ("a#b#.exr", 1), ("##/out.exr", 2), ("##/", 1), ("", 1)])
