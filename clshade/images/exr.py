@@ -338,7 +338,8 @@ def encode(
         As for `write`.
     parts : mapping of str to (mapping, mapping), optional
         Further parts by name: channels of the same size and metadata of each, without `window`,
-        never as half. The compression may not be lossy then. The first part is named ``rgba``.
+        never as half. The compression may not be lossy then. The first part is named ``rgba``; its
+        pixelAspectRatio is that of all.
 
     Returns
     -------
@@ -376,7 +377,8 @@ def encode(
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
         whole = (0, 0, columns - 1, rows - 1)
         found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in planes.items()}
-        further.append((name, _header(own_metadata, whole, whole), found))
+        shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
+        further.append((name, _header({**own_metadata, **shared}, whole, whole), found))
     _compress(file, [(FIRST, header, stored), *further], compression)
     return warnings
 

@@ -120,6 +120,15 @@ def test_parts_that_are_refused(tmp_path):
                 exr.encode(file, image, parts={name: found})
 
 
+def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
+    """As OpenEXR wants it."""
+    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    for more in ({}, {"pixelAspectRatio": 2.0}):
+        with open(tmp_path / "a.exr", "w+b") as file:
+            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (found.channels, more)})
+        assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
+
+
 def test_warnings_and_errors_name_the_part():
     image, huge = np.zeros((7, 9, 3), np.float32), np.full((7, 9), 1e300)
     (warning,) = exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge}, {})})
