@@ -65,6 +65,17 @@ def test_a_thing_is_recovered_from_its_name():
         assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
 
 
+def test_names_of_one_hash():
+    """They are refused where both are shown: masks would be mixed."""
+    one, other = "tree 33987", "tree 49036"
+    assert hashes([one])[0] == hashes([other])[0]
+    numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
+    found = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: other})
+    assert found.channels["CryptoObject00.G"].max() > 0
+    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{other}'"):
+        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: other})
+
+
 def test_others_read_the_part(tmp_path):
     oiio = pytest.importorskip("OpenImageIO")
     found = matte("CryptoObject", shown(4), NAMES)
