@@ -107,8 +107,9 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     Raises
     ------
     InputError
-        Another shape or type, a number without a name, a name of 0, two names with one hash, or mmh3
-        is not installed.
+        Another shape or type, a number without a name, a name of 0, two names with one hash that are
+        both shown (of 10,000 names that happens with a probability of 1 %, of 77,000 with 50 %), or
+        mmh3 is not installed.
     """
     if not text("cryptomatte", "label", label):
         raise value_error("cryptomatte", "label", "at least one letter", label)
@@ -125,9 +126,10 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     once = dict.fromkeys(names.values())
     ids = dict(zip(once, hashes(once).tolist(), strict=True))
     by_id: dict[int, str] = {}
-    for name, hashed in ids.items():
-        if by_id.setdefault(hashed, name) != name:
-            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {by_id[hashed]!r}", name)
+    for name in dict.fromkeys(names[int(number)] for number in present if number):
+        other = by_id.setdefault(ids[name], name)
+        if other != name:
+            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {other!r}", name)
     # Things of one name are one thing: numbered alike, in the order of the names.
     place = {name: k for k, name in enumerate(once, 1)}
     known = np.array([0, *names], np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -59,6 +60,14 @@ def test_masks_of_any_shape(shape):
 def test_what_has_no_masks(given):
     with pytest.raises(InputError, match=r"^coco: instances: expected an array of shape \(M, N\) of whole numbers"):
         masks(given)
+
+
+def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
+    names = ["é.exr", os.fsdecode(b"\xff.exr")]
+    files = [written(tmp_path, name) for name in names]
+    assert run(capsys, "coco", *files, "-o", tmp_path / "a.json")[0] == 0
+    assert "é.exr" in (tmp_path / "a.json").read_text("utf-8")
+    assert [each["file_name"] for each in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
 
 
 def test_nothing_is_seen():

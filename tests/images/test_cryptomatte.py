@@ -65,6 +65,17 @@ def test_a_thing_is_recovered_from_its_name():
         assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
 
 
+def test_names_of_one_hash():
+    """They are refused where both are shown: masks would be mixed."""
+    one, other = "tree 33987", "tree 49036"
+    assert hashes([one])[0] == hashes([other])[0]
+    numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
+    found = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: other})
+    assert found.channels["CryptoObject00.G"].max() > 0
+    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{other}'"):
+        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: other})
+
+
 def test_others_read_the_part(tmp_path):
     oiio = pytest.importorskip("OpenImageIO")
     found = matte("CryptoObject", shown(4), NAMES)
@@ -118,6 +129,15 @@ def test_parts_that_are_refused(tmp_path):
         for name in ("", "rgba", "a\n", "\ud800", 3):
             with pytest.raises(InputError, match="exr: parts: expected names of at least one letter, other than rgba"):
                 exr.encode(file, image, parts={name: found})
+
+
+def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
+    """As OpenEXR wants it."""
+    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    for more in ({}, {"pixelAspectRatio": 2.0}):
+        with open(tmp_path / "a.exr", "w+b") as file:
+            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (found.channels, more)})
+        assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
 
 
 def test_warnings_and_errors_name_the_part():

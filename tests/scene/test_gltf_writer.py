@@ -229,6 +229,17 @@ def test_vertices_are_split_only_where_attributes_differ(tmp_path):
     np.testing.assert_array_equal(at_corners(back.meshes[1], "uvs"), UVS[FACES])
 
 
+@pytest.mark.parametrize("far", [1e9, 1e300])
+def test_vertices_without_faces_are_left_out(tmp_path, far):
+    """They cost the others no digits."""
+    verts = np.vstack([[far] * 3, CORNERS + 1 / 3, [-far] * 3])
+    back, _ = written(tmp_path, mesh(verts=verts, faces=FACES + 1, colors=np.linspace(0, 1, 18).reshape(6, 3)))
+    np.testing.assert_allclose(corners_in_world(back), verts[FACES + 1], rtol=1e-7)
+    (found,) = back.meshes
+    assert (len(found.verts), found.faces.tolist()) == (4, FACES.tolist())
+    np.testing.assert_allclose(found.colors, np.linspace(0, 1, 18).reshape(6, 3)[1:5], rtol=1e-7)
+
+
 def test_unified_vertices_keep_their_order():
     faces = np.array([[3, 1, 0], [0, 1, 2]], np.int32)
     own = np.array([[0, 0, 0], [0, 0, 1]], np.int32)
@@ -306,7 +317,8 @@ def test_indices_are_as_wide_as_they_need(tmp_path, count):
     verts = np.zeros((count, 3), np.float32)
     verts[:, 0] = np.arange(count)
     verts[-1, 1] = 1.0
-    back, _ = written(tmp_path, mesh(verts=verts, faces=np.array([[0, 1, count - 1]] * (count // 6 + 1))))
+    others = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
+    back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], others])))
     assert corners_in_world(back)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
     accessors = content(tmp_path / "a.glb")["accessors"]
     assert accessors[-1]["componentType"] == (5123 if count == 65535 else 5125)

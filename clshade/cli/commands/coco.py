@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_output_file(arguments.output, arguments.files, (".json",))
     found = data_set(arguments.files, os.path.dirname(arguments.output) or ".")
     with atomic_files.replacing(arguments.output) as file:
-        file.write(json.dumps(found, ensure_ascii=False).encode("utf-8", "replace"))
+        file.write(json.dumps(found, ensure_ascii=False).encode("utf-8", "backslashreplace"))  # as JSON escapes
     parts = (("images", "image"), ("annotations", "annotation"), ("categories", "category"))
     counts = ((len(found[several]), one, several) for several, one in parts)
     counted = ", ".join(f"{count} {one if count == 1 else several}" for count, one, several in counts)

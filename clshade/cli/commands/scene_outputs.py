@@ -58,8 +58,8 @@ def save_scene_option(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--save-scene",
         metavar="FILE",
-        help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json and, of large "
-        "arrays, FILE.json.bin, or what other programs read to FILE.glb",
+        help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json, with large "
+        "arrays in FILE.json.bin, or for other programs to FILE.glb",
     )
 
 
