@@ -44,7 +44,7 @@ class Layers:
     def kinds(self) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
         """Return the components and the type of each layer, by name: () or (K,)."""
         real = self._stages.structs.real
-        found = {}
+        found: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
         for name in self._names:
             kind = np.float64 if name == "P" else real if name == "Z" or name in _SURFACE else np.uint32
             found[name] = ((_WIDTHS[name],) if name in _WIDTHS else ()), np.dtype(kind)
