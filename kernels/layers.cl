@@ -50,6 +50,13 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
 {
     int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
     int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
+#if HAS_EMPTY_TILES
+    if (is_empty_tile(owners, image, left, bottom)) {
+        LayerBlock whole = layer_block(image, left, bottom);
+        clear_layer(depths, 1, INFINITY, &whole);
+        return;
+    }
+#endif
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
         int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;

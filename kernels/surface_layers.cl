@@ -100,7 +100,8 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 }
 
-Shown background(void)
+// The layers of a block whose first pixel is sampled at `at`.
+Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored, global const real *scalars)
 {
     Shown shown;
     shown.u = shown.v = (reals)(0.0f);
@@ -114,14 +115,6 @@ Shown background(void)
     shown.across = shown.factor = (reals)(0.0f);
     shown.turned = no_texels();
 #endif
-    shown.open = (reals)(0.0f);
-    return shown;
-}
-
-// The layers of a block whose first pixel is sampled at `at`.
-Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirrored, global const real *scalars)
-{
-    Shown shown = background();
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = next_owner(owner, todo, &mine);
         show_owner(&shown, mine, in, in->triangles + index, at, mirrored, scalars);
@@ -187,32 +180,33 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, c
 #endif
 }
 
-void write_background(const LayerOutputs *to, const LayerBlock *block)
+#if HAS_EMPTY_TILES
+// The layers of a tile without any triangle.
+void clear_layers(const LayerOutputs *to, const LayerBlock *tile)
 {
-    reals zero = (reals)(0.0f);
-    reals3 none = {zero, zero, zero};
 #if LAYER_N
-    write_components(to->normals, 3, none, block);
+    clear_layer(to->normals, 3, 0.0f, tile);
 #endif
 #if LAYER_P
-    write_components(to->points, 3, none, block);
+    clear_layer(to->points, 3, 0.0f, tile);
 #endif
 #if LAYER_ALBEDO
-    write_components(to->albedos, 3, none, block);
+    clear_layer(to->albedos, 3, 0.0f, tile);
 #endif
 #if LAYER_UV
-    write_components(to->coordinates, 2, none, block);
+    clear_layer(to->coordinates, 2, 0.0f, tile);
 #endif
 #if LAYER_BARYCENTRICS
-    write_components(to->weights, 3, none, block);
+    clear_layer(to->weights, 3, 0.0f, tile);
 #endif
 #if LAYER_SCALAR
-    write_numbers(to->scalars, (reals)((real)NAN_POSITION), block);
+    clear_layer(to->scalars, 1, (real)NAN_POSITION, tile);
 #endif
 #if LAYER_AO
-    write_numbers(to->open, zero, block);
+    clear_layer(to->open, 1, 0.0f, tile);
 #endif
 }
+#endif
 
 // A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
 ITEM_BY_ITEM
@@ -227,6 +221,13 @@ kernel void surface_layers(SURFACE_PARAMETERS,
     const Inputs *in = &inputs;
     int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
     int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
+#if HAS_EMPTY_TILES
+    if (is_empty_tile(owners, image, left, bottom)) {
+        LayerBlock whole = layer_block(image, left, bottom);
+        clear_layers(&outputs, &whole);
+        return;
+    }
+#endif
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
         int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
@@ -234,10 +235,6 @@ kernel void surface_layers(SURFACE_PARAMETERS,
             continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        if (!any_lane(owner >= 0)) {
-            write_background(&outputs, &pixels);
-            continue;
-        }
         Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored, scalars);
         write_shown(&outputs, &shown, in, &pixels);
     }

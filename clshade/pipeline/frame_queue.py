@@ -14,7 +14,7 @@ from .buffer_pool import Pool
 from .buffers import ALIGNMENT, Buffer, transfers, wait
 from .camera_space import CameraSpace
 from .features import Features
-from .frame_state import FrameTables, Progress
+from .frame_state import STREAMED_PIXELS, FrameTables, Progress
 from .layers import Layers
 from .opencl.device import Device
 
@@ -96,7 +96,10 @@ class FrameQueue:
             for name, array in arrays.items()
         }
         image = self._outputs["rgba"]
-        self._streams = not image.is_direct or _is_aligned(image.array, ALIGNMENT)
+        together = image.array if image.is_direct else image.array[:1]
+        self._streams = together[..., 0].size >= STREAMED_PIXELS and (
+            _is_aligned(image.array, ALIGNMENT) or not image.is_direct
+        )
         shape = image.array.shape[1:3]
         self._owners = [source._pool.take(shape, np.int32) for _ in range(2) if source.features["OWNERS"]]
         self._tables = source._tables, source._tables.twin()

@@ -11,6 +11,8 @@ from . import struct_layout
 from .buffers import Buffer
 from .camera_space import CameraSpace
 
+STREAMED_PIXELS = 1 << 19  # from here on images do not fit in caches, which they would only empty
+
 
 @dataclass
 class FrameTables:
@@ -37,14 +39,14 @@ class FrameTables:
 class Progress:
     """The progress of a frame.
 
-    streams: whether large images may be written past the caches, which takes memory aligned to 64 bytes. events: of its
+    streams: whether the image is written past the caches, if it has rows of 64 bytes. events: of its
     kernels, by name. host_ms: times of the host's stages. is_sorted: whether its triangles were sorted by depth.
     counters: as the host has read them, None until then. counted: those on the device. room: entries that fitted in the
     tile lists when it was enqueued.
     """
 
     space: CameraSpace
-    streams: bool = True
+    streams: bool
     events: dict[str, Any] = field(default_factory=dict)
     host_ms: dict[str, float] = field(default_factory=dict)
     is_sorted: bool = False

@@ -182,7 +182,7 @@ def result_arrays(
             found[name] = _checked(name, out[name], shape, kind)
     for index, (name, array) in enumerate(found.items()):
         for other in list(found)[:index]:
-            if _overlap(array, found[other]):
+            if np.shares_memory(array, found[other]):
                 raise InputError(f"{_OWNER}: out[{name!r}]: expected memory of its own, found that of out[{other!r}]")
     try:
         return {name: found[name] if name in found else make(*kind) for name, kind in kinds.items()}
@@ -199,10 +199,3 @@ def _checked(name: str, array: Any, shape: tuple[int, ...], kind: np.dtype) -> A
     if not array.flags.writeable:
         raise InputError(f"{_OWNER}: {field}: expected a writeable array, found a read-only one")
     return array
-
-
-def _overlap(a: Array, b: Array) -> bool:
-    try:
-        return np.shares_memory(a, b, max_work=10**6)
-    except np.exceptions.TooHardError:
-        return False  # of interleaved arrays: not worth more time

@@ -29,7 +29,7 @@ from .effective_settings import effective_settings
 from .features import Features, at_lanes, finds_casters, ignored, looks_up
 from .frame import Frame
 from .frame_queue import FrameQueue
-from .frame_state import FrameTables, Progress
+from .frame_state import STREAMED_PIXELS, FrameTables, Progress
 from .hierarchy import Hierarchy
 from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
-_STREAMED_PIXELS = 1 << 19  # images from here on do not fit in caches
 _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_process", "_closed"}
 
 
@@ -309,9 +308,8 @@ class Renderer:
 
     def _write_image(self, frame: Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution
-        large = columns % 4 == 0 and columns * rows >= _STREAMED_PIXELS
         # Pixels below lines are written twice.
-        streamed = large and frame.streams and self.settings.edges is None
+        streamed = frame.streams and columns % 4 == 0 and self.settings.edges is None
         known = resolution, self._lists.room, streamed
         with self._image.writing(waits=False) as table:
             image = table[0]
@@ -697,7 +695,8 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         rgba, image = self._pool.take((rows, columns, 4), self._structs.real)
         owners, owned = self._pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
-        frame = Progress(CameraSpace.of(camera, self._extent, self.settings.near))
+        space = CameraSpace.of(camera, self._extent, self.settings.near)
+        frame = Progress(space, streams=rows * columns >= STREAMED_PIXELS)
         self._begin(frame, rgba, owners)
         self._finish_frame(frame, rgba, owners)
         layers: dict[str, Array] = {}

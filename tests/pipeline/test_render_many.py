@@ -15,8 +15,7 @@ from layer_scenes import mixed
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import ClshadeError, InputError
-from clshade.pipeline import buffers
-from clshade.pipeline import renderer as renderer_module
+from clshade.pipeline import buffers, frame_queue
 from clshade.pipeline.buffers import aligned
 from clshade.pipeline.features import SORTING_LANES
 from clshade.pipeline.frame import Frame, same_bits
@@ -121,8 +120,6 @@ def test_the_next_frame_is_enqueued_before_the_last_is_complete(device, monkeypa
             happened.append("wait")
             return wait(*arguments)
 
-        from clshade.pipeline import frame_queue
-
         wait = frame_queue.wait
         monkeypatch.setattr(Stages, "_launch", noted)
         monkeypatch.setattr(frame_queue, "wait", waited)
@@ -161,7 +158,7 @@ def test_arrays_of_the_caller(device, tmp_path, kind, size):
 
 def test_images_that_cannot_be_written_past_the_caches(device, monkeypatch):
     """Whole rows of 64 bytes are, where all images begin at a multiple of that."""
-    monkeypatch.setattr(renderer_module, "_STREAMED_PIXELS", 1)
+    monkeypatch.setattr(frame_queue, "STREAMED_PIXELS", 1)
     numbers, shape = 4 * SIZE * SIZE, (3, SIZE, SIZE, 4)
     wide = aligned((3, numbers + 4), np.dtype(np.float32))
     cameras = [looking(back) for back in FAR]

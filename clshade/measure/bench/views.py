@@ -19,13 +19,14 @@ from ...pipeline.frame import Frame, same_bits
 from ...pipeline.opencl.device import Device, open_device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
+from ...scene.settings import Layer
 from ..report.study import machine
 from ..timing import Spread, in_turns, ratio_interval, spread
 from .tables import paths
 from .workloads import thing
 
 RESOLUTION = (640, 480)
-LAYERS = ("Z", "N", "id")
+LAYERS: tuple[Layer, ...] = ("Z", "N", "id")
 ROUNDS = 9
 COLUMNS = ("how", "ms a view", "half of them", "views/s", "times as fast", "95 %")
 NOTE = (
