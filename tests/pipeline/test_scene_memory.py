@@ -12,9 +12,10 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import scene_memory, tile_lists
+from clshade.pipeline import depth_sort, hierarchy, scene_memory, struct_layout, tile_lists
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import TileLists
+from clshade.scene import model
 from clshade.scene.model import Scene
 
 SCENE = clshade.builtin("icosphere", level=3)
@@ -78,6 +79,21 @@ def test_faces_that_the_kernels_do_not_count(monkeypatch):
         InputError, match=r"^Scene: meshes: expected at most 2000 triangles with instances, found 2560$"
     ):
         placed(2)
+
+
+def test_the_most_faces_are_within_the_kernels_numbers():
+    """In int32: corners, rows of four reals of the structs of triangles, twice a piece and its turn. In the bits of a float,
+    neither infinite nor NaN: ranks, and faces of leaves. In 64 bits: keys. And the hierarchy has enough levels."""
+    most = model.MAX_FACES
+    assert 3 * most <= 1 << 31
+    assert struct_layout.SINGLE.Triangle.itemsize == 3 * 16
+    assert 2 * most + 1 < 1 << 31
+    assert most + 0x00800000 < 0x7F800000
+    assert most <= 16 ** (struct_layout.MOST_HIERARCHY_LEVELS + 1)
+    mantissa = 64 - depth_sort.index_bits(most) - 12
+    assert mantissa > 22  # sorted to 2^-22 of a depth, as the kernels have it
+    per_axis = (64 - struct_layout.SIZE_BITS - hierarchy._index_bits(most)) / 3
+    assert per_axis >= 10  # cells of Morton's curve, 2^10 along each axis
 
 
 def test_entries_of_tile_lists_that_the_kernels_do_not_count(device, monkeypatch):
