@@ -50,19 +50,12 @@ class Corners:
         return (self.uvs, *self.more_uvs)[texture.coordinates]
 
 
-def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, Floats, Floats]:
-    """Return positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
-    verts = world_vertices(mesh.verts, matrix)
-    if mesh.normals is None or compute_normals:
-        normals = vertex_normals(verts, mesh.faces)[mesh.faces]
-        errors = vertex_normal_errors(verts, mesh.faces)[mesh.faces].max(axis=1)
-        if mirrors(matrix):
-            normals = -normals
-    else:
-        used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
-        normals = placed_normals(mesh.normals, matrix)[used]
-        errors = placed_normal_errors(mesh.normals, matrix)[used].max(axis=1, initial=0.0)
-    return verts[mesh.faces], normals, errors
+def _own_normals(mesh: Mesh, compute: bool) -> tuple[Reals, Floats, Integers]:
+    """Return the normals (K, 3) of a mesh in object space, how far two computations of them may differ, (K,), and their
+    indices (F, 3)."""
+    if mesh.normals is None or compute:
+        return vertex_normals(mesh.verts, mesh.faces), vertex_normal_errors(mesh.verts, mesh.faces), mesh.faces
+    return mesh.normals, np.zeros(len(mesh.normals)), mesh.faces if mesh.normal_faces is None else mesh.normal_faces
 
 
 def placed_bends(world: Floats, normals: Floats, index: Integers) -> Floats:
@@ -138,19 +131,16 @@ def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> C
         mesh_tangents = own_tangents(mesh)
         mesh_alphas = np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64)
         mesh_scalars = at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan)
+        own, own_errors, index_of = _own_normals(mesh, scene.preset == "course")
         for matrix in np.asarray(mesh.instances):
-            placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
+            placed = world_vertices(mesh.verts, matrix)[mesh.faces]
+            placed_normal = placed_normals(own, matrix)[index_of]
             # A placement that mirrors reverses the winding: what was the front stays the front.
             turned = [0, 2, 1] if mirrors(matrix) else slice(None)
             world.append(placed[:, turned])
             normals.append(placed_normal[:, turned])
-            errors.append(normal_error)
-            own = mesh.faces if mesh.normals is None or scene.preset == "course" else mesh.normal_faces
-            of_faces = (
-                placed_bends(placed, placed_normal, mesh.faces if own is None else own)
-                if bent
-                else np.zeros((count, 3))
-            )
+            errors.append(placed_normal_errors(own, matrix, own_errors)[index_of].max(axis=1, initial=0.0))
+            of_faces = placed_bends(placed, placed_normal, index_of) if bent else np.zeros((count, 3))
             bends.append(of_faces[:, turned])
             colors.append(mesh_colors[:, turned])
             uvs.append(mesh_uvs[:, turned])

@@ -75,16 +75,18 @@ def placed_normals(normals: Reals, matrix: Floats) -> Floats:
     return unit(unit(directions) @ cofactors.T)
 
 
-def placed_normal_errors(normals: Reals, matrix: Floats) -> Floats:
+def placed_normal_errors(normals: Reals, matrix: Floats, own: Floats | float = 0.0) -> Floats:
     """Return how far two computations of `placed_normals` in float64 may differ: (K,), absolute; 0 where there is no normal.
+    own: how far the normals themselves may differ, (K,).
 
     A cofactor is a difference of two products, accurate to 2 units of 2^-53 of the sum of their sizes, which is much more
     than the cofactor where the placement is nearly singular. A component of the normal is a sum of three products with
     a normalized direction: 4 units of the direction's components, 1 of each product and 2 of the sums add up to 9. All
-    this is relative to the length of the sum, and counts for both sides.
+    this is relative to the length of the sum, and counts for both sides. What the normals differ by themselves grows at
+    most as the cofactors' norm.
     """
     if np.array_equal(matrix, np.eye(4)):
-        return np.zeros(len(normals))
+        return own + np.zeros(len(normals))
     rows = matrix[:3, :3] / power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
     following = np.array([1, 2, 0])
     a, b = rows[following], rows[following[following]]
@@ -93,5 +95,6 @@ def placed_normal_errors(normals: Reals, matrix: Floats) -> Floats:
     sizes = after + before
     directions = unit(np.asarray(normals, dtype=np.float64))
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = 2.0 * 2.0**-53 * 9.0 * length(np.abs(directions) @ sizes.T) / length(directions @ cofactors.T)
+        rounding = 2.0 * 2.0**-53 * 9.0 * length(np.abs(directions) @ sizes.T)
+        errors = (rounding + own * np.linalg.norm(cofactors)) / length(directions @ cofactors.T)
     return np.where(placed_normals(normals, matrix).any(axis=1), errors, 0.0)

@@ -31,8 +31,7 @@ def world_vertices(verts: Reals, matrix: Floats) -> Floats:
     points = np.asarray(verts, dtype=np.float64)
     if np.array_equal(matrix, np.eye(4)):
         return points
-    placed: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return placed
+    return np.stack([dot(points, row[:3]) + row[3] for row in matrix[:3]], axis=-1)
 
 
 def mirrors(matrix: Floats) -> bool:

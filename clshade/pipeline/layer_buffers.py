@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -122,10 +121,10 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
     program."""
     asked = settings.layers
-    turned = gatherer.mirrored()
-    features = _program(scene, settings, light, any(turned))
+    turned = any(each.mirrored.any() for each in gatherer.copies)
+    features = _program(scene, settings, light, turned)
     found: dict[str, Any] = {}
-    if not gatherer.placed:
+    if not gatherer.copies:
         return LayerTables(features)
     if features is not None:
         if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
@@ -133,17 +132,12 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
         if "uv" in asked:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
         if features["MIRRORED"]:
-            found["mirrored"] = gatherer.per_face(turned)
+            found["mirrored"] = gatherer.mirrored()
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
 
-    def numbered(per_mesh: Sequence[int]) -> Array:
-        placed = zip(scene.meshes, per_mesh, strict=True)
-        numbers = [number for mesh, number in placed if len(mesh.faces) for _ in np.asarray(mesh.instances)]
-        return gatherer.per_face(numbers).astype(np.uint32)
-
     if "object_id" in asked:
-        found["objects"] = numbered(range(1, len(scene.meshes) + 1))
+        found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1)).astype(np.uint32)
     if "material_id" in asked:
-        found["materials"] = numbered(material_numbers(scene))
+        found["materials"] = gatherer.per_face(material_numbers(scene)).astype(np.uint32)
     return LayerTables(features, **found)
