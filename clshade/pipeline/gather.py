@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_table import typical_intensities
 from .maps import map_of, textures_of
-from .placements import mirroring, placed_normals, placed_points, placed_tangents
+from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
 from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
@@ -97,6 +97,10 @@ class Copies:
     def count(self) -> int:
         return len(self.matrices)
 
+    def one(self, mirrored: bool) -> Copies:
+        """Return the mesh itself, or with the winding of one that a placement mirrors."""
+        return replace(self, matrices=np.eye(4)[None], mirrored=np.array([mirrored]))
+
     def repeated(self, rows: Array) -> Array:
         """Return rows once for each copy."""
         return rows if self.count == 1 else np.tile(rows, (self.count, *[1] * (rows.ndim - 1)))
@@ -147,9 +151,11 @@ class Gatherer:
         scalars: ScalarTables | None = None,
         *,
         maps: bool = False,
+        one_copy: bool = False,
     ) -> None:
-        """maps: whether the shader uses the maps of shader pbr."""
-        self.maps = maps
+        """maps: whether the shader uses the maps of shader pbr. one_copy: whether to gather one copy of each mesh in object
+        space, and another one with the winding reversed if some placement mirrors."""
+        self.maps, self.one_copy = maps, one_copy
         self.scene, self._structs, self._forced, self.scalars = scene, structs, forced, scalars
         self.materials = materials_of(scene)
         meshes = [(number, mesh) for number, mesh in enumerate(scene.meshes) if len(mesh.faces)]
@@ -158,10 +164,13 @@ class Gatherer:
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
-        self.copies: list[Copies] = []
+        self.placed: list[Copies] = []
         for number, mesh in meshes:
             matrices = np.asarray(mesh.instances)
-            self.copies.append(Copies(number, mesh, matrices, mirroring(matrices), *without_unused(mesh)))
+            self.placed.append(Copies(number, mesh, matrices, mirroring(matrices), *without_unused(mesh)))
+        self.copies = self.placed
+        if one_copy:
+            self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
 
     def positions(self) -> tuple[Array, Array]:
         if not self.copies:
@@ -175,10 +184,16 @@ class Gatherer:
 
     def normals(self, indexed: bool, *, bends: bool = False) -> tuple[Array, Array | None]:
         """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
-        of `_bends`."""
+        of `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
         parts, index = [], _Indices()
         for each in self.copies:
             normals, faces, is_unit = own_normals(each, self.scene)
+            index.add(each, faces, len(normals))
+            if self.one_copy:
+                rows = _four(normals if is_unit else about_one(normals), np.float64)
+                rows[:, 3] = is_unit
+                parts.append(rows)
+                continue
             own = placed_normals(normals, each.matrices, each.mirrored, is_unit=is_unit)
             rows = _four(own, self._structs.real)
             if bends:
@@ -186,13 +201,13 @@ class Gatherer:
                 corners = placed_points(each.verts, each.matrices)[each.indices(each.faces, len(each.verts), 0)]
                 rows[:, 3] = _bends(own, own_faces, corners)
             parts.append(rows)
-            index.add(each, faces, len(normals))
         return joined(parts), index.joined() if indexed else None
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
-        indices (F, 3). Row 0 is that of all others."""
-        parts, index = [np.zeros((1, 4), self._structs.real)], []
+        indices (F, 3). Row 0 is that of all others. Of one copy they are float64 in object space, of any length."""
+        real = np.float64 if self.one_copy else self._structs.real
+        parts, index = [np.zeros((1, 4), real)], []
         count = 1
         for each in self.copies:
             texture = map_of(each.mesh, "normal_texture")
@@ -200,7 +215,10 @@ class Gatherer:
                 index.append(each.repeated(np.zeros_like(each.faces)))
                 continue
             own, faces = mesh_tangents(each.mesh, texture.coordinates)
-            parts.append(placed_tangents(own, each.matrices, each.mirrored).astype(self._structs.real))
+            if self.one_copy:
+                parts.append(np.column_stack([about_one(own[:, :3]), own[:, 3]]))
+            else:
+                parts.append(placed_tangents(own, each.matrices, each.mirrored).astype(real))
             index.append(each.indices(faces, len(own), count))
             count += len(own) * each.count
         return joined(parts), joined(index, np.int32)

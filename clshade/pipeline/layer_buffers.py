@@ -27,13 +27,15 @@ MACROS = {
 class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
+    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices;
+    object_normals in place of normals where those of instances are not kept. mirrored:
     (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32. scalars: (3F,) reals, at the corners of
     faces, times 2^-scalar_exponent; NAN_POSITION for none.
     """
 
     features: Features | None
     normals: Array | None = None
+    object_normals: Array | None = None
     normal_faces: Array | None = None
     uvs: Array | None = None
     uv_faces: Array | None = None
@@ -83,7 +85,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     if not asked:
         return None
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
+    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC", "INSTANCES"}
     if "albedo" in asked:
         kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "NEAREST", "MIPMAPS", "UV_INDICES"}
     values = dict(light.only(kept).values)
@@ -128,7 +130,8 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
         return LayerTables(features)
     if features is not None:
         if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
-            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            normals, found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            found["object_normals" if light["INSTANCES"] else "normals"] = normals
         if "uv" in asked:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
         if features["MIRRORED"]:

@@ -77,6 +77,24 @@ def placed_points(points: Array, matrices: Floats) -> Array:
     return found.reshape(-1, 3)
 
 
+def placed_along(points: Array, matrices: Floats, axis: int) -> Floats:
+    """Return the coordinates along one axis of points (V, 3) under placements (K, 4, 4): (K, V)."""
+    x, y, z = np.asarray(points, np.float64).T
+    row = matrices[:, axis, :, None]
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: Floats = ((row[:, 0] * x + row[:, 1] * y) + row[:, 2] * z) + row[:, 3]
+    return found
+
+
+def placed_each(points: Floats, matrices: Floats, identities: Bools) -> Floats:
+    """Return points (C, N, 3), those of each row under a placement of its own, (C, 3, 4)."""
+    x, y, z = (points[..., k, None] for k in range(3))
+    a, b, c, shift = (matrices[:, None, :, k] for k in range(4))
+    with np.errstate(over="ignore", invalid="ignore"):
+        placed = ((a * x + b * y) + c * z) + shift
+    return np.where(identities[:, None, None], points, placed)
+
+
 def about_one(vectors: Array) -> Floats:
     """Return vectors (V, N) times powers of two, so that their largest components are about 1: products neither overflow
     nor underflow."""
