@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ _LAYERS = {"Z", "id", "object_id", "material_id", "N", "P", "albedo", "uv", "bar
 _LEAST_ROOM = 1 << 16  # triangles
 _BLOCK = 1 << 16  # vertices of a block, on a CPU few enough for its caches; more if a mesh has more
 _BLOCK_OF_GPU = 1 << 20
-_MARGIN = 1e-9  # of coordinates and sizes in tests of bounding spheres, whose rounding is far less
+_MARGIN = 2.0**-40  # of all that tests of boxes and spheres add up: far more than its rounding
 
 
 def draws_from_one_copy(scene: Scene, settings: Settings, forced: Collection[str]) -> bool:
@@ -51,6 +51,24 @@ class InstanceTables:
     faces: Integers
     centers: Floats
     radii: Floats
+
+
+class _Box(NamedTuple):
+    """The box of a mesh and its copies: half its size (3,), its middle under each placement (K, 3), how much rounding may
+    move those and the copies' vertices, (K, 3)."""
+
+    half: Floats
+    middle: Floats
+    margin: Floats
+
+
+def _box(copies: Copies) -> _Box:
+    low, high = copies.verts.min(axis=0).astype(np.float64), copies.verts.max(axis=0).astype(np.float64)
+    linear, shift = copies.matrices[:, :3, :3], copies.matrices[:, :3, 3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        middle = (linear * (low / 2 + high / 2)).sum(axis=2) + shift
+        sizes = (np.abs(linear) * np.maximum(np.abs(low), np.abs(high))).sum(axis=2) + np.abs(shift)
+        return _Box(high / 2 - low / 2, middle, _MARGIN * sizes)
 
 
 def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
@@ -80,12 +98,12 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         shift = first + len(each.faces) * np.arange(each.count, dtype=np.int64) - own_face
         rows["face_shift"] = shift.astype(np.uint32).view(np.int32)
         first += each.count * len(each.faces)
-        low, high = each.verts.min(axis=0).astype(np.float64), each.verts.max(axis=0).astype(np.float64)
-        center, half = low / 2 + high / 2, high / 2 - low / 2
+        box = _box(each)
         with np.errstate(over="ignore", invalid="ignore"):
-            centers.append((linear * center).sum(axis=2) + each.matrices[:, :3, 3])
-            corners = half * [[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]
-            radii.append(np.sqrt(((linear @ corners.T) ** 2).sum(axis=1)).max(axis=1))
+            centers.append(box.middle)
+            corners = box.half * [[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]
+            radius = np.sqrt(((linear @ corners.T) ** 2).sum(axis=1)).max(axis=1)
+            radii.append(radius + box.margin.sum(axis=1))
         parts.append(rows)
         vertices.append(np.full(each.count, len(each.verts)))
         faces.append(np.full(each.count, len(each.faces)))
@@ -97,15 +115,12 @@ def placed_extent(placed: Collection[Copies]) -> tuple[Floats, Floats]:
     enough are placed."""
     found = np.full((2, 3), np.inf)
     for each in placed:
-        low, high = each.verts.min(axis=0).astype(np.float64), each.verts.max(axis=0).astype(np.float64)
-        linear, shift = each.matrices[:, :3, :3], each.matrices[:, :3, 3]
+        box = _box(each)
         with np.errstate(over="ignore", invalid="ignore"):
-            middle = (linear * (low / 2 + high / 2)).sum(axis=2) + shift
-            reach = (np.abs(linear) * (high / 2 - low / 2)).sum(axis=2)
-            reach += _MARGIN * (reach + np.abs(middle) + np.abs(shift))
+            reach = (np.abs(each.matrices[:, :3, :3]) * box.half).sum(axis=2) + box.margin
         for axis in range(3):
             for row, sign in zip(found, (1.0, -1.0), strict=True):
-                bounds = sign * middle[:, axis] - reach[:, axis]
+                bounds = sign * box.middle[:, axis] - reach[:, axis]
                 row[axis] = min(row[axis], _least(each, axis, sign, np.array([bounds.argmin()])))
                 row[axis] = min(row[axis], _least(each, axis, sign, np.flatnonzero(~(bounds >= row[axis]))))
     return found[0], -found[1]
@@ -119,6 +134,30 @@ def _least(copies: Copies, axis: int, sign: float, numbers: Integers) -> float:
         placed = placed_along(copies.verts, copies.matrices[numbers[start : start + step]], axis)
         least = min(least, float((sign * placed).min()))
     return least
+
+
+def outside(tables: InstanceTables, space: CameraSpace) -> tuple[Bools, Bools]:
+    """Return which instances are wholly before the near plane, and which wholly behind it and beside the image, (K,)
+    each. One that is neither may still show nothing."""
+    camera = space.camera
+    with np.errstate(over="ignore", invalid="ignore"):
+        at = space.points(tables.centers)
+        sizes = tables.radii + np.abs(tables.centers).sum(axis=1) + np.abs(camera.eye).sum()
+        radii = tables.radii + 16.0 * _MARGIN * sizes
+        z = at[:, 2]
+        behind, ahead = z + radii < space.near, z - radii >= space.near
+        beside = np.zeros(len(z), bool)
+        for axis in (0, 1):
+            size, width, principal = camera.resolution[axis], camera.plane[1 - axis], camera.principal[axis]
+            for sign in (1.0, -1.0):
+                # sign * (image coordinate - a pixel beyond the edge), times what makes it linear in the position
+                edge = (principal + 1.0 / size if sign > 0.0 else principal - 1.0 - 1.0 / size) * width
+                if camera.orthographic:
+                    value, slope = at[:, axis] + edge, 1.0
+                else:
+                    value, slope = camera.focal * at[:, axis] + edge * z, np.hypot(camera.focal, edge)
+                beside |= sign * value + slope * radii < 0.0
+    return behind, beside & ahead
 
 
 class _Launches:
@@ -195,11 +234,11 @@ class Instances:
 
     def select(self, space: CameraSpace) -> None:
         """List the instances in the view of a camera; `culled` counts the faces of the others."""
-        behind, beside = self._outside(space)
+        behind, beside = outside(self._tables, space)
         faces = self._tables.faces
         self.culled = {"behind": int(faces[behind].sum()), "off_screen": int(faces[beside].sum())}
         listed = np.flatnonzero(~(behind | beside)).astype(np.uint32)
-        if np.array_equal(listed, self._listed) and len(listed):
+        if np.array_equal(listed, self._listed):
             return
         self._listed = listed
         with self._placing.listed.writing(len(listed)) as rows:
@@ -211,28 +250,6 @@ class Instances:
             with starts.writing(len(listed) + 1) as rows:
                 rows[0] = 0
                 np.cumsum(counts[listed], out=rows[1:])
-
-    def _outside(self, space: CameraSpace) -> tuple[Bools, Bools]:
-        """Return which instances are wholly before the near plane, and which wholly behind it and beside the image, (K,)
-        each. One that is neither may still show nothing."""
-        camera = space.camera
-        with np.errstate(over="ignore", invalid="ignore"):
-            at = space.points(self._tables.centers)
-            radii = self._tables.radii * (1.0 + _MARGIN) + _MARGIN * np.abs(at).sum(axis=1)
-            z = at[:, 2]
-            behind, ahead = z + radii < space.near, z - radii >= space.near
-            beside = np.zeros(len(z), bool)
-            for axis in (0, 1):
-                size, width, principal = camera.resolution[axis], camera.plane[1 - axis], camera.principal[axis]
-                for sign in (1.0, -1.0):
-                    # sign * (image coordinate - a pixel beyond the edge), times what makes it linear in the position
-                    edge = (principal + 1.0 / size if sign > 0.0 else principal - 1.0 - 1.0 / size) * width
-                    if camera.orthographic:
-                        value, slope = at[:, axis] + edge, 1.0
-                    else:
-                        value, slope = camera.focal * at[:, axis] + edge * z, np.hypot(camera.focal, edge)
-                    beside |= sign * value + slope * radii < 0.0
-        return behind, beside & ahead
 
     def _blocks(self) -> Iterator[tuple[int, int]]:
         starts, count, first = self._placing.vertex_starts.array, len(self._listed), 0
