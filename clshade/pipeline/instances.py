@@ -185,7 +185,6 @@ class Instances:
         """positions: (V, 3) float64 of the meshes. painter: whether painter's order counts."""
         device, self._stages, self._tables = stages.device, stages, tables
         count = len(tables.rows)
-        self._matrices, self._plain = tables.rows["rows"].reshape(-1, 3, 4), tables.rows["plain"] != 0
         self._positions = positions
         self._placing = Placing(
             Buffer(device, tables.rows),
@@ -305,4 +304,5 @@ class Instances:
         """Return the corners (C, 3, 3), world space, of faces of instances: `own` (C,) of `faces` (F, 3), by the instances'
         numbers (C,)."""
         points = self._positions.array[faces[own]]
-        return placed_each(points, self._matrices[numbers], self._plain[numbers])
+        rows = self._tables.rows[numbers]
+        return placed_each(points, rows["rows"].reshape(-1, 3, 4), rows["plain"] != 0)
