@@ -41,6 +41,32 @@ kernel void place(global const double *positions,       // V x 3, of the meshes
     }
 }
 
+// The corners of triangles by the vertices of each lane, and which lie before the near plane.
+INLINE void gather_corners(Rows *rows, fixeds *behind, global const Vertex *vertices, int vertex[3][LANES], double near)
+{
+    for (int k = 0; k < 3; ++k) {
+#if HAS_ROWS
+#define ROW(lane) vload4(0, (global const float *)&vertices[vertex[k][lane]].x)
+        reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
+#undef ROW
+        STORE_LANES(AS_INTS(corner.x), rows->x[k]);
+        STORE_LANES(AS_INTS(corner.y), rows->y[k]);
+        STORE_LANES(corner.z, rows->w[k]);
+        behind[k] = corner.z == 0.0f;  // as place leaves it
+#else
+        int before[LANES];
+        for (int lane = 0; lane < LANES; ++lane) {
+            global const Vertex *corner = vertices + vertex[k][lane];
+            rows->x[k][lane] = corner->x;
+            rows->y[k][lane] = corner->y;
+            rows->w[k][lane] = corner->w;
+            before[lane] = corner->depth < near;
+        }
+        behind[k] = LOAD_LANES(before) != 0;
+#endif
+    }
+}
+
 // As setup, for the faces of a block of instances. The counters count all; what finds no room is not written.
 ITEM_BY_ITEM
 kernel void setup_instances(global const int *faces,             // F x 3, vertices of the meshes
@@ -69,9 +95,7 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
     Culled culled = nothing_culled();
     int j = instance_at(face_starts, first, last, at);
     for (; at < end; at += LANES) {
-        Rows rows;
-        double key_depth[LANES];
-        int face[LANES], number[LANES], behind_count[LANES], index[LANES];
+        int face[LANES], number[LANES], vertex[3][LANES];
         for (int lane = 0; lane < LANES; ++lane) {
             long own = min(at + lane, end - 1);
             while (face_starts[j + 1] <= own)
@@ -79,24 +103,16 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
             number[lane] = listed[j];
             global const Instance *instance = instances + number[lane];
             face[lane] = instance->first_face + (int)(own - face_starts[j]);
-            long from = vertex_starts[j] - vertex_starts[first] - instance->first_vertex;
-            int behind = 0;
-            double depth[3];
-            for (int k = 0; k < 3; ++k) {
-                global const Vertex *corner = vertices + (from + faces[3 * face[lane] + k]);
-                rows.x[k][lane] = corner->x;
-                rows.y[k][lane] = corner->y;
-                rows.w[k][lane] = corner->w;
-                depth[k] = corner->depth;
-                behind += corner->depth < view->near;
-            }
-            behind_count[lane] = behind;
-            key_depth[lane] = DEPTH_TEST ? fmin(fmin(depth[0], depth[1]), depth[2])
-                                         : ((depth[0] + depth[1]) + depth[2]) / 3.0;
+            int from = (int)(vertex_starts[j] - vertex_starts[first]) - instance->first_vertex;
+            for (int k = 0; k < 3; ++k)
+                vertex[k][lane] = from + faces[3 * face[lane] + k];
         }
+        Rows rows;
+        fixeds behind[3], cut;
+        gather_corners(&rows, behind, vertices, vertex, view->near);
         Corners t = corners_of(&rows);
-        fixeds behind = LOAD_LANES(behind_count), cut;
-        fixeds asked = faces_before(&t, LANE_INDEX < (int)(end - at), behind != 0, behind == 3, image, &culled, &cut);
+        fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2];
+        fixeds asked = faces_before(&t, LANE_INDEX < (int)(end - at), any_behind, all_behind, image, &culled, &cut);
         if (any_lane(TO_INTS(cut))) {
             int crossing[LANES];
             STORE_LANES(cut, crossing);
@@ -111,7 +127,7 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
         if (!any_lane(TO_INTS(asked)))
             continue;
         fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
-        int visible[LANES], count = 0;
+        int visible[LANES], index[LANES], count = 0;
         STORE_LANES(seen, visible);
         for (int lane = 0; lane < LANES; ++lane)
             count += visible[lane] != 0;
@@ -124,11 +140,15 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
         for (int lane = 0; lane < LANES; ++lane) {
             if (!visible[lane])
                 continue;
-            keys[index[lane]] = sort_key(ORDER_OF(key_depth[lane]), index[lane]);
-            triangle_instances[index[lane]] = number[lane];
-#if !DEPTH_TEST
-            mean_depths[index[lane]] = key_depth[lane];
+            double a = vertices[vertex[0][lane]].depth, b = vertices[vertex[1][lane]].depth, c = vertices[vertex[2][lane]].depth;
+#if DEPTH_TEST
+            double depth = fmin(fmin(a, b), c);
+#else
+            double depth = ((a + b) + c) / 3.0;
+            mean_depths[index[lane]] = depth;
 #endif
+            keys[index[lane]] = sort_key(ORDER_OF(depth), index[lane]);
+            triangle_instances[index[lane]] = number[lane];
         }
     }
     add_culled(counters, &culled);
