@@ -361,17 +361,19 @@ def _culls(materials: list[Material], settings: Settings) -> bool:
 
 
 def _unneeded_input(
-    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, ordered: bool
+    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, blended: bool, instanced: bool
 ) -> dict[str, str]:
-    """Return the same for the remaining features. double: whether positions need float64. ordered: whether triangles have to
-    be sorted whatever the settings: transparent ones may be in the lists, or instances are drawn from one copy."""
+    """Return the same for the remaining features. double: whether positions need float64. blended: whether lists may hold
+    transparent triangles, which takes sorted ones, as do instances. instanced: as in `derive`."""
     return {
         "MATERIALS": _first((len(materials) < 2, "a single material")),
         "SIDES": _first(
             (_culls(materials, settings), "all that is seen from behind is culled"),
             (not any(m.sides == "front" for m in materials), "both sides of every material are drawn"),
         ),
-        "DOUBLE_POSITIONS": _first((not double, "float32 holds the positions")),
+        "DOUBLE_POSITIONS": _first(
+            (instanced, "instances are placed where they are needed"), (not double, "float32 holds the positions")
+        ),
         "BACKGROUND": _first(
             (scene.background is None, "no background"),
             (settings.background == "environment", "the environment is the background"),
@@ -386,7 +388,8 @@ def _unneeded_input(
                 and settings.shader != "gouraud"
                 and settings.precision != "float64"
                 and settings.edges is None
-                and not ordered,
+                and not blended
+                and not instanced,
                 "the depth test decides",
             ),
         ),
@@ -514,8 +517,10 @@ def derive(
         **_unneeded_colors(meshes, settings, **corners),
         **_unneeded_alpha(meshes),
     }
-    ordered = "BLEND" in forced or not unneeded["BLEND"] or instanced
-    unneeded |= _unneeded_input(scene, settings, materials, double=double_positions, ordered=ordered)
+    blended = "BLEND" in forced or not unneeded["BLEND"]
+    unneeded |= _unneeded_input(
+        scene, settings, materials, double=double_positions, blended=blended, instanced=instanced
+    )
     values = {name: int(choices[name]) for name in CHOICES}
     values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
     left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])

@@ -94,7 +94,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     features = derive(
         scene,
         settings,
-        double_positions=positions.dtype == np.float64 and not one_copy,
+        double_positions=positions.dtype == np.float64,
         instanced=one_copy,
         scalars_at_corners=tables is not None and tables.at_corners,
         forced=forced,
