@@ -182,6 +182,11 @@ class TriangleBuffers:
         self.to_clip = Buffer.empty(device, faces, np.int32)
         self.counters = Buffer(device, np.zeros(1, structs.Counters))
 
+    @property
+    def nbytes(self) -> int:
+        """Size of all that is in use."""
+        return sum(each.array.nbytes for each in vars(self).values() if isinstance(each, Buffer))
+
     @cached_property
     def keys(self) -> Buffer:
         """The sort keys (faces + pieces,) of `setup` and `setup_pieces`."""

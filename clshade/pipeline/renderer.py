@@ -31,6 +31,7 @@ from .frame import Frame
 from .frame_queue import FrameQueue
 from .frame_state import STREAMED_PIXELS, FrameTables, Progress
 from .hierarchy import Hierarchy
+from .instances import Instances, draws_from_one_copy
 from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
 from .light_table import LightTable
@@ -132,18 +133,23 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
-        scene_memory.check_host(self.scene)
+        if not draws_from_one_copy(self.scene, self.settings, forced):
+            scene_memory.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = _clock()
 
         def build_meanwhile(tried: Device) -> None:
-            scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
+            if tried.has_fp64 or packed.instances is None:
+                scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
 
         if not isinstance(device, (Device, str, type(None))):
             raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
+        if packed.instances is not None and not device.has_fp64:
+            scene_memory.check_host(self.scene)
+            packed = scene_buffers.pack(self.scene, self.settings, forced=forced, has_fp64=False)
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
@@ -165,9 +171,15 @@ class Renderer:
 
     def _upload(self, packed: scene_buffers.Packed) -> None:
         device, structs = self.device, self._structs
+        # Of instances that are drawn from one copy, the faces that there is room for.
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
         self._extent = Extent.of(packed.low, packed.high) if self._face_count else None
         self._positions, self._faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
+        self._instances: Instances | None = None
+        if packed.instances is not None:
+            painter = not self.features["DEPTH_TEST"]
+            self._instances = Instances(self.stages, packed.instances, self._positions, painter=painter)
+            self._face_count, self._vertex_count = self._instances.first_room, 0
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:
@@ -196,10 +208,13 @@ class Renderer:
             "backdrop": optional(packed.backdrop),
             "alphas": optional(packed.alphas),
         }
+        if self._instances is not None:
+            tables["object_normals"], tables["object_tangents"] = tables.pop("normals"), tables.pop("tangents")
         materials = Buffer(device, packed.materials)
         self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers)
         kept = (self._positions, self._faces, materials, *tables.values())
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
+        self._scene_bytes += 0 if self._instances is None else self._instances.nbytes
         self._sides = (tables["face_materials"], materials) if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count, structs)
         self._transparent = scene_buffers.transparent_faces(packed) if self.features["BLEND"] else None
@@ -234,6 +249,10 @@ class Renderer:
             **tables,
             **self._shadow_tables,
         )
+        if self._instances is not None:
+            self._inputs = self._inputs._replace(
+                instances=self._instances.table, view=self._view, object_positions=self._positions
+            )
 
     def _upload_lights(self, unit: float) -> None:
         """Upload the lights. unit: the unit their intensities are expressed in."""
@@ -348,20 +367,23 @@ class Renderer:
         with self._made.counters.writing(waits=False) as table:
             table[:] = 0
         # Tables are written while kernels run that do not need them yet.
-        if self._face_count:
+        if self._face_count and self._instances is None:
             events = frame.events
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         self._write_image(frame)
 
     def _setup(self, frame: Progress) -> int:
         """Set up the triangles; return the number of visible ones, whose keys are written."""
-        made, events = self._made, frame.events
         self._project(frame)
         if not self._face_count:
             return 0
-        events["setup"] = self.stages.setup(
-            self._faces, self._vertices, self._view, self._image, made, self._face_count, self._sides
-        )
+        if self._instances is None:
+            frame.events["setup"] = self.stages.setup(
+                self._faces, self._vertices, self._view, self._image, self._made, self._face_count, self._sides
+            )
+        else:
+            self._set_up_instances(self._instances, frame)
+        made = self._made
         self._write_lights(frame.space)
         counters = made.counters.to_host()[0]
         if counters["to_clip"]:
@@ -376,19 +398,52 @@ class Renderer:
                 )
                 self._inputs = self._inputs._replace(triangles=self._made.triangles)
                 return self._setup(frame)
+            if count and self._instances is not None:
+                self._instances.add_pieces(self._face_count, self._piece_instances)
             if count:
                 self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count, self._sides)
                 counters = made.counters.to_host()[0]
             frame.host_ms["clip"] = (_clock() - start) * 1e3
         return int(counters["visible"])
 
+    def _set_up_instances(self, instances: Instances, frame: Progress) -> None:
+        """Set up the triangles of instances in the view, with room for all that may be seen."""
+        instances.select(frame.space)
+        while True:
+            made = self._made
+            instances.set_up(self._faces, self._view, self._image, made, self._sides, frame.events)
+            self._inputs = self._inputs._replace(triangle_instances=instances.of_triangles)
+            counters = made.counters.to_host()[0]
+            needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
+            if needed <= self._face_count:
+                return
+            if needed > MAX_FACES:
+                limit = f"at most {MAX_FACES} triangles that may be seen"
+                raise InputError(f"render: scene: expected {limit}, found {needed}")
+            self._face_count = instances.more_room(needed)
+            del made
+            self._made = TriangleBuffers(
+                self.device, self._face_count, self._made.piece_capacity, self._structs, slack=self.stages.lanes
+            )
+            self._inputs = self._inputs._replace(triangles=self._made.triangles)
+
+    def _to_clip(self, count: int) -> tuple[Array, Array, Array | None]:
+        """Return the faces to clip, in order: their corners (C, 3, 3) in world space, numbers (C,), and the instances (C,)
+        that have them, if these are drawn from one copy."""
+        if self._instances is None:
+            faces = np.sort(self._made.to_clip.to_host(count))
+            return self._positions.array[self._faces.array[faces]], faces, None
+        pairs = self._made.to_clip.to_host(2 * count).reshape(-1, 2)
+        instances, faces = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
+        return self._instances.corners(self._faces.array, instances, faces), faces, instances
+
     def _clip(self, space: CameraSpace, count: int) -> int:
         """Clip the listed faces and upload the pieces; return their number."""
-        faces = np.sort(self._made.to_clip.to_host(count))
+        corners, faces, instances = self._to_clip(count)
         uvs, uv_faces = self._uvs_host
         table = piece_table(
-            space.points(self._positions.array[self._faces.array[faces]]),
-            faces,
+            space.points(corners),
+            np.arange(len(faces)),
             None if uvs is None else uvs[uv_faces[faces]],
             space.camera,
             self._structs,
@@ -396,6 +451,9 @@ class Renderer:
             scale=space.scale,
             depth_test=bool(self.features["DEPTH_TEST"]),
         )
+        if instances is not None:
+            self._piece_instances = instances[table["face"]]
+        table["face"] = faces[table["face"]]
         self._pieces = Buffer(self.device, table)
         self._inputs = self._inputs._replace(pieces=self._pieces)
         return len(table)
@@ -418,6 +476,8 @@ class Renderer:
 
     def _faces_of(self, index: Array) -> Array:
         """Return the faces of triangles, which are faces or clipped pieces of them."""
+        if self._instances is not None:
+            return self._made.triangles.to_host()["face"][index]
         face = index.astype(np.int64)
         pieces = face >= self._face_count
         if pieces.any():
@@ -437,6 +497,10 @@ class Renderer:
         """Return the exact painter's depths and the faces of the triangles in `index`."""
         depth, face = np.empty(len(index)), index.astype(np.int64)
         whole = index < self._face_count
+        if self._instances is not None:
+            depth[whole] = self._instances.depths_of(index[whole])
+            depth[~whole] = self._pieces.array["key_depth"][index[~whole] - np.uint32(self._face_count)]
+            return depth, self._instances.order_of(index, self._faces_of(index))
         z = self._vertices.projected.to_host()["depth"][self._faces.array[index[whole]]]
         depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
         if not whole.all():
@@ -480,8 +544,14 @@ class Renderer:
             self._draw(visible, rgba, owners, frame, shown)
             frame.counters = self._read_counters()
             if frame.counters["entries"] <= self._lists.room:
+                for name, count in self._culled().items():
+                    frame.counters[name] += count
                 return
             self._make_room(int(frame.counters["entries"]))
+
+    def _culled(self) -> dict[str, int]:
+        """Return the triangles of instances outside of the view, by their place."""
+        return {} if self._instances is None else self._instances.culled
 
     def _enqueue_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
         """Enqueue the drawing of the faces in their order, which `_finish_unsorted` completes. Until then nothing may be
@@ -723,6 +793,9 @@ class Renderer:
         features, camera, tiles, counters = self.features, frame.space.camera, frame.tiles, frame.counters
         assert counters is not None
         faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
+        if self._instances is not None:
+            faces, vertices = self._instances.face_count, self._instances.vertex_count
+            image_bytes = {**image_bytes, "triangles": self._made.nbytes + self._instances.of_triangles.array.nbytes}
         title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}
 
         def facts() -> dict[str, Any]:
