@@ -281,10 +281,10 @@ class Gatherer:
         """Return for each placed mesh whether its placement mirrors."""
         return [int(mirrors(matrix)) for _, matrix, *_ in self.placed]
 
-    def per_face(self, value: list[int]) -> Array:
+    def per_face(self, value: list[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Repeat one value per placed mesh for each of its faces."""
         repeats = [len(faces) for _, _, _, faces, _ in self.placed]
-        return np.repeat(np.array(value, np.int32), repeats)
+        return np.repeat(np.array(value, kind), repeats)
 
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arrays import Array
+from ..base.validation import value_error
 from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, casts_alpha, uses_normal_indices
 from .gather import Gatherer
@@ -29,8 +30,8 @@ class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
     features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
-    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32. scalars: (3F,) reals, at the corners of
-    faces, times 2^-scalar_exponent; NAN_POSITION for none.
+    (F,) int32, whether a face's placement mirrors. objects, materials, instances: (F,) uint32. scalars: (3F,) reals, at the
+    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none.
     """
 
     features: Features | None
@@ -41,6 +42,7 @@ class LayerTables(NamedTuple):
     mirrored: Array | None = None
     objects: Array | None = None
     materials: Array | None = None
+    instances: Array | None = None
     scalars: Array | None = None
     scalar_exponent: int = 0
 
@@ -75,6 +77,16 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
             known.append((material.texture, number))
         numbers[id(material)] = number
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
+
+
+def first_instances(scene: Scene) -> list[int]:
+    """Return the number of each mesh's first instance; instances are counted from 1, mesh by mesh. Raises InputError for
+    more than a uint32 counts."""
+    ends: list[int] = np.cumsum([1, *(len(np.asarray(mesh.instances)) for mesh in scene.meshes)]).tolist()
+    if ends[-1] > 1 << 32:
+        limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
+        raise value_error("render", "scene", limit, ends[-1] - 1)
+    return ends[:-1]
 
 
 def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
@@ -137,13 +149,16 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
 
-    def numbered(per_mesh: Sequence[int]) -> Array:
+    def numbered(per_mesh: Sequence[int], step: int = 0) -> Array:
         placed = zip(scene.meshes, per_mesh, strict=True)
-        numbers = [number for mesh, number in placed if len(mesh.faces) for _ in np.asarray(mesh.instances)]
-        return gatherer.per_face(numbers).astype(np.uint32)
+        rows = ((number, len(np.asarray(mesh.instances))) for mesh, number in placed if len(mesh.faces))
+        numbers = [number + step * k for number, count in rows for k in range(count)]
+        return gatherer.per_face(numbers, np.uint32)
 
     if "object_id" in asked:
         found["objects"] = numbered(range(1, len(scene.meshes) + 1))
     if "material_id" in asked:
         found["materials"] = numbered(material_numbers(scene))
+    if "instance_id" in asked:
+        found["instances"] = numbered(first_instances(scene), 1)
     return LayerTables(features, **found)
