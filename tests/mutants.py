@@ -59,6 +59,7 @@ TESTS = {
     "kernels/gouraud.cl": "kernel_gouraud",
     "kernels/lanes.clh": "kernel_numerics kernel_light kernel_fill",
     "kernels/layers.cl": "kernel_layers",
+    "kernels/layer_blocks.clh": "kernel_layers layers",
     "kernels/lines.cl": "kernel_lines lines",
     "kernels/light.cl": "kernel_light kernel_gouraud",
     "kernels/alpha.clh": "transparency alpha_modes",

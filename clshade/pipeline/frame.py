@@ -34,7 +34,8 @@ class Frame:
     """A rendered image with its layers.
 
     ``frame[name]`` gives a layer, ``name in frame`` tests for one, and iteration gives their names.
-    M and N are the numbers of rows and columns; row 0 is at the top. The frame owns its arrays.
+    M and N are the numbers of rows and columns; row 0 is at the top. The frame owns its arrays, and
+    ``np.asarray(frame)`` is its `rgb`.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ class Views:
 
     ``views[k]`` gives the frame of view k, 0 to K - 1 or from the end -1 to -K, and iteration gives all;
     ``views[name]`` gives a layer of all views, ``name in views`` tests for one. K is the number of views, M
-    and N those of rows and columns; row 0 is at the top.
+    and N those of rows and columns; row 0 is at the top. ``np.asarray(views)`` is their `rgb`.
 
     Attributes
     ----------
