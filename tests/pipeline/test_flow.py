@@ -431,7 +431,7 @@ def test_flow_takes_any_number_of_pixels_and_none(opened):
     with Renderer(Scene((), CAMERA), device=opened, **PLAIN) as renderer:
         found = clshade.flow(renderer.render(), CAMERA, device=opened)
     assert found.occluded.all()
-    rays, origins = pixel_rays(CAMERA)
-    places, depths = in_image(CAMERA, (origins + rays).reshape(-1, 3))
+    rays, _ = pixel_rays(CAMERA)
+    places, depths = in_image(CAMERA, rays.reshape(-1, 3))
     assert np.allclose(places.reshape(48, 64, 2), np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5)
     assert np.allclose(depths, 1.0)
