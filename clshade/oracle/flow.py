@@ -49,16 +49,20 @@ def flow(
     rows, columns = pixel
     x, y = SUBPIXELS * columns + place[0], SUBPIXELS * (scene.camera.resolution[1] - 1 - rows) + place[1]
     at = shadows.at_pixels(casters, scene.camera, face, x, y)
-    point = casters.origin + at.point * casters.scale
-    weights = _areas(start[face], point)
-    moved = (weights[:, :, None] * end[face]).sum(axis=1)
+    weights = _areas((start[face] - casters.origin) / casters.scale, at.point)
 
-    growth = _size(end[face]) / np.maximum(_size(start[face]), 1e-290)
-    off = at.off * casters.scale * np.maximum(growth, 1.0)
-    place_before, _, per_length = _seen(scene.camera, point)
-    error = per_length * (off + ROUNDING * _reach(scene.camera, point))
-    place_after, depth, per_length = _seen(other.camera, moved)
-    slack = off + ROUNDING * _reach(other.camera, moved)
+    def moved(center: Floats) -> Floats:
+        offsets: Floats = (weights[:, :, None] * (end[face] - center)).sum(axis=1)
+        return offsets
+
+    sizes = _size(start[face]), _size(end[face])
+    off = at.off * casters.scale * np.maximum(sizes[1] / np.maximum(sizes[0], 1e-290), 1.0)
+    from_eye = (weights[:, :, None] * (start[face] - scene.camera.eye)).sum(axis=1)
+    place_before, _, per_length = _seen(scene.camera, from_eye)
+    error = per_length * (off + ROUNDING * (length(from_eye) + sizes[0]))
+    from_eye = moved(other.camera.eye)
+    place_after, depth, per_length = _seen(other.camera, from_eye)
+    slack = off + ROUNDING * (length(from_eye) + sizes[1])
     error = error + per_length * slack + ROUNDING * (np.abs(place_before) + np.abs(place_after)).sum(axis=1)
 
     near = near_distance(end.reshape(-1, 3), other.camera.eye, other.camera.lookat, other_settings.near)
@@ -68,7 +72,9 @@ def flow(
     unsure = (np.abs(depth - near) <= slack) | (np.abs(borders).min(axis=(0, 2)) <= error)
     culled = _culled(other, other_settings, corners)
     without = culled | _without(other, other_settings, corners, near)
-    hidden, doubtful = _hidden(other.camera, shadows.Casters.of(corners, without), face, moved, off)
+    hiding = shadows.Casters.of(corners, without)
+    receivers = shadows.Receivers(moved(hiding.origin) / hiding.scale, face, off / hiding.scale + shadows.OFF)
+    hidden, doubtful = shadows.shadowed(hiding, _eye(other.camera), receivers)
     return OracleFlow(
         vectors=np.where(ahead[:, None], place_after - place_before, np.nan),
         occluded=~ahead | ~inside | culled[face] | hidden,
@@ -105,17 +111,11 @@ def _size(corners: Floats) -> Floats:
     return longest
 
 
-def _reach(camera: Camera, points: Floats) -> Floats:
-    """Return the lengths from which points (K, 3) relative to the eye come."""
-    reach: Floats = length(points) + float(length(camera.eye))
-    return reach
-
-
-def _seen(camera: Camera, points: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return places of points (K, 3) in the image, (K, 2), to the right and down; depths (K,); and how many pixels a place
-    moves with the point, at most, per length (K,)."""
+def _seen(camera: Camera, offsets: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return places in the image, (K, 2), to the right and down, of points at offsets from the eye (K, 3); depths (K,); and
+    how many pixels a place moves with the point, at most, per length (K,)."""
     axes = camera_frame(camera.eye, camera.lookat, camera.up)
-    x, y, z = np.moveaxis(to_camera(points, camera.eye, axes), -1, 0)
+    x, y, z = np.moveaxis(to_camera(offsets, np.zeros(3), axes), -1, 0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         places = project(np.stack([x, y, z], axis=-1), *lens_of(camera))
         pixels = max(camera.resolution[0] / camera.plane[1], camera.resolution[1] / camera.plane[0])
@@ -147,12 +147,8 @@ def _without(scene: Scene, settings: Settings, corners: Corners, near: float) ->
     return found
 
 
-def _hidden(
-    camera: Camera, casters: shadows.Casters, face: Integers, points: Floats, off: Floats
-) -> tuple[Bools, Bools]:
-    """Return from which points (K, 3) of faces (K,) something hides the eye, and where either answer is right. off: how far
-    the points may be off, (K,)."""
-    at = shadows.Receivers((points - casters.origin) / casters.scale, face, off / casters.scale + shadows.OFF)
-    direction = camera_frame(camera.eye, camera.lookat, camera.up)[2]
-    eye: Light = DirectionalLight(direction) if camera.orthographic else PointLight(camera.eye)
-    return shadows.shadowed(casters, eye, at)
+def _eye(camera: Camera) -> Light:
+    """Return a light where the eye is."""
+    if camera.orthographic:
+        return DirectionalLight(camera_frame(camera.eye, camera.lookat, camera.up)[2])
+    return PointLight(camera.eye)

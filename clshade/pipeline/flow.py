@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Faces, Floats
 from ..base.validation import value_error
 from ..scene.camera import Camera
-from ..scene.geometry import camera_axes
+from ..scene.geometry import bounding_box, camera_axes
 from ..scene.model import Mesh, Scene, Settings
 from ..scene.seen_points import face_weights, in_image, pixel_rays, triangles
 from . import sample_pattern
@@ -135,37 +135,41 @@ class _Target:
         self._camera, self._start_camera = scene.camera, start.camera
         verts, self._faces = triangles(scene)
         self._verts = verts
+        low, high = bounding_box(scene)
+        self._origin = low + 0.5 * (high - low)
         self._start_verts = verts if start.meshes is scene.meshes else triangles(start)[0]
         self._near = settings.near or near_plane(scene)
         self._shown = ~_culled(scene, settings, verts, self._faces)
         nearer = (verts - scene.camera.eye) @ camera_axes(scene.camera)[2] < self._near
         casts = self._shown & ~nearer[self._faces].all(axis=1) & ~_see_through(scene, settings)
         device = device if isinstance(device, Device) else shared_device(device, profiling=True)
-        self._hierarchy = Hierarchy(device, verts, np.where(casts[:, None], self._faces, np.int32(0)))
+        self._hierarchy = Hierarchy(device, verts - self._origin, np.where(casts[:, None], self._faces, np.int32(0)))
+
+    def _eye(self) -> Floats:
+        """Return the homogeneous position of the eye, (4,): of a parallel projection the direction toward it."""
+        if self._camera.orthographic:
+            return np.append(-camera_axes(self._camera)[2], 0.0)
+        return np.append(self._camera.eye - self._origin, 1.0)
 
     def of(self, face: Array, origins: Floats, rays: Floats) -> tuple[Floats, Bools]:
         """Return the flow (K, 2) of the points where rays meet faces (K,), and which of them are not shown (K,)."""
         index = self._faces[face]
         weights = face_weights(origins, rays, self._start_verts[index])
 
-        def weighted(verts: Floats) -> Floats:
-            points: Floats = np.einsum("kc,kcx->kx", weights, verts[index])
-            return points
+        def offsets(verts: Floats, center: Floats) -> Floats:
+            """Return the points' offsets from a center: far from the origin their coordinates would be less exact."""
+            found: Floats = np.einsum("kc,kcx->kx", weights, verts[index] - center)
+            return found
 
-        points = weighted(self._verts)
-        place, depth = in_image(self._camera, points)
-        vectors = place - in_image(self._start_camera, weighted(self._start_verts))[0]
+        place, depth = in_image(self._camera, offsets(self._verts, self._camera.eye))
+        vectors = place - in_image(self._start_camera, offsets(self._start_verts, self._start_camera.eye))[0]
         with np.errstate(invalid="ignore"):
             ahead = (depth >= self._near) & (np.abs(vectors) <= np.finfo(np.float32).max).all(axis=1)
             inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
         asked = ahead & inside & self._shown[face]
-        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), _eye(self._camera))
+        points = offsets(self._verts, self._origin)
+        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), self._eye())
         return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
-
-
-def _eye(camera: Camera) -> Floats:
-    """Return the homogeneous position of the eye, (4,): of a parallel projection the direction toward it."""
-    return np.append(-camera_axes(camera)[2], 0.0) if camera.orthographic else np.append(camera.eye, 1.0)
 
 
 def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bools:

@@ -239,7 +239,7 @@ def _reach(scene: Scene, margin: int) -> list[tuple[int, int]]:
         return []
     (matrix,) = np.asarray(mesh.instances)
     points: Floats = mesh.verts.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    places, depths = in_image(scene.camera, points)
+    places, depths = in_image(scene.camera, points - scene.camera.eye)
     around = range(-margin, margin + 1)
     if not (np.isfinite(places).all() and (depths > 0.0).all()):
         return list(product(around, around))

@@ -68,11 +68,11 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return products
 
 
-def in_image(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
-    """Return where points (K, 3) are in the image, (K, 2), pixels to the right and down from its top left corner, and their
-    depths (K,). What is not in front of a perspective camera gets NaN."""
+def in_image(camera: Camera, offsets: Floats) -> tuple[Floats, Floats]:
+    """Return where points are in the image, (K, 2), pixels to the right and down from its top left corner, and their depths
+    (K,). offsets: of the points from the eye (K, 3). What is not in front of a perspective camera gets NaN."""
     (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
-    x, y, z = ((points - camera.eye) @ camera_axes(camera).T).T
+    x, y, z = (offsets @ camera_axes(camera).T).T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         lens = 1.0 if camera.orthographic else np.where(z > 0.0, camera.focal / z, np.nan)
         across, up = (x * lens / width + principal[0]) * columns, (y * lens / height + principal[1]) * rows

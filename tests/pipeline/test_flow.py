@@ -303,7 +303,7 @@ def test_random_scenes_are_the_oracles(opened):
     meshes."""
     rng = np.random.default_rng(1)
     shown = hidden = 0
-    for number in range(40):
+    for number in range(20):
         scene = scene_of(number).scene
         meshes = [
             Mesh(m.verts, m.faces, material=Material(sides=m.material.sides), instances=m.instances)
@@ -325,7 +325,7 @@ def test_random_scenes_are_the_oracles(opened):
         assert_oracles(frame, found)
         shown += (~found.occluded).sum()
         hidden += found.occluded[frame["id"] > 0].sum()
-    assert min(shown, hidden) > 1000
+    assert min(shown, hidden) > 500
 
 
 # Checks, files and refusals
@@ -431,7 +431,7 @@ def test_flow_takes_any_number_of_pixels_and_none(opened):
     with Renderer(Scene((), CAMERA), device=opened, **PLAIN) as renderer:
         found = clshade.flow(renderer.render(), CAMERA, device=opened)
     assert found.occluded.all()
-    rays, origins = pixel_rays(CAMERA)
-    places, depths = in_image(CAMERA, (origins + rays).reshape(-1, 3))
+    rays, _ = pixel_rays(CAMERA)
+    places, depths = in_image(CAMERA, rays.reshape(-1, 3))
     assert np.allclose(places.reshape(48, 64, 2), np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5)
     assert np.allclose(depths, 1.0)
