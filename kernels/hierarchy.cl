@@ -13,8 +13,9 @@ ulong spread(ulong v)
 }
 
 // A face's key: its class of size, so that large triangles do not widen the boxes of small ones; its place along
-// Morton's curve, 12 bits an axis but for the lowest where the index needs more than are left; its index. NO_CASTER if two of its corners are one vertex or one is not finite;
-// others without area lie in every plane through them, so the predicate finds the light on neither side.
+// Morton's curve, 12 bits an axis, less the lowest where the index needs them; its index. NO_CASTER if two of its corners are
+// one vertex or one is not finite; others without area lie in every plane through them, so the predicate finds the light on
+// neither side.
 kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
                            global const int *faces,       // F x 3
                            global ulong *keys,            // F
