@@ -7,17 +7,19 @@ import os
 import stat
 import statistics
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..base.atomic_files import folder_made, shown
-from ..base.validation import integer, known, number, value_error
+from ..base.validation import choice, flag, integer, known, number, value_error
 from ..errors import InputError
 from ..images.colorbar import bar_width
 from ..pipeline.effective_settings import effective_settings
+from ..pipeline.flow_vectors import FlowName
 from ..pipeline.frame_files import (
     FILES,
     SAVING,
@@ -33,7 +35,7 @@ from ..scene.model import Scene
 from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
-from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
+from .job import Beside, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
 from .progress import Progress, rate_text
 
@@ -125,6 +127,8 @@ def draw_frames(
     progress: bool = True,
     device: str | None = None,
     saving: SavingOptions | None = None,
+    flow: bool = False,
+    visible: Literal["csv", "json"] | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
     """Draw frames of a scene and write each as EXR and PNG, or other files, the same whoever draws them.
@@ -161,6 +165,12 @@ def draw_frames(
         Name of the device, see `clshade.Renderer`.
     saving : dict, optional
         Keywords of `Frame.save`.
+    flow : bool, default False
+        Write optical flow to the EXR of each frame, and the layer id: as ``flow`` to the frame with the
+        next number, as ``flow_back`` to the one before, with the masks of what these do not show, see
+        `clshade.flow`. The first frame has no ``flow_back``, the last no ``flow``.
+    visible : {"csv", "json"}, optional
+        Write the table of `clshade.visible` beside each frame: ``out.0001_visible.csv``.
     **settings
         Keywords of `clshade.render`; the resolution of a frame is that of its camera.
 
@@ -199,7 +209,14 @@ def draw_frames(
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
     files = tuple(chosen_paths(output, chosen.get("files")))
+    if flag("draw_frames", "flow", flow):
+        if "exr" not in files:
+            raise value_error("draw_frames", "flow", "False without the file that holds it, exr", flow)
+        settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
+    numbers = sorted(cameras) if flow else []
+    if visible is not None:
+        choice("draw_frames", "visible", visible, ("csv", "json"))
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
@@ -214,6 +231,7 @@ def draw_frames(
             Path(pattern.names(number)[0]).absolute(),
             files,
             None if poses is None else poses[number],
+            _beside(cameras, poses, numbers, number),
         )
         for number in left
     )
@@ -223,7 +241,7 @@ def draw_frames(
             checked = ("tonemap", "exposure", "compression", "depth_scale")
             check: dict[str, Any] = {name: value for name, value in chosen.items() if name in checked}
             check_output(pattern.names(left[0])[0], files=files, **check)
-        job = Job(scene, settled, device, chosen)
+        job = Job(scene, settled, device, chosen, visible)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
     return Run(
@@ -234,6 +252,22 @@ def draw_frames(
         last=pattern.names(max(cameras), files)[0],
         files=files,
         **counts,
+    )
+
+
+def _beside(
+    cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None, numbers: Sequence[int], number: int
+) -> tuple[Beside, ...]:
+    """Return the frames after and before one of these ascending numbers; nothing without numbers."""
+    place = bisect_left(numbers, number)
+    near: dict[FlowName, Sequence[int]] = {
+        "flow": numbers[place + 1 : place + 2],
+        "flow_back": numbers[max(place - 1, 0) : place],
+    }
+    return tuple(
+        Beside(name, _camera(cameras, other), None if poses is None else poses[other])
+        for name, found in near.items()
+        for other in found
     )
 
 

@@ -19,7 +19,9 @@ OUTSIDE = {
     "Z": "Zbackground",
     "scalar": "scalarBackground",
 }  # channels -> the header attribute with their value outside the data window
-MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
+MAX_SHOWN = (
+    1 << 35
+)  # bytes of all channels of the display window: all layers of the largest image, 32 of 2^30, flows included
 
 # The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2
 # bits; PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3

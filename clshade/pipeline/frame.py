@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
 
 import numpy as np
@@ -13,11 +13,13 @@ from ..base import display
 from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
 from ..base.validation import known, value_error
+from ..errors import InputError
 from ..images.depth_png import SCALE
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from . import frame_files
+from .flow_vectors import Flow, FlowName, flow_channels
 from .frame_files import SAVING, FileKind, SavingOptions
 from .image_check import Check
 
@@ -32,7 +34,8 @@ class Frame:
     """A rendered image with its layers.
 
     ``frame[name]`` gives a layer, ``name in frame`` tests for one, and iteration gives their names.
-    M and N are the numbers of rows and columns; row 0 is at the top. The frame owns its arrays.
+    M and N are the numbers of rows and columns; row 0 is at the top. The frame owns its arrays, and
+    ``np.asarray(frame)`` is its `rgb`.
 
     Attributes
     ----------
@@ -42,6 +45,9 @@ class Frame:
         How it was drawn.
     check : Check or None
         The latest result of `clshade.check`, None before.
+    flows : dict of str to Flow
+        Optical flow to other images that is written to the EXR: "flow" to the next, "flow_back" to the
+        one before; empty at first, see `clshade.flow`.
     """
 
     def __init__(
@@ -55,6 +61,7 @@ class Frame:
         self._rgba, self._layers = rgba, dict(layers)
         self.scene, self.settings = scene, settings
         self.check: Check | None = None
+        self.flows: dict[FlowName, Flow] = {}
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -159,9 +166,7 @@ class Frame:
         are always interpolated in perspective.
         """
         if not isinstance(name, str) or name not in self._layers:
-            expected = f"one that was asked for with layers= ({', '.join(self._layers) or 'none were'})"
-            near = hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS)
-            raise value_error("Frame", "layer", expected, name, near)
+            raise missing_layer("Frame", name, self._layers)
         return self._layers[name]
 
     def __contains__(self, name: object) -> bool:
@@ -172,17 +177,22 @@ class Frame:
         """Iterate over the names of the layers."""
         return iter(self._layers)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return `rgb`, for ``np.asarray(frame)``."""
+        return as_array(self.rgb, dtype, copy)
+
     def channels(self) -> dict[str, Array]:
         """Return the EXR's channels.
 
         Returns
         -------
         dict of str to ndarray
-            R, G, B, A and the layers, by name; also ``error``, (M, N), if every pixel was checked.
+            R, G, B, A and the layers, by name; ``flow`` and ``flow_occluded``, ``flow_back`` and
+            ``flow_back_occluded`` of `flows`; also ``error``, (M, N), if every pixel was checked.
         """
         named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
         checked = {} if self.check is None or self.check.image is None else {"error": self.check.image}
-        return {**named, **self._layers, **checked}
+        return {**named, **self._layers, **flow_channels(self.flows), **checked}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """Return the EXR's header attributes other than its channels.
@@ -437,6 +447,23 @@ class Frame:
             "depth": lambda file: depth_png.encode(file, self["Z"], depth_scale, ("Frame.save", "depth_scale")),
         }
         return frame_files.write_files(paths, encoders)
+
+
+def missing_layer(owner: str, name: Any, asked: Iterable[str]) -> InputError:
+    """Return the error for a layer that was not asked for."""
+    expected = f"one that was asked for with layers= ({', '.join(asked) or 'none were'})"
+    return value_error(owner, "layer", expected, name, hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS))
+
+
+def as_array(array: Array, dtype: Any, copy: bool | None) -> Array:
+    """Return what `__array__` does: a copy if `copy`, and None as needed, which NumPy 1 does not ask for; ValueError if it
+    is False and another type needs one."""
+    kind = array.dtype if dtype is None else np.dtype(dtype)
+    if kind == array.dtype and not copy:
+        return array
+    if copy is False:
+        raise ValueError(f"expected type {array.dtype}, which takes no copy, found {kind}")
+    return array.astype(kind)
 
 
 def same_bits(a: Frame, b: Frame) -> bool:

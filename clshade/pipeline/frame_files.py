@@ -90,6 +90,12 @@ def _stem(path: str | os.PathLike[str], asked: tuple[str, str]) -> Path:
     return stem
 
 
+def visible_path(path: str | os.PathLike[str], ending: str, asked: tuple[str, str] = ASKED) -> Path:
+    """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
+    stem = _stem(path, asked)
+    return stem.with_name(f"{stem.name}_visible.{ending}")
+
+
 def default_files(path: str | os.PathLike[str]) -> tuple[FileKind, ...]:
     """Return the files that `Frame.save` writes for `path` unless it is told which."""
     return ("npz",) if os.fspath(path).lower().endswith(".npz") else FILES

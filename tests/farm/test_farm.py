@@ -17,6 +17,9 @@ from clshade.farm.camera_files import FIELDS, read_cameras
 from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
+from clshade.pipeline.flow import flow
+from clshade.pipeline.renderer import render
+from clshade.pipeline.visible import visible
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 
@@ -414,6 +417,50 @@ def test_from_python(tmp_path):
     assert found.size == sum(path.stat().st_size for path in tmp_path.iterdir())
     with pytest.raises(InputError, match="cameras"):
         draw_frames(scene, {}, str(tmp_path / "a.#.exr"))
+
+
+@needs_device
+def test_flow_to_the_frames_beside(tmp_path, capsys):
+    """What `clshade.flow` gives between them, also where one exists already."""
+    (tmp_path / "c.json").write_text('[{}, {"eye": [0.3, 0.1, 3]}, {"eye": [0.5, 0.3, 3.5]}]')
+    pattern = tmp_path / "f#.exr"
+    command = ("animate", "icosphere", tmp_path / "c.json", "--resolution", "32,24", "--preset", "course", "--quiet")
+    for numbers in ("1", "1..3"):
+        assert run(capsys, *command, "--flow", "--frames", numbers, "-o", pattern)[0] == 0
+    files = [exr.read(tmp_path / f"f{k}.exr")[0] for k in (1, 2, 3)]
+    assert [("flow.X" in each, "flow_back.X" in each) for each in files] == [
+        (False, False),
+        (True, True),
+        (False, True),
+    ]
+    assert all("id" in each for each in files)
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = read_cameras(tmp_path / "c.json", scene.camera)
+    frame = render(replace(scene, camera=cameras[1]), preset="course", layers="id")
+    for name, camera in (("flow", cameras[2]), ("flow_back", cameras[0])):
+        found = flow(frame, camera)
+        for k, letter in enumerate("XY"):
+            np.testing.assert_array_equal(files[1][f"{name}.{letter}"], found.vectors[..., k])
+        np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, found.occluded)
+    for option in (["--flow"], ["--visible", "csv"]):
+        refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
+        assert_refused(refused, f"{option[0]}: expected frames as --output, such as out.####.exr, found")
+    with pytest.raises(InputError, match="draw_frames: flow: expected False without the file that holds it, exr"):
+        draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
+
+
+@needs_device
+def test_tables_of_instances_beside_the_frames(tmp_path):
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = {1: scene.camera, 2: replace(scene.camera, lookat=(1.0, 0.0, 0.0))}
+    draw_frames(scene, cameras, str(tmp_path / "f#.exr"), preset="course", progress=False, visible="json")
+    assert sorted(path.name for path in tmp_path.glob("f2*")) == ["f2.exr", "f2.png", "f2_visible.json"]
+    for number, camera in cameras.items():
+        (row,) = json.loads((tmp_path / f"f{number}_visible.json").read_text())
+        assert row["inside"] == visible(replace(scene, camera=camera)).table["inside"][0]
+        assert (row["inside"] < 1.0) == (number == 2)
+    with pytest.raises(InputError, match="draw_frames: visible: expected one of csv, json, found 'txt'"):
+        draw_frames(scene, cameras, str(tmp_path / "g#.exr"), visible="txt")
 
 
 @needs_device

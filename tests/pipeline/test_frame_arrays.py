@@ -1,131 +1,121 @@
-"""Frames as .npz and depth PNG: what they hold, the same bytes again, and files as they were after a refusal."""
+"""Arrays of frames in the hands of others: NumPy's conversions, and DLPack, by which PyTorch and JAX take them uncopied."""
 
 from __future__ import annotations
 
-import json
-import os
-import zipfile
-from dataclasses import replace
-from types import SimpleNamespace
+import gc
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from clshade.errors import InputError, OutputError
-from clshade.images import depth_png, exr, npz
+from clshade import Camera, Mesh, Renderer, Scene
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.frame_files import KINDS, resolution_of
-from clshade.scene.camera import Camera
-from clshade.scene.model import Scene, Settings
+from clshade.pipeline.many_views import Views
 
-CAMERA = Camera((1, 2, 9), (0.5, 0, 0), (0.1, 1, 0), 1.5, (1.0, 1.6), (48, 32), (0.4, 0.55))
-
-
-def made(camera: Camera = CAMERA, farthest: float = 9.0, milliseconds: float = 2.0) -> Frame:
-    """Return a frame of noise with layers."""
-    rng = np.random.default_rng(1)
-    pixels = rng.uniform(0, 1, (32, 48, 4)).astype(np.float32)
-    depth = rng.uniform(4, farthest, (32, 48)).astype(np.float32)
-    depth[:5] = np.inf
-    layers = {"Z": depth, "id": np.arange(32 * 48, dtype=np.uint32).reshape(32, 48), "P": rng.normal(size=(32, 48, 3))}
-    settings = Settings(layers=tuple(layers))
-    return Frame(pixels, layers, Scene((), camera), settings, lambda: {"times_ms": {"frame": milliseconds}})
+CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
+TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+LAYERS = ("Z", "id")
+NUMPY_2 = int(np.__version__.split(".")[0]) >= 2
 
 
-def test_an_npz_has_all_arrays_and_the_camera(tmp_path):
-    frame = made()
-    assert frame.save(tmp_path / "a.npz") == []
-    assert os.listdir(tmp_path) == ["a.npz"]
-    with np.load(tmp_path / "a.npz", allow_pickle=False) as arrays:
-        found = dict(arrays)
-    for name, array in {"rgba": frame.rgba, **{name: frame[name] for name in frame}}.items():
-        assert found[name].dtype == array.dtype
-        assert np.array_equal(found[name], array), name
-    names = {"rgba", "Z", "id", "P", "K", "pose", "pixel_center", "convention", "resolution", "metadata"}
-    assert set(found) == names
-    again = Camera.from_matrix(
-        found["K"],
-        found["pose"],
-        found["resolution"].tolist(),
-        pixel_center=found["pixel_center"].item(),
-        convention=str(found["convention"]),
-    )
-    for one, other in zip(again.to_matrix(), CAMERA.to_matrix(), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
-    metadata = json.loads(str(found["metadata"]))
-    assert metadata["renderTimeSeconds"] == 0.002
-    assert metadata["settings"].startswith("shader=")
+@pytest.fixture
+def renderer(device) -> Iterator[Renderer]:
+    with Renderer(Scene((TRIANGLE,), CAMERA), device=device, shader="nolight", layers=LAYERS) as renderer:
+        yield renderer
 
 
-def test_an_npz_of_an_orthographic_camera_and_of_a_check():
-    frame = made(replace(CAMERA, orthographic=True))
-    frame.check = SimpleNamespace(image=np.ones((32, 48), np.float32), metadata=lambda: {"checkedPixels": 1536})
-    arrays = frame.arrays()
-    assert "K" not in arrays
-    assert arrays["plane"].tolist() == [1.0, 1.6]
-    assert np.array_equal(arrays["pose"], CAMERA.pose())
-    assert np.array_equal(arrays["error"], np.ones((32, 48)))
+@pytest.fixture(params=["frame", "frames"])
+def drawn(request, renderer) -> Frame | Views:
+    return renderer.render() if request.param == "frame" else renderer.render_many([CAMERA] * 3)
 
 
-def test_the_same_frame_gives_the_same_bytes(tmp_path):
-    """Without times, whenever it is written; members have a fixed date."""
-    for name, milliseconds in (("a", 2.0), ("b", 3.0)):
-        made(milliseconds=milliseconds).save(tmp_path / name, files=("npz", "depth"), deterministic=True)
-    for ending in (".npz", ".depth.png"):
-        assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
-    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
-        assert {member.date_time for member in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
-        assert archive.testzip() is None
+def test_as_an_array_it_is_rgb(drawn):
+    found = np.asarray(drawn)
+    assert found.shape == drawn.rgba.shape[:-1] + (3,)
+    assert np.array_equal(found, drawn.rgba[..., :3])
+    assert np.shares_memory(found, drawn.rgba)
+    assert np.asarray(drawn, np.float32).base is found.base
 
 
-def test_all_files_and_their_sizes(tmp_path):
-    frame = made()
-    frame.save(tmp_path / "a.exr", files=KINDS)
-    assert sorted(os.listdir(tmp_path)) == ["a.depth.png", "a.exr", "a.npz", "a.png"]
-    depth, scale = depth_png.read(tmp_path / "a.depth.png")
-    seen = np.isfinite(frame["Z"])
-    assert np.array_equal(np.isfinite(depth), seen)
-    assert np.abs(depth[seen] - frame["Z"][seen]).max() <= scale / 2 * (1 + 1e-12)
-    assert np.array_equal(exr.read(tmp_path / "a.exr")[0]["Z"], frame["Z"])
-    for kind, name in zip(KINDS, ("a.exr", "a.png", "a.npz", "a.depth.png"), strict=True):
-        path = tmp_path / name
-        assert resolution_of(str(path), kind) == (48, 32)
-        for damaged in (b"", path.read_bytes()[:7], b"\x76\x2f\x31\x01" + bytes(40)):
-            path.write_bytes(damaged)
-            assert resolution_of(str(path), kind) is None
-        assert resolution_of(str(tmp_path / "none"), kind) is None
-    np.savez(tmp_path / "a.npz", resolution=np.array([None, 1], object), allow_pickle=True)
-    assert npz.resolution(tmp_path / "a.npz") is None
+def test_copies_are_made_when_asked_for(drawn):
+    for copied in (np.array(drawn), np.asarray(drawn, dtype=np.float64), drawn.__array__(copy=True)):
+        assert not np.shares_memory(copied, drawn.rgba)
+        assert np.array_equal(copied, drawn.rgb)
+    assert np.asarray(drawn, dtype=np.float64).dtype == np.float64
+    assert np.mean(drawn) == drawn.rgb.mean()
 
 
-@pytest.mark.parametrize(
-    ("frame", "options", "parts"),
-    [
-        (made(farthest=90.0), {}, ("depth_scale: expected 0.0014 or more", "depths of 8", "found 0.001")),
-        (made(), {"depth_scale": 0}, ("depth_scale: expected a finite number above 0, found 0",)),
-        (made(), {"depth_scale": 20.0}, ("depth_scale: expected steps", "found 20.0")),
-        (made(), {"files": ("exr", "depht")}, ("files: ", "did you mean 'depth'?")),
-        (made(), {"files": "npz"}, ("files: expected some of exr, png, npz, depth",)),
-    ],
-)
-def test_a_refusal_leaves_the_files_as_they_were(tmp_path, frame, options, parts):
-    names = ["a.depth.png", "a.exr", "a.npz", "a.png"]
-    for name in names:
-        (tmp_path / name).write_text(f"earlier {name}")
-    with pytest.raises(InputError) as caught:
-        frame.save(tmp_path / "a", **{"files": KINDS, **options})
-    message = str(caught.value)
-    assert message.startswith("Frame.save: ")
-    assert "\n" not in message
-    assert all(part in message for part in parts), message
-    assert sorted(os.listdir(tmp_path)) == names
-    assert all((tmp_path / name).read_text() == f"earlier {name}" for name in names)
+def test_no_copy_where_one_is_needed(drawn):
+    assert np.shares_memory(drawn.__array__(copy=False), drawn.rgba)
+    with pytest.raises(ValueError, match="expected type float32, which takes no copy, found float16"):
+        drawn.__array__(np.dtype(np.float16), copy=False)
+    if NUMPY_2:
+        assert np.shares_memory(np.asarray(drawn, copy=False), drawn.rgba)
+        with pytest.raises(ValueError, match="expected type float32"):
+            np.asarray(drawn, dtype=np.float16, copy=False)
 
 
-def test_depth_needs_its_layer_and_a_folder(tmp_path):
-    frame = Frame(made().rgba, {}, Scene((), CAMERA), Settings(), dict)
-    with pytest.raises(InputError, match=r"^Frame\.save: files: expected depth only of a frame with the layer Z"):
-        frame.save(tmp_path / "a", files=["depth"])
-    with pytest.raises(OutputError, match=r"a\.npz: cannot be written: there is no folder"):
-        made().save(tmp_path / "none" / "a", files=["npz"])
-    assert os.listdir(tmp_path) == []
+def arrays_of(drawn: Frame | Views) -> dict[str, np.ndarray]:
+    return {"rgba": drawn.rgba, **{name: drawn[name] for name in drawn.layers}}
+
+
+def test_arrays_can_be_taken_uncopied(drawn):
+    """Contiguous, writeable, and aligned as XLA asks."""
+    for array in arrays_of(drawn).values():
+        assert array.flags.c_contiguous
+        assert array.flags.writeable
+        assert array.ctypes.data % 64 == 0
+        taken = np.from_dlpack(array)
+        assert taken.ctypes.data == array.ctypes.data
+        assert np.array_equal(taken, array)
+
+
+def test_world_positions_are_aligned_too(device):
+    """The host makes them, in memory of its own."""
+    with Renderer(Scene((TRIANGLE,), CAMERA), device=device, shader="nolight", layers=("P",)) as renderer:
+        assert all(renderer.render()["P"].ctypes.data % 64 == 0 for _ in range(3))
+
+
+@pytest.mark.parametrize("name", ["rgba", *LAYERS])
+def test_memory_that_a_capsule_holds_is_not_recycled(renderer, name):
+    """Once the frame is gone, a consumer of DLPack is all that refers to it; when that goes too, the next frame takes it."""
+    away = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 6.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
+    frame = renderer.render()
+    taken = np.from_dlpack(arrays_of(frame)[name])
+    address, before = taken.ctypes.data, taken.copy()
+    del frame
+    gc.collect()
+    others = [renderer.render(away) for _ in range(6)]
+    assert all(arrays_of(other)[name].ctypes.data != address for other in others)
+    assert np.array_equal(taken, before)
+    assert not np.array_equal(arrays_of(others[0])[name], before)
+    del others, taken
+    gc.collect()
+    again = [renderer.render(away) for _ in range(4)]
+    assert address in [arrays_of(other)[name].ctypes.data for other in again]
+
+
+def test_a_capsule_outlives_the_renderer(device):
+    with Renderer(Scene((TRIANGLE,), CAMERA), device=device, shader="nolight", layers=LAYERS) as renderer:
+        frames = renderer.render_many([CAMERA] * 2)
+        taken, expected = np.from_dlpack(frames["id"][1]), frames["id"][1].copy()
+    del frames, renderer
+    gc.collect()
+    assert np.array_equal(taken, expected)
+
+
+def test_pytorch_takes_them_uncopied(drawn):
+    torch = pytest.importorskip("torch")
+    for name, array in arrays_of(drawn).items():
+        tensor = torch.from_dlpack(array.view(np.int32) if array.dtype == np.uint32 else array)
+        assert tensor.data_ptr() == array.ctypes.data, name
+        assert np.array_equal(tensor.numpy().view(array.dtype), array)
+    assert torch.from_dlpack(drawn.rgb).shape == drawn.rgb.shape
+
+
+def test_jax_takes_them_uncopied(drawn):
+    jax = pytest.importorskip("jax")
+    for name, array in arrays_of(drawn).items():
+        taken = jax.numpy.from_dlpack(array, copy=False)
+        assert taken.unsafe_buffer_pointer() == array.ctypes.data, name
+        assert np.array_equal(np.asarray(taken), array)

@@ -54,6 +54,18 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         help="also write K and pose of each frame's camera, in the order of the frames, which `animate` reads; of a stereo "
         "pair FILE.left.json and FILE.right.json",
     )
+    output.add_argument(
+        "--flow",
+        action="store_true",
+        help="of frames: optical flow in the EXR, pixels to the right and down, to the next frame (flow) and to the one "
+        "before (flow_back), what is occluded there (flow_occluded, flow_back_occluded), and the layer id",
+    )
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="of frames: also how much of each instance is seen, and how much of it is in the image, beside each frame: "
+        "out.0001_visible.csv and so on",
+    )
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -166,6 +178,10 @@ def _draw(
             raise InputError(f"--formats: expected none with a film, found {formats} and {output}")
         from ...view.film import draw_film
 
+        for name in ("flow", "visible"):
+            if getattr(arguments, name):
+                expected = "frames as --output, such as out.####.exr"
+                raise InputError(f"--{name}: expected {expected}, found {arguments.output}")
         options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
         return draw_film(scene, cameras, output, **options)
     from ...farm import draw_frames
@@ -174,7 +190,7 @@ def _draw(
         if value and not (name == "fps" and poses is not None):
             flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
             raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {output}")
-    return draw_frames(scene, cameras, output, **options)
+    return draw_frames(scene, cameras, output, flow=arguments.flow, visible=arguments.visible, **options)
 
 
 def _film_options(arguments: argparse.Namespace) -> dict[str, Any]:

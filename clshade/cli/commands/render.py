@@ -14,6 +14,7 @@ from ...errors import ClshadeError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
+from .flow_options import add_flows, flow_cameras, flow_option
 from .saving_options import chosen_saving, saving_options
 from .scene_options import (
     SAMPLES_HELP,
@@ -35,6 +36,7 @@ from .view_options import (
     views_of,
     write_crops,
     write_sheet,
+    write_visible,
 )
 
 if TYPE_CHECKING:
@@ -64,7 +66,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
+    flow_option(output)
     save_scene_option(output)
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="also write OUT_visible.csv or .json: how much of each instance is seen, and how much of it is in the image",
+    )
     output.add_argument(
         "--json",
         "--stats",
@@ -165,7 +173,9 @@ def _draw(
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         console.table(selected.table())
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
+    cameras = flow_cameras(scene, arguments)
     frame = renderer.render(scene, **options)
+    add_flows(frame, cameras, arguments)
     if arguments.check is not None:
         from ...measure.check.check import check
 
@@ -174,7 +184,7 @@ def _draw(
     saving = chosen_saving(arguments)
     for warning in frame.write(output, **saving):
         console.warning(warning)
-    crops = write_crops(frame, output, arguments)
+    others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -182,7 +192,7 @@ def _draw(
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
-        print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *crops]))
+        print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))
         for title, each in found.items():
             lines = (
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
@@ -198,6 +208,8 @@ def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, An
     chosen = chosen_settings(arguments) if limited else picture_settings(arguments, scene)
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    if arguments.flow_to is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "id")
     return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
 
 

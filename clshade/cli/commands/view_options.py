@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scene
 
 _NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
-    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale")),
+    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to")),
     **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
     "compression": "zip",
     "crop_zoom": [],
@@ -92,6 +92,7 @@ def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:
         for path in (
             *crop_paths(stem, arguments.crop_zoom),
             *([_beside(stem, "marked")] if arguments.crop_zoom else ()),
+            *([_table(stem, arguments.visible)] if arguments.visible else ()),
         )
     ]
 
@@ -138,6 +139,23 @@ def check_crops(scene: Scene, arguments: argparse.Namespace) -> None:
 
 def crop_paths(stem: str, crops: Sequence[Crop]) -> list[Path]:
     return [_beside(stem, f"crop{number if len(crops) > 1 else ''}") for number in range(1, len(crops) + 1)]
+
+
+def _table(stem: str, ending: str) -> Path:
+    from ...pipeline.frame_files import visible_path
+
+    return visible_path(stem, ending, ("render", "--output"))
+
+
+def write_visible(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[Path]:
+    """Write the table of how much of each instance the frame shows; return its path."""
+    if arguments.visible is None:
+        return []
+    from ...pipeline.visible import visible
+
+    path = _table(stem, arguments.visible)
+    visible(frame.scene, settings=frame.settings, device=arguments.device).save(path)
+    return [path]
 
 
 def write_crops(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[Path]:
