@@ -210,8 +210,8 @@ def draw_frames(
     scene, settled = effective_settings(scene, **settings)
     files = tuple(chosen_paths(output, chosen.get("files")))
     if flag("draw_frames", "flow", flow):
-        if "exr" not in files:
-            raise value_error("draw_frames", "flow", "False without the file that holds it, exr", flow)
+        if not {"exr", "npz"} & set(files):
+            raise value_error("draw_frames", "flow", "False without a file that holds it, exr or npz", flow)
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
     numbers = sorted(cameras) if flow else []

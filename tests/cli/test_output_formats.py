@@ -111,6 +111,8 @@ REFUSED = [
         ("depth_scale: expected ", " or more, as 65535 steps"),
     ),
     ((*SMALL, "--formats", "npz", "--sheet"), ("--formats: expected none with --sheet",)),
+    ((*SMALL, "--formats", "png", "--flow-to", "c.json"), ("--flow-to: expected exr or npz of --formats", "found png")),
+    ((*TURN, "--formats", "png,depth", "--flow"), ("flow: expected False without a file that holds it, exr or npz",)),
     ((*SMALL, "--stereo", "0"), ("Camera.stereo: baseline: expected a finite number above 0, found 0",)),
     ((*SMALL, "--stereo", "nan"), ("baseline",)),
     ((*SMALL, "--convergence", "3"), ("--convergence: expected --stereo BASELINE beside it, found none",)),

@@ -445,7 +445,7 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
     for option in (["--flow"], ["--visible", "csv"]):
         refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
         assert_refused(refused, f"{option[0]}: expected frames as --output, such as out.####.exr, found")
-    with pytest.raises(InputError, match="draw_frames: flow: expected False without the file that holds it, exr"):
+    with pytest.raises(InputError, match="draw_frames: flow: expected False without a file that holds it, exr or npz"):
         draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
 
 

@@ -27,6 +27,9 @@ def flow_cameras(scene: Scene, arguments: argparse.Namespace) -> tuple[Camera, .
     """Return the cameras of --flow-to, one or two; none without it."""
     if arguments.flow_to is None:
         return ()
+    if arguments.formats is not None and not {"exr", "npz"} & set(arguments.formats):
+        formats = ",".join(arguments.formats)
+        raise InputError(f"--flow-to: expected exr or npz of --formats, which hold it, found {formats}")
     from ...farm import read_cameras
 
     base = scene.camera if arguments.resolution is None else scene.camera.with_resolution(arguments.resolution)
