@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from .base import display
+from .base import display, exchange
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
@@ -34,6 +34,7 @@ _HOMES = {
     "load_animation": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
+    "cryptomatte": "clshade.pipeline.mattes",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
     "check": "clshade.measure.check.check",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from . import view as view
     from .measure.check.check import check as check
     from .pipeline.frame import Frame as Frame
+    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
     from .scene.builtin.scenes import builtin as builtin
@@ -101,4 +103,23 @@ def _notebook() -> Any:
     return notebook
 
 
+def _glb_writer() -> Any:
+    from .scene.formats.gltf_writer import write_glb
+
+    return write_glb
+
+
+def _trimesh_converter() -> Any:
+    from .scene.formats.from_trimesh import scene_of
+
+    return scene_of
+
+
+def _json_writer() -> Any:
+    from .scene.formats.scene_json_writer import write_scene
+
+    return write_scene
+
+
 display.install(_notebook)
+exchange.install(to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter)

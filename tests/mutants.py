@@ -125,6 +125,8 @@ TESTS = {
     "clshade/scene/pose.py": "play playing",
     "clshade/scene/formats/gltf_lights.py": "gltf_lights",
     "clshade/scene/formats/gltf_materials.py": "gltf gltf_maps alpha_modes gltf_refusals",
+    "clshade/scene/formats/scene_json.py": "scene_json limits",
+    "clshade/scene/formats/scene_json_writer.py": "scene_json",
     "clshade/scene/formats/course_npy.py": "course_files limits",
     "clshade/scene/formats/safe_pickle.py": "course_files inert_pickle limits",
     "clshade/scene/formats/inert_pickle.py": "inert_pickle course_files",

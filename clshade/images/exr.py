@@ -11,7 +11,7 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, BinaryIO, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..base.validation import path as checked_path
 from ..errors import InputError
 from . import exr_limits
 
+Part: TypeAlias = tuple[Mapping[str, ArrayLike], Mapping[str, Any]]  # channels and metadata
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
 # Lossy compressions -> (the type whose values they change, the last letters of the channels, what they do).
@@ -50,6 +51,8 @@ FULL_PRECISION = (
     "scalar",
 )  # layers that `half` does not affect: depths, positions and data need their digits
 FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
+
+FIRST = "rgba"  # name of the first of several parts
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
@@ -230,18 +233,26 @@ class _Sink:
         return place
 
 
-def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
+def _compress(file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str) -> None:
+    """Write parts: name, header and channels of each; the name of a single one is left out."""
     import OpenEXR
 
     method = "NO" if compression == "none" else compression.upper()
-    header |= {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    form = {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
     sink = _Sink(file)
     with _LOCK:
         # OpenEXR's threads exist only here: a child forked later would wait for them forever.
         before = OpenEXR.global_thread_count()
         OpenEXR.set_global_thread_count(before if compression == "none" else min(os.cpu_count() or 1, 8))
         try:
-            with OpenEXR.File(header, channels) as exr:
+            if len(parts) == 1:
+                ((_, header, channels),) = parts
+                exr = OpenEXR.File({**header, **form}, channels)
+            else:
+                exr = OpenEXR.File(
+                    [OpenEXR.Part({**header, **form}, channels, name) for name, header, channels in parts]
+                )
+            with exr:
                 exr.write(sink)
         except MemoryError:
             raise
@@ -315,8 +326,9 @@ def encode(
     half: bool = False,
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
+    parts: Mapping[str, Part] | None = None,
 ) -> list[str]:
-    """Encode a single-part scanline EXR into an open file, see `write`.
+    """Encode a scanline EXR into an open file, see `write`.
 
     Parameters
     ----------
@@ -324,6 +336,9 @@ def encode(
         Writable and seekable.
     channels, compression, half, metadata, window
         As for `write`.
+    parts : mapping of str to (mapping, mapping), optional
+        Further parts by name: channels of the same size and metadata of each, without `window`,
+        never as half. The compression may not be lossy then. The first part is named ``rgba``.
 
     Returns
     -------
@@ -350,7 +365,17 @@ def encode(
         kind, letters, what = LOSSY[compression]
         rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and (not letters or n[-1] in letters)]
         warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
-    _compress(file, header, stored, compression)
+    further = []
+    if parts and compression in LOSSY:
+        raise InputError(f"exr: compression: expected a lossless one with further parts, found {compression}")
+    for name, (own, own_metadata) in (parts or {}).items():
+        planes = flatten(own)
+        if next(iter(planes.values())).shape != (rows, columns):
+            raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
+        whole = (0, 0, columns - 1, rows - 1)
+        found = {channel: _stored(channel, plane, False, warnings) for channel, plane in planes.items()}
+        further.append((name, _header(own_metadata, whole, whole), found))
+    _compress(file, [(FIRST, header, stored), *further], compression)
     return warnings
 
 

@@ -90,7 +90,7 @@ class Frame:
         return self._stats
 
     @overload
-    def __getitem__(self, name: Literal["id", "object_id", "material_id"]) -> UInt32s: ...
+    def __getitem__(self, name: Literal["id", "object_id", "material_id", "instance_id"]) -> UInt32s: ...
     @overload
     def __getitem__(self, name: Literal["P"]) -> Floats: ...
     @overload
@@ -128,6 +128,9 @@ class Frame:
                 color map: the factor of the light.
             ``"uv"``
                 2 components: the mesh's texture coordinates, not wrapped.
+            ``"instance_id"``
+                uint32, the number of the mesh's placement, from 1: mesh by mesh, in the order of
+                `Mesh.instances`.
             ``"barycentrics"``
                 3 components: the barycentric coordinates, in the order of the face's corners in the
                 mesh.
@@ -191,7 +194,7 @@ class Frame:
         Returns
         -------
         dict
-            Camera, settings, scene, names of objects and materials, and the result of the check if
+            Camera, settings, scene, names of objects, materials and instances, and the result of the check if
             there is one.
         """
         metadata = frame_files.header(self.scene, self.settings, self._layers)

@@ -17,7 +17,7 @@ from ..base.validation import choice, flag, value_error
 from ..base.validation import path as checked_path
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalar_colors import color_map_of
-from .layer_buffers import material_numbers
+from .layer_buffers import first_instances, material_numbers
 
 if TYPE_CHECKING:
     from ..images.exr import Compression
@@ -130,13 +130,19 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
 
 
 def _names(scene: Scene, layers: Container[str]) -> dict[str, str]:
-    """Return the names of the object_id and material_id layers as JSON, number -> name, unnamed ones left out."""
+    """Return the names of what object_id, material_id and instance_id count as JSON, number -> name, unnamed ones left
+    out."""
     found = {}
     if "object_id" in layers:
         found["objectNames"] = {number: mesh.name for number, mesh in enumerate(scene.meshes, 1) if mesh.name}
     if "material_id" in layers:
         numbered = zip(material_numbers(scene), scene.meshes, strict=True)
         found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
+    if "instance_id" in layers:
+        numbered = zip(first_instances(scene), scene.meshes, strict=True)
+        found["instanceNames"] = {
+            n: name for first, mesh in numbered for n, name in enumerate(mesh.instance_names, first) if name
+        }
     return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
 
 

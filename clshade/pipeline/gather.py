@@ -299,6 +299,12 @@ class Gatherer:
             [np.full(each.count * len(each.faces), values[each.number], np.int32) for each in self.copies], np.int32
         )
 
+    def per_copy(self, first: Sequence[int]) -> Array:
+        """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
+        return joined(
+            [np.repeat(first[each.number] + np.arange(each.count), len(each.faces)) for each in self.copies], np.uint32
+        )
+
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}
         return self.per_face([numbers.get(material_key(mesh), 0) for mesh in self.scene.meshes])

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arrays import Array
+from ..base.validation import value_error
 from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, casts_alpha, uses_normal_indices
 from .gather import Gatherer
@@ -27,10 +28,10 @@ MACROS = {
 class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices;
-    object_normals in place of normals where those of instances are not kept. mirrored:
-    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32. scalars: (3F,) reals, at the corners of
-    faces, times 2^-scalar_exponent; NAN_POSITION for none.
+    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
+    (F,) int32, whether a face's placement mirrors. objects, materials, instances: (F,) uint32. scalars: (3F,) reals, at the
+    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn from one copy of their mesh,
+    object_normals are in place of normals, and there are no numbers of instances by face.
     """
 
     features: Features | None
@@ -42,6 +43,7 @@ class LayerTables(NamedTuple):
     mirrored: Array | None = None
     objects: Array | None = None
     materials: Array | None = None
+    instances: Array | None = None
     scalars: Array | None = None
     scalar_exponent: int = 0
 
@@ -76,6 +78,16 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
             known.append((material.texture, number))
         numbers[id(material)] = number
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
+
+
+def first_instances(scene: Scene) -> list[int]:
+    """Return the number of each mesh's first instance; instances are counted from 1, mesh by mesh. Raises InputError for
+    more than a uint32 counts."""
+    ends: list[int] = np.cumsum([1, *(len(np.asarray(mesh.instances)) for mesh in scene.meshes)]).tolist()
+    if ends[-1] > 1 << 32:
+        limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
+        raise value_error("render", "scene", limit, ends[-1] - 1)
+    return ends[:-1]
 
 
 def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
@@ -138,9 +150,10 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
             found["mirrored"] = gatherer.mirrored()
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
-
     if "object_id" in asked:
         found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1)).astype(np.uint32)
     if "material_id" in asked:
         found["materials"] = gatherer.per_face(material_numbers(scene)).astype(np.uint32)
+    if "instance_id" in asked and not light["INSTANCES"]:
+        found["instances"] = gatherer.per_copy(first_instances(scene))
     return LayerTables(features, **found)

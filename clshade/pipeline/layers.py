@@ -18,6 +18,7 @@ from .surface_inputs import SurfaceInputs
 _BAND = 1 << 13  # pixels
 _WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
 _SURFACE = (*_WIDTHS, "scalar", "AO")
+_NUMBERS = {"object_id": "objects", "material_id": "materials", "instance_id": "instances"}  # tables by face
 
 
 class Layers:
@@ -62,8 +63,10 @@ class Layers:
                     events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
                 else:
                     events["layer_id"] = self._stages.layer_id_of_instances(owners, surface, buffer, count)
+            elif name == "instance_id" and surface.instances is not None:
+                events["layer_instance_id"] = self._stages.layer_instance_id(owners, surface, buffer, count)
             elif name not in _SURFACE:
-                numbers = self._own.get("objects" if name == "object_id" else "materials")
+                numbers = self._own.get(_NUMBERS[name])
                 events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)
         if any(name in MACROS for name in found):
             inputs = surface._replace(**self._surface)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Integers
 from ..base.validation import value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
@@ -224,6 +224,7 @@ class Renderer:
         self._view = Buffer(device, np.zeros(1, structs.View))
         self._image = Buffer(device, np.zeros(1, structs.Image))
         self._image_of: tuple[Any, ...] | None = None  # the resolution and the room that it was written for
+        self._places: Integers | None = None  # of the samples, if not those of the settings
         self._map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
         self._lines: Lines | None = None
         if self.settings.edges is not None:
@@ -322,7 +323,7 @@ class Renderer:
             self._image_of = None
             image["columns"], image["rows"] = columns, rows
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
-            places = sample_pattern.positions(self.settings.samples)
+            places = sample_pattern.positions(self.settings.samples) if self._places is None else self._places
             image["samples"] = len(places)
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
@@ -550,6 +551,17 @@ class Renderer:
             table["list_capacity"] = self._lists.room
         with self._made.counters.writing() as table:
             table["next_tile"] = table["saturated"] = 0
+
+    def place_samples(self, places: Integers) -> None:
+        """Set where the next frames' pixels are sampled.
+
+        Parameters
+        ----------
+        places : ndarray, (S, 2) int
+            As `sample_pattern.positions` returns them, at most as many as in the settings. Kernels for
+            one sample know no other place than the center: the settings have to have several.
+        """
+        self._places, self._image_of = places, None
 
     def render(self, camera: Camera | None = None) -> Frame:
         """Draw one frame.

@@ -20,7 +20,7 @@ from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Settings
 
 COUNTS = ("triangles", "vertices", "visible", "behind", "off_screen", "between_samples", "zero_area", "clipped")
-LAYERS = ("Z", "id", "object_id", "material_id", "N", "P", "albedo", "uv", "barycentrics")
+LAYERS = ("Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics")
 
 
 def matrices(count: int, rng: np.random.Generator, *, reach: float = 6.0, size: float = 0.6) -> np.ndarray:

@@ -22,7 +22,7 @@ from clshade.scene.formats.gltf_accessors import Buffers
 from clshade.scene.formats.gltf_json import Item
 
 
-@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.mtl", "a.png"])
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.json", "a.mtl", "a.png"])
 def test_sizes_of_files(tmp_path, monkeypatch, name):
     """Sparse files, which are not read: if the size is accepted, opening them fails."""
 
@@ -38,7 +38,7 @@ def test_sizes_of_files(tmp_path, monkeypatch, name):
     path = tmp_path / name
     readers = {"a.png": partial(read_image, path, srgb=True), "a.mtl": partial(load, own)}
     read = readers.get(name, partial(load, path))
-    most = {"a.mtl": 1 << 24, "a.png": 1 << 29}.get(name, 1 << 31)
+    most = {"a.mtl": 1 << 24, "a.png": 1 << 29, "a.json": 1 << 28}.get(name, 1 << 31)
     for size, part in ((most, "opened"), (most + 1, f"file: expected at most {most} bytes, found {most + 1} bytes")):
         path.touch()
         os.truncate(path, size)

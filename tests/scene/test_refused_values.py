@@ -61,6 +61,14 @@ CASES = {
     "faces": (lambda: Mesh(np.eye(3), "x"), "Mesh: faces: "),
     "ragged faces": (lambda: Mesh(np.eye(3), [[0, 1, 2], [0]]), "Mesh: faces: "),
     "instances": (lambda: Mesh(*TRIANGLE, instances=[[1], [1, 2]]), "Mesh: instances: "),
+    "instance_names": (
+        lambda: Mesh(*TRIANGLE, instance_names=("a", "b")),
+        "Mesh: instance_names: expected one text per instance (1), or none, found 2",
+    ),
+    "instance_names='ab'": (
+        lambda: Mesh(*TRIANGLE, instance_names="ab"),
+        "Mesh: instance_names: expected a sequence of texts",
+    ),
     "plane": (lambda: Camera(*EYE, 1.0, 5), "Camera: plane: expected two numbers (H, W), found 5"),
     "principal": (lambda: Camera(*EYE, 1.0, (1, 1), principal="x"), "Camera: principal: "),
     "resolution": (

@@ -24,7 +24,7 @@ from .scene_options import (
     scene_options,
     setting_options,
 )
-from .scene_outputs import output_stems
+from .scene_outputs import check_save_scene, output_stems, save_scene, save_scene_option
 from .view_options import (
     check_crops,
     check_view_options,
@@ -62,6 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
+    save_scene_option(output)
     output.add_argument(
         "--json",
         "--stats",
@@ -99,6 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     with folder_made(folder):
         for output in outputs:
             _check_output(output, arguments)
+        check_save_scene(arguments, files_of(outputs[0], arguments))
         if len(outputs) == 1:
             code, stats = _render(arguments.scenes[0], outputs[0], arguments, warming)
             _print_json(stats, arguments)
@@ -135,8 +137,11 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     check_crops(scene, arguments)
     if arguments.sheet:
         warming.join()
-        return DONE, write_sheet(scene, output, arguments, options)
+        facts = write_sheet(scene, output, arguments, options)
+        save_scene(scene, arguments)
+        return DONE, facts
     drawn = [_draw(view, stem, arguments, options, warming) for view, stem in views_of(scene, output, arguments)]
+    save_scene(scene, arguments)
     if not arguments.views:
         return drawn[0]
     names = dict.fromkeys(arguments.views)

@@ -37,7 +37,7 @@ def scene_options(
         nargs=None if required else "*" if several else "?",
         default=[default] if several else default,
         metavar="SCENE",
-        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes), or a built-in scene"
+        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes; .json saved scene), or a built-in scene"
         + ("" if default is None else f" (default: {default})"),
     )
     scene_changes(group)
