@@ -25,7 +25,8 @@ from .struct_layout import KEY_INDEX_BITS, Structs
 
 LEAST_COPIES = 1 << 16  # triangles that copies would add: with fewer, copies take little memory and less time
 _LAYERS = {"Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics", "scalar"}
-_LEAST_ROOM = 1 << 16  # triangles
+_LEAST_ROOM = 1 << 16  # triangles that there is room for at first
+_ROOM_A_PIXEL, _ROOM_A_PIXEL_OF_GPU = 4, 1  # or so many for each; a CPU commits memory as it is written
 _BLOCK = 1 << 16  # vertices of a block, on a CPU few enough for its caches; more if a mesh has more
 _BLOCK_OF_GPU = 1 << 20
 _MARGIN = 2.0**-40  # of all that tests of boxes and spheres add up: far more than its rounding
@@ -223,10 +224,10 @@ class Instances:
         """Number of vertices likewise."""
         return int(self._tables.vertices.sum())
 
-    @property
-    def first_room(self) -> int:
-        """Number of triangles to make room for before the first frame."""
-        return min(self.face_count, _LEAST_ROOM)
+    def first_room(self, pixels: int) -> int:
+        """Return how many triangles to make room for before the first frame, of so many pixels."""
+        each = _ROOM_A_PIXEL if self._stages.device.is_cpu else _ROOM_A_PIXEL_OF_GPU
+        return min(self.face_count, max(_LEAST_ROOM, each * pixels))
 
     @property
     def nbytes(self) -> int:
