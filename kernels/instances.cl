@@ -171,15 +171,15 @@ kernel void layer_id_of_instances(global const int *owners,                // M 
     ids[i] = owner < 0 ? 0u : (uint)triangles[owner].face + before + 1u;
 }
 
-// Number assigned to the instance that each pixel shows; 0 for the background.
-kernel void layer_number_of_instances(global const int *owners,                // M x N, from the pixel stage
-                                      global const int *triangle_instances,    // room
-                                      global const uint *numbers,              // K, from the host
-                                      global uint *shown,                      // M x N
-                                      int count)                               // M * N
+// Number of the instance that each pixel shows; 0 for the background.
+kernel void layer_instance_id(global const int *owners,                // M x N, from the pixel stage
+                              global const int *triangle_instances,    // room, from setup_instances
+                              global const Instance *instances,        // K
+                              global uint *numbers,                    // M x N
+                              int count)                               // M * N
 {
     int i = get_global_id(0);
     if (i < count)
-        shown[i] = owners[i] < 0 ? 0u : numbers[triangle_instances[owners[i]]];
+        numbers[i] = owners[i] < 0 ? 0u : (uint)instances[triangle_instances[owners[i]]].number;
 }
 #endif

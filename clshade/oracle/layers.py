@@ -113,9 +113,9 @@ def instance_numbers(scene: Scene) -> UInt32s:
     """Return (F,) uint32: the number of the face's placement, from 1."""
     found, number = [np.zeros(0, np.uint32)], 0
     for mesh in scene.meshes:
-        for _ in np.asarray(mesh.instances):
-            number += 1
-            found.append(np.full(len(mesh.faces), number, np.uint32))
+        count = len(np.asarray(mesh.instances))
+        found.append(np.repeat(np.arange(number + 1, number + 1 + count, dtype=np.uint32), len(mesh.faces)))
+        number += count
     return np.concatenate(found)
 
 

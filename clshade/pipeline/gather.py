@@ -303,23 +303,15 @@ class Gatherer:
         """Return for each face whether its placement mirrors, (F,) int32."""
         return joined([np.repeat(each.mirrored, len(each.faces)) for each in self.copies], np.int32)
 
-    def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32, *, step: int = 0) -> Array:
-        """Return for each face the value of its mesh, of `values` for all of the scene's: (F,). step: what each further
-        copy of a mesh adds."""
-        return joined(
-            [
-                np.repeat((values[each.number] + step * np.arange(each.count)).astype(kind), len(each.faces))
-                for each in self.copies
-            ],
-            kind,
-        )
+    def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
+        """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
+        return joined([np.full(each.count * len(each.faces), values[each.number], kind) for each in self.copies], kind)
 
-    def instance_numbers(self, first: Sequence[int]) -> Array:
-        """Return the number of its instance for each face, (F,), or of one copy for each instance drawn, (K,) uint32.
-        first: the number of each mesh's first instance."""
-        if not self.one_copy:
-            return self.per_face(first, np.uint32, step=1)
-        return joined([first[each.number] + np.arange(each.count) for each in self.placed], np.uint32)
+    def per_copy(self, first: Sequence[int]) -> Array:
+        """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
+        return joined(
+            [np.repeat(first[each.number] + np.arange(each.count), len(each.faces)) for each in self.copies], np.uint32
+        )
 
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}

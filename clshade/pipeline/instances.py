@@ -19,12 +19,14 @@ from .buffers import Buffer, TriangleBuffers
 from .camera_space import CameraSpace
 from .gather import Copies, Gatherer
 from .launches import Placing, Sides, Stages
+from .layer_buffers import first_instances
 from .placements import placed_along, placed_each, plain
 from .struct_layout import Structs
 
 LEAST_COPIES = 1 << 16  # triangles that copies would add: with fewer, copies take little memory and less time
-_LAYERS = {"Z", "id", "object_id", "instance_id", "material_id", "N", "P", "albedo", "uv", "barycentrics", "scalar"}
-_LEAST_ROOM = 1 << 16  # triangles
+_LAYERS = {"Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics", "scalar"}
+_LEAST_ROOM = 1 << 16  # triangles that there is room for at first
+_ROOM_A_PIXEL, _ROOM_A_PIXEL_OF_GPU = 4, 1  # or so many for each; a CPU commits memory as it is written
 _BLOCK = 1 << 16  # vertices of a block, on a CPU few enough for its caches; more if a mesh has more
 _BLOCK_OF_GPU = 1 << 20
 _MARGIN = 2.0**-40  # of all that tests of boxes and spheres add up: far more than its rounding
@@ -74,6 +76,7 @@ def _box(copies: Copies) -> _Box:
 def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
     """Return the tables of instances whose meshes `gatherer` has one copy of, or one more with the winding reversed."""
     first_vertex, first_face = {}, {}
+    numbers = first_instances(gatherer.scene)
     vertex = face = first = 0
     for each in gatherer.copies:
         key = each.number, bool(each.mirrored[0])
@@ -86,6 +89,7 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         linear = each.matrices[:, :3, :3]
         rows["scale"] = np.ldexp(1.0, -np.frexp(np.abs(linear).max(axis=(1, 2)))[1])
         rows["plain"], rows["mirrored"] = plain(each.matrices), each.mirrored
+        rows["number"] = _as_int32(numbers[each.number] + np.arange(each.count))
         own_face = np.zeros(each.count, np.int64)
         for side in (False, True):
             mine = each.mirrored == side
@@ -95,8 +99,7 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
                     first_face[each.number, side],
                 )
         rows["first_face"] = own_face
-        shift = first + len(each.faces) * np.arange(each.count, dtype=np.int64) - own_face
-        rows["face_shift"] = shift.astype(np.uint32).view(np.int32)
+        rows["face_shift"] = _as_int32(first + len(each.faces) * np.arange(each.count) - own_face)
         first += each.count * len(each.faces)
         box = _box(each)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -108,6 +111,11 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         vertices.append(np.full(each.count, len(each.verts)))
         faces.append(np.full(each.count, len(each.faces)))
     return InstanceTables(*map(np.concatenate, (parts, vertices, faces, centers, radii)))
+
+
+def _as_int32(numbers: Integers) -> Array:
+    """Return the lowest 32 bits of integers."""
+    return numbers.astype(np.int64).astype(np.uint32).view(np.int32)
 
 
 def placed_extent(placed: Collection[Copies]) -> tuple[Floats, Floats]:
@@ -216,10 +224,10 @@ class Instances:
         """Number of vertices likewise."""
         return int(self._tables.vertices.sum())
 
-    @property
-    def first_room(self) -> int:
-        """Number of triangles to make room for before the first frame."""
-        return min(self.face_count, _LEAST_ROOM)
+    def first_room(self, pixels: int) -> int:
+        """Return how many triangles to make room for before the first frame, of so many pixels."""
+        each = _ROOM_A_PIXEL if self._stages.device.is_cpu else _ROOM_A_PIXEL_OF_GPU
+        return min(self.face_count, max(_LEAST_ROOM, each * pixels))
 
     @property
     def nbytes(self) -> int:

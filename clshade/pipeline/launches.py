@@ -425,14 +425,13 @@ class Stages:
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
 
+    def layer_instance_id(self, owners: Buffer, surface: SurfaceInputs, numbers: Buffer, count: int) -> cl.Event:
+        tables = (surface.triangle_instances, surface.instances)
+        return self._per_item("layer_instance_id", count, owners, *tables, numbers)
+
     def layer_id_of_instances(self, owners: Buffer, surface: SurfaceInputs, ids: Buffer, count: int) -> cl.Event:
         tables = (surface.triangles, surface.triangle_instances, surface.instances)
         return self._per_item("layer_id_of_instances", count, owners, *tables, ids)
-
-    def layer_number_of_instances(
-        self, owners: Buffer, surface: SurfaceInputs, numbers: Buffer, shown: Buffer, count: int
-    ) -> cl.Event:
-        return self._per_item("layer_number_of_instances", count, owners, surface.triangle_instances, numbers, shown)
 
     def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, tiles: int) -> cl.Event:
         return self._per_tile("layer_z", tiles, owners, triangles, image, depths)

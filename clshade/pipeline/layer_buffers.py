@@ -28,10 +28,10 @@ MACROS = {
 class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices;
-    object_normals in place of normals where those of instances are not kept. mirrored: (F,) int32, whether a face's
-    placement mirrors. objects, materials: (F,) uint32. instances: the same, or (K,) those of instances drawn from one copy.
-    scalars: (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none.
+    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
+    (F,) int32, whether a face's placement mirrors. objects, materials, instances: (F,) uint32. scalars: (3F,) reals, at the
+    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn from one copy of their mesh,
+    object_normals are in place of normals, and there are no numbers of instances by face.
     """
 
     features: Features | None
@@ -150,11 +150,10 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
             found["mirrored"] = gatherer.mirrored()
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
-
     if "object_id" in asked:
         found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
     if "material_id" in asked:
         found["materials"] = gatherer.per_face(material_numbers(scene), np.uint32)
-    if "instance_id" in asked:
-        found["instances"] = gatherer.instance_numbers(first_instances(scene))
+    if "instance_id" in asked and not light["INSTANCES"]:
+        found["instances"] = gatherer.per_copy(first_instances(scene))
     return LayerTables(features, **found)

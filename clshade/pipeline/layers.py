@@ -87,8 +87,7 @@ class Layers:
                 else:
                     events["layer_id"] = self._stages.layer_id_of_instances(owners, surface, buffer, count)
             elif name == "instance_id" and surface.instances is not None:
-                draw = self._stages.layer_number_of_instances
-                events["layer_instance_id"] = draw(owners, surface, self._own["instances"], buffer, count)
+                events["layer_instance_id"] = self._stages.layer_instance_id(owners, surface, buffer, count)
             elif name not in _SURFACE:
                 numbers = self._own.get(_NUMBERS[name])
                 events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 import os
 import threading
 import time
@@ -179,7 +180,10 @@ class Renderer:
         if packed.instances is not None:
             painter = not self.features["DEPTH_TEST"]
             self._instances = Instances(self.stages, packed.instances, self._positions, painter=painter)
-            self._face_count, self._vertex_count = self._instances.first_room, 0
+            self._face_count, self._vertex_count = (
+                self._instances.first_room(math.prod(self.scene.camera.resolution)),
+                0,
+            )
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:

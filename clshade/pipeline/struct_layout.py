@@ -158,7 +158,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "first_vertex", 1, "of its mesh"),
         ("int", "first_face", 1, "of its mesh"),
         ("int", "face_shift", 1, "from its mesh's faces to the scene's, modulo 2^32"),
-        ("int", "pad", 1, ""),
+        ("int", "number", 1, "of the layer instance_id"),
     ],
     "Light": [
         ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),

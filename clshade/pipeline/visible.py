@@ -6,14 +6,14 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats
+from ..base.arrays import Array, Bools, Floats, Integers
 from ..base.atomic_files import write_bytes
 from ..base.json_values import plain
 from ..base.validation import flag, integer, value_error
@@ -135,8 +135,8 @@ def visible(
     -----
     Pixels are counted at their centers, as those of the layer instance_id with one sample. Each instance
     is drawn alone with the near plane of the whole scene, hence with the very coverage that it has in
-    the image: ``pixels <= alone <= whole``. That takes a frame for each of them, and more where it
-    crosses the border of the image.
+    the image: ``pixels <= alone <= whole``. Instances whose boxes in the image do not overlap share a
+    frame; those that cross the border of the image take more.
 
     Examples
     --------
@@ -149,23 +149,35 @@ def visible(
     scene, settings = effective_settings(scene, preset, settings, **fields)
     settings = _settings(scene, settings)
     scene = replace(scene, meshes=tuple(map(_bare, scene.meshes)), lights=(), environment=None)
+    count = _count(scene)
     with Renderer(scene, device=device, settings=settings) as renderer:
-        numbers, device = renderer.render()["instance_id"], renderer.device
-    rows = []
+        seen, device = _counted(renderer.render()["instance_id"], count), renderer.device
     columns, height = scene.camera.resolution
-    found = np.zeros((_count(scene) if many else 0, height, columns), bool)
-    seen = np.bincount(numbers.ravel(), minlength=_count(scene) + 1)
-    for number, (place, mesh) in enumerate(_instances(scene), 1):
-        mask, around = _alone(replace(scene, meshes=(mesh,)), settings, device, beyond)
-        alone = int(mask.sum())
-        name = next(iter(mesh.instance_names), "") or mesh.name
-        shares = _share(int(seen[number]), alone), _share(alone, alone + around)
-        rows.append((number, place, name, int(seen[number]), alone, alone + around, *shares))
-        if many:
-            found[number - 1] = mask
+    alone, around = np.zeros((2, count + 1), np.int64)
+    found = np.zeros((count if many else 0, height, columns), bool)
+    placed = list(_instances(scene))
+    for group in _groups(placed):
+        numbers = [each.number for each in group]
+        for place, image in _drawn(
+            replace(scene, meshes=tuple(each.mesh for each in group)), group, settings, device, beyond
+        ):
+            pixels = _counted(image, len(group))[1:]
+            (around if any(place) else alone)[numbers] += pixels
+            if many and not any(place):
+                for k, number in enumerate(numbers, 1):
+                    found[number - 1] = image == k
+    rows = []
+    for number, object_number, name, *_ in placed:
+        counts = (int(seen[number]), int(alone[number]), int(alone[number] + around[number]))
+        rows.append((number, object_number, name, *counts, _share(*counts[:2]), _share(*counts[1:])))
     longest = max((len(row[2]) for row in rows), default=0)
     kinds = {**_COLUMNS, "name": f"U{max(longest, 1)}"}
     return Visible(np.array(rows, [*kinds.items()]), found if many else None)
+
+
+def _counted(numbers: Array, most: int) -> Integers:
+    """Return how many pixels show each number, (most + 1,)."""
+    return np.bincount(numbers.ravel(), minlength=most + 1)
 
 
 def _settings(scene: Scene, settings: Settings) -> Settings:
@@ -208,47 +220,82 @@ def _count(scene: Scene) -> int:
     return sum(len(np.asarray(mesh.instances)) for mesh in scene.meshes)
 
 
-def _instances(scene: Scene) -> Iterator[tuple[int, Mesh]]:
-    """Yield the number of the mesh, from 1, and the mesh with a single instance, for each instance."""
-    for place, mesh in enumerate(scene.meshes, 1):
+class _Instance(NamedTuple):
+    """An instance. mesh: with it alone. low, high: (2,) ends of the box of its vertices in the image, pixels to the right
+    and down, a pixel wider than that; infinite if some of them are not in front of the camera."""
+
+    number: int
+    object_number: int
+    name: str
+    mesh: Mesh
+    low: Floats
+    high: Floats
+
+    def reaches(self, place: tuple[int, int], camera: Camera) -> bool:
+        """Return whether its box meets the image that lies so many images to the right and down of the camera's."""
+        start = np.array(place) * camera.resolution
+        return bool((self.low < start + camera.resolution).all() and (self.high > start).all())
+
+
+def _instances(scene: Scene) -> Iterator[_Instance]:
+    """Yield the instances in the order of instance_id."""
+    number = 0
+    for object_number, mesh in enumerate(scene.meshes, 1):
         for k, matrix in enumerate(np.asarray(mesh.instances)):
-            yield place, replace(mesh, instances=matrix[None], instance_names=mesh.instance_names[k : k + 1])
+            number += 1
+            own = replace(mesh, instances=matrix[None], instance_names=mesh.instance_names[k : k + 1])
+            name = next(iter(own.instance_names), "") or mesh.name
+            yield _Instance(number, object_number, name, own, *_box(own, scene.camera))
+
+
+def _box(mesh: Mesh, camera: Camera) -> tuple[Floats, Floats]:
+    """Return `low` and `high` of `_Instance`."""
+    nowhere: Floats = np.full(2, np.inf)
+    if not len(mesh.faces):
+        return nowhere, -nowhere
+    (matrix,) = np.asarray(mesh.instances)
+    points: Floats = mesh.verts.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    places, depths = in_image(camera, points - camera.eye)
+    if not (np.isfinite(places).all() and (depths > 0.0).all()):
+        return -nowhere, nowhere
+    return places.min(axis=0) - 1.0, places.max(axis=0) + 1.0
+
+
+def _groups(placed: Sequence[_Instance]) -> Iterator[list[_Instance]]:
+    """Yield groups of instances whose boxes do not overlap: drawn together, none hides another. What has alpha is together
+    with other instances of its mesh alone, whose kernels it shares."""
+    groups: dict[int, list[list[_Instance]]] = {}
+    for each in placed:
+        if not len(each.mesh.faces):
+            continue
+        own = each.mesh.tests_alpha or each.mesh.blends
+        known = groups.setdefault(each.object_number if own else 0, [])
+        for group in known:
+            low, high = np.array([(other.low, other.high) for other in group]).swapaxes(0, 1)
+            if not ((low < each.high) & (each.low < high)).all(axis=1).any():
+                group.append(each)
+                break
+        else:
+            known.append([each])
+    for some in groups.values():
+        yield from some
 
 
 def _share(part: int, whole: int) -> float:
     return part / whole if whole else float("nan")
 
 
-def _alone(scene: Scene, settings: Settings, device: Device, margin: int) -> tuple[Bools, int]:
-    """Return the pixels that show something of a scene of one instance, (M, N), and how many around the image would."""
-    columns, rows = scene.camera.resolution
-    reach = _reach(scene, margin)
-    if not reach:
-        return np.zeros((rows, columns), bool), 0
-    with Renderer(scene, device=device, settings=settings) as renderer:
-        images = {place: renderer.render(_shifted(scene.camera, *place))["instance_id"] != 0 for place in reach}
-    mask = images.pop((0, 0), np.zeros((rows, columns), bool))
-    return mask, sum(int(image.sum()) for image in images.values())
-
-
-def _reach(scene: Scene, margin: int) -> list[tuple[int, int]]:
-    """Return in which images around that of the camera, this one included, something may be seen, counted in images to the
-    right and down."""
-    (mesh,) = scene.meshes
-    if not len(mesh.faces):
-        return []
-    (matrix,) = np.asarray(mesh.instances)
-    points: Floats = mesh.verts.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    places, depths = in_image(scene.camera, points - scene.camera.eye)
+def _drawn(
+    scene: Scene, group: Sequence[_Instance], settings: Settings, device: Device, margin: int
+) -> Iterator[tuple[tuple[int, int], Array]]:
+    """Yield the layer instance_id of a scene of a group's instances, and of the images around that may show any, with how
+    many images to the right and down these are."""
     around = range(-margin, margin + 1)
-    if not (np.isfinite(places).all() and (depths > 0.0).all()):
-        return list(product(around, around))
-    size = np.array(scene.camera.resolution)
-    low, high = np.floor((places.min(axis=0) - 1.0) / size), np.floor((places.max(axis=0) + 1.0) / size)
-    return [(x, y) for x in around for y in around if low[0] <= x <= high[0] and low[1] <= y <= high[1]]
-
-
-def _shifted(camera: Camera, right: int, down: int) -> Camera:
-    """Return the camera of the image beside this one."""
-    x, y = camera.principal
-    return camera if right == down == 0 else replace(camera, principal=(x - right, y + down))
+    camera = scene.camera
+    reach = [place for place in product(around, around) if any(each.reaches(place, camera) for each in group)]
+    if reach:
+        with Renderer(scene, device=device, settings=settings) as renderer:
+            for right, down in reach:
+                x, y = camera.principal
+                beside = replace(camera, principal=(x - right, y + down)) if right or down else camera
+                yield (right, down), renderer.render(beside)["instance_id"]

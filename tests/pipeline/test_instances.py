@@ -80,7 +80,8 @@ def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
     options = {"device": device, "layers": LAYERS}
     with Renderer(scene, **options) as renderer:
         expected = [renderer.render(camera) for camera in cameras]
-    for name, value in (("LEAST_COPIES", 0), ("_LEAST_ROOM", 5), ("_BLOCK", 100), ("_BLOCK_OF_GPU", 100)):
+    small = {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0, "_BLOCK": 100, "_BLOCK_OF_GPU": 100}
+    for name, value in {"LEAST_COPIES": 0, **small}.items():
         monkeypatch.setattr(instances, name, value)
     monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
     with Renderer(scene, **options) as renderer:
