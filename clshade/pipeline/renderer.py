@@ -558,8 +558,7 @@ class Renderer:
         return {} if self._instances is None else self._instances.culled
 
     def _enqueue_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
-        """Enqueue the drawing of the faces in their order, which `_finish_unsorted` completes. Until then nothing may be
-        drawn of another frame."""
+        """Enqueue the drawing of the faces in their order; `_finish_unsorted` completes it."""
         self._project(frame)
         self._lists.set_up(self._faces, self._vertices, self._made, self._image, frame.tiles, frame.events, self._sides)
         self._write_lights(frame.space)
@@ -570,8 +569,8 @@ class Renderer:
         self._draw(self._face_count, rgba, owners, frame)
 
     def _finish_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
-        """Wait for the frame, and draw it again if lists lack room, or sorted if there are faces to clip: nothing of it is
-        drawn then."""
+        """Wait for the frame, the last one enqueued, and draw it again if lists lack room, or sorted if there are faces to
+        clip: nothing of it is drawn then."""
         while True:
             counters = self._read_counters()
             if counters["to_clip"]:
@@ -594,7 +593,7 @@ class Renderer:
             self._enqueue_unsorted(rgba, owners, frame)
 
     def _finish_frame(self, frame: Progress, rgba: Buffer, owners: Buffer | None) -> None:
-        """Complete what `_begin` has begun, once nothing else is drawn."""
+        """Complete what `_begin` has begun, the last frame enqueued."""
         if frame.counters is None:
             self._finish_unsorted(rgba, owners, frame)
 

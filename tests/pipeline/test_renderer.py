@@ -241,7 +241,7 @@ def test_errors_of_copies_name_the_device(device, monkeypatch):
     buffer = Buffer(device, np.zeros(4, np.float32))
     monkeypatch.setattr(buffer, "_shared", False)
 
-    def failing(*_: object) -> None:
+    def failing(*_: object, **__: object) -> None:
         raise cl.RuntimeError("clEnqueueCopyBuffer failed: OUT_OF_RESOURCES")
 
     monkeypatch.setattr(cl, "enqueue_copy", failing)
@@ -249,3 +249,5 @@ def test_errors_of_copies_name_the_device(device, monkeypatch):
         buffer.to_host()
     with pytest.raises(DeviceError, match="OUT_OF_RESOURCES"), buffer.writing() as rows:
         rows[:] = 1.0
+    with pytest.raises(DeviceError, match="OUT_OF_RESOURCES"):
+        buffer.fetch(device.queue, cl.UserEvent(device.context))
