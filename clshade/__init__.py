@@ -39,6 +39,7 @@ _HOMES = {
     "Frame": "clshade.pipeline.frame",
     "flow": "clshade.pipeline.flow",
     "visible": "clshade.pipeline.visible",
+    "Views": "clshade.pipeline.many_views",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from .measure.check.check import check as check
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
+    from .pipeline.many_views import Views as Views
     from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render

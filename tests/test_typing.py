@@ -146,6 +146,9 @@ frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, res
 frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
 with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:
     frames = [renderer.render(camera.with_resolution((32, 24)))]
+    views = renderer.render_many((camera, camera), out={"Z": np.zeros((2, 600, 800), np.float32)})
+shown: clshade.Frame = views[0]
+depths: NDArray[np.float32] = views["Z"]
 brighter: NDArray[np.floating] = frame.rgb * 2.0
 numbers: NDArray[np.uint32] = frame["id"]
 places: NDArray[np.float64] = frame["P"]

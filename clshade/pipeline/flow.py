@@ -18,9 +18,9 @@ from . import sample_pattern
 from .camera_space import near_plane
 from .flow_vectors import Flow
 from .frame import Frame
-from .gather import mirrors
 from .hierarchy import Hierarchy
 from .opencl.device import Device, shared_device
+from .placements import mirrors
 from .struct_layout import SUBPIXEL_BITS
 
 View: TypeAlias = Camera | Scene | Frame

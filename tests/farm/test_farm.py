@@ -13,8 +13,9 @@ from devices import working_devices
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
-from clshade.farm.cameras import FIELDS, orbit, read_cameras
-from clshade.farm.frames import parse_frames, parse_pattern
+from clshade.farm.camera_files import FIELDS, read_cameras
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
 from clshade.pipeline.flow import flow
 from clshade.pipeline.renderer import render
@@ -86,6 +87,21 @@ def test_file_names(text, number, stem):
     assert parse_pattern(text, 1).names(number) == (f"{stem}.exr", f"{stem}.png")
 
 
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("out.####.exr", "out.left.####.exr"),
+        ("a/b_##", "a/b.left_##"),
+        ("out###.npz", "out.left.###.npz"),
+        ("take#3/####.exr", "take#3/left.####.exr"),
+        ("a/film.mp4", "a/film.left.mp4"),
+        ("single", "single.left"),
+    ],
+)
+def test_names_of_an_eye(text, name):
+    assert pattern_of_eye(text, "left") == name
+
+
 @pytest.mark.parametrize(("text", "count"), [("out.exr", 2), ("a#b#.exr", 1), ("##/out.exr", 2), ("##/", 1), ("", 1)])
 def test_refused_file_names(text, count):
     with pytest.raises(InputError):
@@ -152,7 +168,7 @@ def test_cameras_of_a_file(tmp_path):
         "principal": [0.25, 0.5],
         "orthographic": True,
     }
-    assert {*every, "fov"} == set(FIELDS)
+    assert {*every, "fov", "K", "pose", "convention", "pixel_center"} == set(FIELDS)
     first, second, third, fourth = cameras_of(
         tmp_path, [every, {}, {"eye": [0, 0, 9], "fov": 90}, {"resolution": [60, 20]}]
     )
@@ -241,8 +257,13 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
 
     assert "warning" not in err
-    err = run(capsys, *command, "--resolution", "64,48")[2]
-    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+    (tmp_path / "out.0010.png").unlink()
+    refused = (
+        "out.0008.png: expected 64x48 of the frames to draw, found 32x24 of an earlier run: --overwrite draws it again"
+    )
+    assert_refused(run(capsys, *command, "--resolution", "64,48"), refused)
+    assert not (tmp_path / "out.0010.png").exists()
+    assert run(capsys, *command, "--quiet") == (0, "", "")
 
     (tmp_path / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
@@ -459,5 +480,5 @@ def test_one_file_of_each_frame(tmp_path):
     assert draw(("png",)) == (0, 2)
     assert draw(("png", "exr")) == (2, 0)
     for files in ((), "png", ["jpg"]):
-        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected (one|some) of exr, png, npz, depth"):
             draw(files)
