@@ -13,7 +13,7 @@ from . import sampling, shadows
 from .corners import Corners, gather
 from .signs import orientation
 from .transform import SUBPIXELS, camera_frame, lens_of, near_distance, project, to_camera
-from .vectors import cross, dot, length
+from .vectors import cross, dot, length, power_of_two
 
 ROUNDING = 2.0**-48  # of places and depths, relative to the lengths that they come from
 
@@ -130,7 +130,8 @@ def _culled(scene: Scene, settings: Settings, corners: Corners) -> Bools:
     a, b, c = np.moveaxis(corners.world, 1, 0)
     eye = np.broadcast_to(scene.camera.eye, a.shape)
     if scene.camera.orthographic:
-        eye = a - camera_frame(eye[0], scene.camera.lookat, scene.camera.up)[2]
+        direction = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)[2]
+        eye = a - direction * power_of_two(a)[:, None]  # neither beside the corners nor lost in their rounding
     front_only = np.array([mesh.material.sides == "front" or settings.cull for mesh in scene.meshes], bool)[
         corners.mesh
     ]
