@@ -12,7 +12,7 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import depth_sort, hierarchy, scene_memory, struct_layout, tile_lists
+from clshade.pipeline import buffers, depth_sort, hierarchy, scene_memory, struct_layout, tile_lists
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import TileLists
 from clshade.scene import model
@@ -34,6 +34,15 @@ def test_memory_of_a_device(device):
             clshade.render(SCENE, device=small, resolution=(8, 8))
     with Renderer(SCENE, device=replace(device, memory=400_000), resolution=(8, 8)) as renderer:
         assert renderer.render().alpha.any()
+
+
+def test_memory_that_the_system_does_not_give(device, monkeypatch):
+    def refuse(shape, dtype):
+        raise MemoryError
+
+    monkeypatch.setattr(buffers, "aligned", refuse)
+    with pytest.raises(DeviceError, match=r"^[^\n]+: no memory for 48 bytes$"):
+        buffers.Buffer.empty(device, (3, 4), np.float32)
 
 
 def test_memory_of_the_machine(device, monkeypatch):
