@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from .base import display
+from .base import display, exchange
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
@@ -34,8 +34,12 @@ _HOMES = {
     "load_animation": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
+    "cryptomatte": "clshade.pipeline.mattes",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
+    "flow": "clshade.pipeline.flow",
+    "visible": "clshade.pipeline.visible",
+    "Views": "clshade.pipeline.many_views",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -55,9 +59,13 @@ if TYPE_CHECKING:
     from . import farm as farm
     from . import view as view
     from .measure.check.check import check as check
+    from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
+    from .pipeline.many_views import Views as Views
+    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
+    from .pipeline.visible import visible as visible
     from .scene.builtin.scenes import builtin as builtin
     from .scene.builtin.studio import studio as studio
     from .scene.camera import Camera as Camera
@@ -101,4 +109,23 @@ def _notebook() -> Any:
     return notebook
 
 
+def _glb_writer() -> Any:
+    from .scene.formats.gltf_writer import write_glb
+
+    return write_glb
+
+
+def _trimesh_converter() -> Any:
+    from .scene.formats.from_trimesh import scene_of
+
+    return scene_of
+
+
+def _json_writer() -> Any:
+    from .scene.formats.scene_json_writer import write_scene
+
+    return write_scene
+
+
 display.install(_notebook)
+exchange.install(to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter)

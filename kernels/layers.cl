@@ -1,5 +1,6 @@
 // Further layers, from the triangle that owns each pixel's sample nearest the center.
 #include "attributes.clh"
+#include "layer_blocks.clh"
 #include "samples.clh"
 
 // Face of each pixel, from 1; 0 for the background.
@@ -25,25 +26,44 @@ kernel void layer_number(global const int *owners,            // M x N, from the
         shown[i] = owners[i] < 0 ? 0 : numbers[triangles[owners[i]].face];
 }
 
-real depth_of(real w)
+// Of the lanes in `mine`; infinity in those without an owner.
+INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at)
 {
-    return ORTHOGRAPHIC ? -w : 1.0f / w;
+    reals depths = (reals)(INFINITY);
+    for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
+        int index = lane_of(owner, todo);
+        mine = todo & (owner == index);
+        global const Triangle *t = triangles + index;
+        reals w = inverse_depths(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at));
+        depths = mine ? (ORTHOGRAPHIC ? -w : 1.0f / w) : depths;
+    }
+    return depths;
 }
 
-// Camera z of each pixel, scene units; infinity for the background.
+// Camera z of each pixel, scene units; infinity for the background. A work-item does a tile, or with several
+// ITEMS_PER_TILE a block of it.
+ITEM_BY_ITEM
 kernel void layer_z(global const int *owners,            // M x N, from the pixel stage
                     global const Triangle *triangles,    // F + C, from setup
                     global const Image *image,           // 1
-                    global real *depths,                // M x N
-                    int count)                           // M * N
+                    global real *depths)                 // M x N
 {
-    int i = get_global_id(0);
-    if (i >= count)
+    int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
+    int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
+#if HAS_EMPTY_TILES
+    if (is_empty_tile(owners, image, left, bottom)) {
+        LayerBlock whole = layer_block(image, left, bottom);
+        clear_layer(depths, 1, INFINITY, &whole);
         return;
-    int column = i % image->columns, row = image->rows - 1 - i / image->columns;
-    global const Triangle *t = triangles + owners[i];
-    int2 at = sample_at(image, 0, column, row);
-    depths[i] = owners[i] < 0 ? INFINITY
-                              : depth_of(inverse_depth(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at))) *
-                                    image->unscale;
+    }
+#endif
+    for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
+        int block = item * BLOCKS_PER_ITEM + i;
+        int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
+        if (column >= image->columns || row >= image->rows)
+            continue;
+        LayerBlock pixels = layer_block(image, column, row);
+        ints owner = owners_in(owners, &pixels);
+        write_numbers(depths, depths_in(triangles, owner, sample_at(image, 0, column, row)) * image->unscale, &pixels);
+    }
 }

@@ -2,6 +2,7 @@
 // barycentric coordinates. Never averaged over samples.
 #include "surface.clh"
 #include "samples.clh"
+#include "layer_blocks.clh"
 #if LAYER_AO
 #include "ambient_occlusion.clh"
 #endif
@@ -43,16 +44,16 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
 INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at,
                        global const int *mirrored, global const real *scalars)
 {
-    int face = t->face;
+    int face = t->face, triangle = (int)(t - in->triangles);
     Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
 #if LAYER_N
     real side = side_of(in, t);
     put_vector(&shown->normal, mine,
-               mix_vectors(m, side * in->normals[normal_index(in, face, 0)], side * in->normals[normal_index(in, face, 1)],
-                           side * in->normals[normal_index(in, face, 2)]));
+               mix_vectors(m, side * corner_normal(in, triangle, face, 0), side * corner_normal(in, triangle, face, 1),
+                           side * corner_normal(in, triangle, face, 2)));
 #if HAS_TANGENTS
-    global const int *tangent = in->tangent_faces + 3 * face;
-    real4 t0 = in->tangents[tangent[0]], t1 = in->tangents[tangent[1]], t2 = in->tangents[tangent[2]];
+    real4 t0 = corner_tangent(in, triangle, face, 0), t1 = corner_tangent(in, triangle, face, 1);
+    real4 t2 = corner_tangent(in, triangle, face, 2);
     put_vector(&shown->tangent, mine, mix_vectors(m, side * t0, side * t1, side * t2));
     shown->across = where(mine, side * bitangent_side((reals)(t0.w), (reals)(t1.w), (reals)(t2.w)), shown->across);
     shown->factor = where(mine, (reals)(material_of(in, face)->map_factors[MAP_NORMAL]), shown->factor);
@@ -60,10 +61,10 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 #endif
 #if LAYER_P
-    global const int *v = in->faces + 3 * face;
     // In perspective, like depth, with any interpolation of attributes: the visible point.
     Weights p = weights_at(t, in->pieces, at, !ORTHOGRAPHIC);
-    put_vector(&shown->point, mine, mix_vectors(p, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));
+    put_vector(&shown->point, mine, mix_vectors(p, corner_point(in, triangle, face, 0), corner_point(in, triangle, face, 1),
+                                                corner_point(in, triangle, face, 2)));
 #endif
 #if LAYER_ALBEDO
 #if VERTEX_COLORS || CORNER_COLORS
@@ -127,25 +128,6 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
     return shown;
 }
 
-// Writes component k of `width` of a layer at the pixels of a block that lie within the image.
-void write_layer(global real *layer, int width, int k, reals values, global const Image *image, int column, int row)
-{
-    real each[LANES];
-    STORE_LANES(values, each);
-    for (int lane = 0; lane < LANES; ++lane) {
-        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
-        if (x < image->columns && y < image->rows)
-            layer[((long)(image->rows - 1 - y) * image->columns + x) * width + k] = each[lane];
-    }
-}
-
-void write_vector(global real *layer, reals3 v, global const Image *image, int column, int row)
-{
-    write_layer(layer, 3, 0, v.x, image, column, row);
-    write_layer(layer, 3, 1, v.y, image, column, row);
-    write_layer(layer, 3, 2, v.z, image, column, row);
-}
-
 // The output arrays; layers not asked for are not written.
 typedef struct {
     global real *normals;         // M x N x 3, unit or 0, world axes
@@ -162,7 +144,7 @@ typedef struct {
         global real *to_weights, global real *to_scalars, global real *to_open
 #define LAYER_ARGUMENTS {to_normals, to_points, to_albedos, to_coordinates, to_weights, to_scalars, to_open}
 
-void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, int column, int row)
+void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, const LayerBlock *block)
 {
 #if LAYER_N
     reals3 normal = shown->normal;
@@ -173,42 +155,58 @@ void write_shown(const LayerOutputs *to, const Shown *shown, const Inputs *in, i
         normal = turned_normal(normal, shown->tangent, across, texel, shown->factor);
     }
 #endif
-    write_vector(to->normals, normalize_or_zero(normal), in->image, column, row);
+    write_components(to->normals, 3, normalize_or_zero(normal), block);
 #endif
 #if LAYER_P
-    write_vector(to->points, shown->point, in->image, column, row);
+    write_components(to->points, 3, shown->point, block);
 #endif
 #if LAYER_ALBEDO
     colors3 albedo = saturate_color(times_texel(shown->albedo, &shown->texels, in));
     reals3 color = {albedo.r, albedo.g, albedo.b};
-    write_vector(to->albedos, color, in->image, column, row);
+    write_components(to->albedos, 3, color, block);
 #endif
 #if LAYER_UV
-    write_layer(to->coordinates, 2, 0, shown->u, in->image, column, row);
-    write_layer(to->coordinates, 2, 1, shown->v, in->image, column, row);
+    reals3 uv = {shown->u, shown->v, shown->v};
+    write_components(to->coordinates, 2, uv, block);
 #endif
 #if LAYER_BARYCENTRICS
-    write_vector(to->weights, shown->weights, in->image, column, row);
+    write_components(to->weights, 3, shown->weights, block);
 #endif
 #if LAYER_SCALAR
-    write_layer(to->scalars, 1, 0, shown->scalar, in->image, column, row);
+    write_numbers(to->scalars, shown->scalar, block);
 #endif
 #if LAYER_AO
-    write_layer(to->open, 1, 0, shown->open, in->image, column, row);
+    write_numbers(to->open, shown->open, block);
 #endif
 }
 
-// The owners of a block's pixels, -1 for none and beyond the image.
-ints owners_in(global const int *owners, global const Image *image, int column, int row)
+#if HAS_EMPTY_TILES
+// The layers of a tile without any triangle.
+void clear_layers(const LayerOutputs *to, const LayerBlock *tile)
 {
-    integer each[LANES];
-    for (int lane = 0; lane < LANES; ++lane) {
-        int x = column + lane % BLOCK_WIDTH, y = row + lane / BLOCK_WIDTH;
-        int inside = x < image->columns && y < image->rows;
-        each[lane] = inside ? owners[(long)(image->rows - 1 - y) * image->columns + x] : -1;
-    }
-    return LOAD_LANES(each);
+#if LAYER_N
+    clear_layer(to->normals, 3, 0.0f, tile);
+#endif
+#if LAYER_P
+    clear_layer(to->points, 3, 0.0f, tile);
+#endif
+#if LAYER_ALBEDO
+    clear_layer(to->albedos, 3, 0.0f, tile);
+#endif
+#if LAYER_UV
+    clear_layer(to->coordinates, 2, 0.0f, tile);
+#endif
+#if LAYER_BARYCENTRICS
+    clear_layer(to->weights, 3, 0.0f, tile);
+#endif
+#if LAYER_SCALAR
+    clear_layer(to->scalars, 1, (real)NAN_POSITION, tile);
+#endif
+#if LAYER_AO
+    clear_layer(to->open, 1, 0.0f, tile);
+#endif
 }
+#endif
 
 // A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
 ITEM_BY_ITEM
@@ -222,14 +220,22 @@ kernel void surface_layers(SURFACE_PARAMETERS,
     LayerOutputs outputs = LAYER_ARGUMENTS;
     const Inputs *in = &inputs;
     int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
+    int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
+#if HAS_EMPTY_TILES
+    if (is_empty_tile(owners, image, left, bottom)) {
+        LayerBlock whole = layer_block(image, left, bottom);
+        clear_layers(&outputs, &whole);
+        return;
+    }
+#endif
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
-        int column = tile % image->tiles_x * TILE_SIZE + block % BLOCKS_X * BLOCK_WIDTH;
-        int row = tile / image->tiles_x * TILE_SIZE + block / BLOCKS_X * BLOCK_HEIGHT;
+        int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
         if (column >= image->columns || row >= image->rows)
             continue;
-        ints owner = owners_in(owners, image, column, row);
+        LayerBlock pixels = layer_block(image, column, row);
+        ints owner = owners_in(owners, &pixels);
         Shown shown = show_block(in, owner, sample_at(image, 0, column, row), mirrored, scalars);
-        write_shown(&outputs, &shown, in, column, row);
+        write_shown(&outputs, &shown, in, &pixels);
     }
 }

@@ -14,7 +14,7 @@ import pytest
 import clshade
 
 MODULES = [clshade.course, clshade.errors, clshade.exr, clshade.farm, clshade.view]
-RESULTS = [clshade.Frame]  # users get these from functions: instead of parameters they have attributes
+RESULTS = [clshade.Frame, clshade.Views]  # users get these from functions: instead of parameters they have attributes
 MARKS = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
 
 

@@ -88,12 +88,19 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
     for each in (node for node in tree.body if isinstance(node, ast.ClassDef)):
         for block in (node for node in each.body if isinstance(node, ast.If)):
             assert ast.unparse(block.test) == "TYPE_CHECKING"
-            (function,) = block.body
+            function, *others = block.body  # others: overloads
             assert isinstance(function, ast.FunctionDef)
             given = function.args
             defaults = [None] * (len(given.args) - len(given.defaults)) + given.defaults
             pairs = zip(given.args, defaults, strict=True)
             found[each.name] = [(a.arg, "" if d is None else ast.unparse(d)) for a, d in pairs][1:]
+            if others:
+                overload = others[0].args
+                values = [
+                    (a.arg, "" if d is None else ast.unparse(d))
+                    for a, d in zip(overload.kwonlyargs, overload.kw_defaults, strict=True)
+                ]
+                assert values == [("vertices", ""), *found[each.name][1:]]
     return found
 
 
@@ -130,6 +137,7 @@ camera = clshade.Camera.from_fov((0, 0, 5), [0, 0, 0], np.array([0, 1, 0]), 35.0
 material = replace(clshade.Material(kd=(0.5, 0.4, 0.3), n=40), ks=0.0)
 texture = clshade.Texture(np.zeros((2, 2, 3), np.uint8), wrap=("repeat", "clamp"))
 mesh = clshade.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.array([[0, 1, 2]]), material=material)
+mesh = clshade.Mesh(vertices=mesh.vertices, faces=mesh.faces, name="the same")
 scene = clshade.Scene([mesh], camera, [light], ambient=0.2, background=None)
 scene = replace(scene, ambient=(0.1, 0.1, 0.1), lights=light)
 sun, lamp = clshade.DirectionalLight((0, -1, 0)), clshade.SpotLight((0, 2, 0), (0, -1, 0), 3.0, attenuation="inverse-square")
@@ -138,6 +146,9 @@ frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, res
 frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
 with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:
     frames = [renderer.render(camera.with_resolution((32, 24)))]
+    views = renderer.render_many((camera, camera), out={"Z": np.zeros((2, 600, 800), np.float32)})
+shown: clshade.Frame = views[0]
+depths: NDArray[np.float32] = views["Z"]
 brighter: NDArray[np.floating] = frame.rgb * 2.0
 numbers: NDArray[np.uint32] = frame["id"]
 places: NDArray[np.float64] = frame["P"]
@@ -168,6 +179,7 @@ WRONG = {
     'clshade.load("a.stl", up="w")': "up",
     "clshade.Camera((0, 0, 5), (0, 0, 0), (0, 1, 0))": "Missing positional arguments",
     "clshade.PointLight()": "position",
+    "clshade.Mesh(vertices=[], verts=[], faces=[])": "overload",
     'clshade.course.render_object("phongg", **{})': "Literal",
     'clshade.farm.draw_frames(scene, {}, "a", saving={"halb": True})': "saving",
 }

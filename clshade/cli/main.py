@@ -30,6 +30,7 @@ COMMANDS = {
     "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
     "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
+    "coco": "masks of the instances in rendered images as a COCO data set, for training detectors",
 }
 _MODULES = {
     "render": "clshade.cli.commands.render",
@@ -43,6 +44,7 @@ _MODULES = {
     "view": "clshade.cli.commands.view",
     "inspect": "clshade.cli.commands.inspect",
     "compare": "clshade.cli.commands.compare",
+    "coco": "clshade.cli.commands.coco",
 }
 
 

@@ -11,7 +11,7 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, BinaryIO, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..base.validation import path as checked_path
 from ..errors import InputError
 from . import exr_limits
 
+Part: TypeAlias = tuple[Mapping[str, ArrayLike], Mapping[str, Any]]  # channels and metadata
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
 # Lossy compressions -> (the type whose values they change, the last letters of the channels, what they do).
@@ -43,13 +44,20 @@ SUFFIXES = {
     "P": "XYZ",
     "uv": "UV",
     "barycentrics": "UVW",
+    "flow": "XY",
+    "flow_back": "XY",
 }  # names of a layer's components; R G B A for every other layer
 FULL_PRECISION = (
     "Z",
     "P",
     "scalar",
+    "flow",
+    "flow_back",
 )  # layers that `half` does not affect: depths, positions and data need their digits
 FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
+
+_MAX_HEADER = 1 << 16  # bytes that are searched for the display window
+FIRST = "rgba"  # name of the first of several parts
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
 _PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
@@ -230,18 +238,26 @@ class _Sink:
         return place
 
 
-def _compress(file: BinaryIO, header: dict[str, Any], channels: dict[str, Array], compression: str) -> None:
+def _compress(file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str) -> None:
+    """Write parts: name, header and channels of each; the name of a single one is left out."""
     import OpenEXR
 
     method = "NO" if compression == "none" else compression.upper()
-    header |= {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    form = {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
     sink = _Sink(file)
     with _LOCK:
         # OpenEXR's threads exist only here: a child forked later would wait for them forever.
         before = OpenEXR.global_thread_count()
         OpenEXR.set_global_thread_count(before if compression == "none" else min(os.cpu_count() or 1, 8))
         try:
-            with OpenEXR.File(header, channels) as exr:
+            if len(parts) == 1:
+                ((_, header, channels),) = parts
+                exr = OpenEXR.File({**header, **form}, channels)
+            else:
+                exr = OpenEXR.File(
+                    [OpenEXR.Part({**header, **form}, channels, name) for name, header, channels in parts]
+                )
+            with exr:
                 exr.write(sink)
         except MemoryError:
             raise
@@ -315,8 +331,9 @@ def encode(
     half: bool = False,
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
+    parts: Mapping[str, Part] | None = None,
 ) -> list[str]:
-    """Encode a single-part scanline EXR into an open file, see `write`.
+    """Encode a scanline EXR into an open file, see `write`.
 
     Parameters
     ----------
@@ -324,6 +341,10 @@ def encode(
         Writable and seekable.
     channels, compression, half, metadata, window
         As for `write`.
+    parts : mapping of str to (mapping, mapping), optional
+        Further parts by name: channels of the same size and metadata of each, without `window`,
+        never as half. The compression may not be lossy then. The first part is named ``rgba``; its
+        pixelAspectRatio is that of all.
 
     Returns
     -------
@@ -333,7 +354,7 @@ def encode(
     Raises
     ------
     InputError
-        Channels, metadata, compression or window are not allowed.
+        Channels, metadata, compression, window or parts are not allowed.
     OSError
         The file cannot be written.
     """
@@ -341,7 +362,8 @@ def encode(
     planes = flatten(channels)
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
-    header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
+    whole = (0, 0, columns - 1, rows - 1)
+    header = _header(metadata or {}, data, whole)
     if window == "covered":
         header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
@@ -350,7 +372,19 @@ def encode(
         kind, letters, what = LOSSY[compression]
         rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and (not letters or n[-1] in letters)]
         warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
-    _compress(file, header, stored, compression)
+    further = []
+    if parts and compression in LOSSY:
+        raise InputError(f"exr: compression: expected a lossless one with further parts, found {compression}")
+    for name, (own, own_metadata) in (parts or {}).items():
+        if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST):
+            raise InputError(f"exr: parts: expected names of at least one letter, other than {FIRST}, found {name!r}")
+        own_planes = flatten(own)
+        if next(iter(own_planes.values())).shape != (rows, columns):
+            raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
+        found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in own_planes.items()}
+        shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
+        further.append((name, _header({**own_metadata, **shared}, whole, whole), found))
+    _compress(file, [(FIRST, header, stored), *further], compression)
     return warnings
 
 
@@ -436,6 +470,15 @@ def _displayed(plane: Array, data: Window, display: Window, outside: float) -> A
     return whole
 
 
+def resolution(path: Path) -> tuple[int, int] | None:
+    """Return columns and rows of the display window from the header of a file; None if there is no readable EXR."""
+    try:
+        with open(path, "rb") as file:
+            return exr_limits.display_size(file.read(_MAX_HEADER))
+    except OSError:
+        return None
+
+
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Read a flat EXR file, written by clshade or any other program.
 
@@ -464,7 +507,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
-    if not data.startswith(b"\x76\x2f\x31\x01"):
+    if not data.startswith(exr_limits.MAGIC):
         raise file_error(owner, "file", "an OpenEXR image", "something else")
     try:
         with _quiet():

@@ -9,6 +9,7 @@ LAYER_WORDS = {
     **dict.fromkeys(("ids", "face", "faces", "face_id", "triangle_id", "index"), "id"),
     **dict.fromkeys(("object", "objects", "mesh", "mesh_id", "segmentation"), "object_id"),
     **dict.fromkeys(("material", "materials"), "material_id"),
+    **dict.fromkeys(("instance", "instances", "placement", "placement_id"), "instance_id"),
     **dict.fromkeys(("base_color", "basecolor", "diffuse", "reflectance"), "albedo"),
     **dict.fromkeys(("scalars", "values", "data"), "scalar"),
     **dict.fromkeys(("ao", "occlusion", "ambient_occlusion"), "AO"),

@@ -26,7 +26,7 @@ from .frame import (
 from .maps import maps, turned_length, turned_normals
 from .microfacet import REACH
 from .pixels import blend, seen_at_pixels, shade_pixels
-from .transform import SUBPIXELS, mirrors
+from .transform import SUBPIXELS, mirroring
 from .vectors import length, unit
 
 
@@ -42,6 +42,7 @@ class OracleLayers:
     uv: (M, N, 2) the mesh's texture coordinates, not wrapped.
     object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
         number, counted from 1 in the order of the meshes.
+    instance_id: (M, N) uint32, the number of the placement, from 1, mesh by mesh.
     barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
     scalar: (M, N) the scalar that the settings name, NaN where there is none.
     AO: (M, N) the share of the rays of ambient occlusion that meet nothing; 0 without.
@@ -63,6 +64,7 @@ class OracleLayers:
     barycentrics: Floats
     scalar: Floats
     AO: Floats
+    instance_id: UInt32s
     normal_length: Floats
     normal_error: Floats
     reach: Floats
@@ -103,8 +105,17 @@ def mirrored_faces(scene: Scene) -> Bools:
     """Return (F,) bool: whether the face's placement mirrors."""
     found = [np.zeros(0, bool)]
     for mesh in scene.meshes:
-        for matrix in np.asarray(mesh.instances):
-            found.append(np.full(len(mesh.faces), mirrors(matrix)))
+        found.append(np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)))
+    return np.concatenate(found)
+
+
+def instance_numbers(scene: Scene) -> UInt32s:
+    """Return (F,) uint32: the number of the face's placement, from 1."""
+    found, number = [np.zeros(0, np.uint32)], 0
+    for mesh in scene.meshes:
+        for _ in np.asarray(mesh.instances):
+            number += 1
+            found.append(np.full(len(mesh.faces), number, np.uint32))
     return np.concatenate(found)
 
 
@@ -142,6 +153,7 @@ def _background(shape: tuple[int, ...]) -> OracleLayers:
         barycentrics=zeros(3),
         scalar=np.full(shape, np.nan),
         AO=zeros(),
+        instance_id=np.zeros(shape, np.uint32),
         normal_length=np.ones(shape),
         normal_error=zeros(),
         reach=zeros(),
@@ -202,6 +214,7 @@ def _batch(
         barycentrics=in_order,
         scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows
         AO=open_.share,
+        instance_id=instance_numbers(own)[face],
         normal_length=normal_length,
         normal_error=normal_error,
         reach=reach,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array
-from .buffers import Buffer
+from .buffers import Buffer, aligned
 from .opencl.device import Device
 
 
@@ -68,7 +68,7 @@ class Pool:
         lent = next((each for each in held if each.is_free), None)
         if lent is None:
             buffer = Buffer.empty(self._device, shape, dtype) if with_buffer else None
-            lent = _Lent(np.empty(shape, dtype) if buffer is None else buffer.array, buffer)
+            lent = _Lent(aligned(shape, np.dtype(dtype)) if buffer is None else buffer.array, buffer)
             if len(held) < self._keep:
                 held.append(lent)
         return lent.lend(), lent.buffer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache, cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from .depth_sort import index_bits
 from .opencl.device import Device
 
 _FLAGS = cl.mem_flags
-_ALIGNMENT = 64  # bytes, of a vector of 16 float32; kernels load four float64 at once, for which NumPy does not align
+ALIGNMENT = 64  # bytes, of a vector of 16 float32; kernels load four float64 at once, for which NumPy does not align
 
 
 @cache
@@ -44,8 +44,8 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
 def aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
     """Return an array of arbitrary content, aligned for the widest vectors."""
     size = math.prod(shape) * dtype.itemsize
-    raw = np.empty(size + _ALIGNMENT, np.uint8)
-    start = -raw.ctypes.data % _ALIGNMENT
+    raw = np.empty(size + ALIGNMENT, np.uint8)
+    start = -raw.ctypes.data % ALIGNMENT
     return raw[start : start + size].view(dtype).reshape(shape)
 
 
@@ -64,6 +64,21 @@ def finish(device: Device) -> None:
         device.queue.finish()
 
 
+def wait(device: Device, events: Iterable[cl.Event]) -> None:
+    """Wait for events. Raises DeviceError."""
+    with _named(device):
+        for event in events:
+            event.wait()
+
+
+def transfers(device: Device) -> cl.CommandQueue | None:
+    """Return a queue for copies from the device while its own queue draws; None if the host shares its memory."""
+    if device.is_cpu and _coherent(device.context, device.queue):
+        return None
+    with _named(device):
+        return cl.CommandQueue(device.context, device.device)
+
+
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
@@ -74,7 +89,7 @@ class Buffer:
         self._device, self._queue = device, device.queue
         self._shared = device.is_cpu and _coherent(device.context, device.queue)
         array = np.ascontiguousarray(array)
-        if array.dtype == np.float64 and array.ctypes.data % _ALIGNMENT:
+        if array.dtype == np.float64 and array.ctypes.data % ALIGNMENT:
             array, given = aligned(array.shape, array.dtype), array
             array[:] = given
         self.array = array
@@ -103,17 +118,33 @@ class Buffer:
             raise DeviceError(f"{device.name}: no memory for {math.prod(form) * kind.itemsize} bytes") from None
         return cls(device, array)
 
+    def twin(self) -> Buffer:
+        """Return another buffer with the same content."""
+        return Buffer(self._device, self.array.copy())
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether the kernels work in the array itself."""
+        return self._shared
+
     @contextlib.contextmanager
-    def writing(self, count: int | None = None) -> Iterator[Array]:
+    def writing(self, count: int | None = None, *, waits: bool = True) -> Iterator[Array]:
         """Yield the first `count` rows (default: all) for the host to overwrite.
 
-        No kernel enqueued before may still use them; the next one enqueued sees them.
+        No kernel enqueued before may still use them; the next one enqueued sees them. waits: whether a copy to the device
+        is complete afterwards; if not, the rows may not change until a kernel enqueued later has run.
         """
         rows = self.array[: len(self.array) if count is None else count]
         yield rows
         if rows.nbytes and not self._shared:
             with _named(self._device):
-                cl.enqueue_copy(self._queue, self.memory, rows)
+                # Freed, the event would be waited for.
+                self._written = cl.enqueue_copy(self._queue, self.memory, rows, is_blocking=waits)
+
+    def fetch(self, queue: cl.CommandQueue, after: cl.Event) -> cl.Event:
+        """Enqueue a copy to the array, by another queue and after an event."""
+        with _named(self._device):
+            return cl.enqueue_copy(queue, self.array, self.memory, wait_for=[after], is_blocking=False)
 
     def to_host(self, count: int | None = None) -> Array:
         """Return the first `count` rows (default: all), once the kernels enqueued so far are done."""
@@ -155,6 +186,11 @@ class TriangleBuffers:
         self.bounds = Buffer.empty(device, faces + pieces + slack, structs.Bounds)
         self.to_clip = Buffer.empty(device, faces, np.int32)
         self.counters = Buffer(device, np.zeros(1, structs.Counters))
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all that is in use."""
+        return sum(each.array.nbytes for each in vars(self).values() if isinstance(each, Buffer))
 
     @cached_property
     def keys(self) -> Buffer:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array
+from ..base.validation import value_error
 from ..scene.model import Material, Scene, Settings, Texture
 from .features import Features, casts_alpha, uses_normal_indices
 from .gather import Gatherer
@@ -28,19 +28,22 @@ MACROS = {
 class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
-    (F,) int32, whether a face's placement mirrors. objects, materials: (F,) uint32. scalars: (3F,) reals, at the corners of
-    faces, times 2^-scalar_exponent; NAN_POSITION for none.
+    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices;
+    object_normals in place of normals where those of instances are not kept. mirrored: (F,) int32, whether a face's
+    placement mirrors. objects, materials: (F,) uint32. instances: the same, or (K,) those of instances drawn from one copy.
+    scalars: (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none.
     """
 
     features: Features | None
     normals: Array | None = None
+    object_normals: Array | None = None
     normal_faces: Array | None = None
     uvs: Array | None = None
     uv_faces: Array | None = None
     mirrored: Array | None = None
     objects: Array | None = None
     materials: Array | None = None
+    instances: Array | None = None
     scalars: Array | None = None
     scalar_exponent: int = 0
 
@@ -77,6 +80,16 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
 
 
+def first_instances(scene: Scene) -> list[int]:
+    """Return the number of each mesh's first instance; instances are counted from 1, mesh by mesh. Raises InputError for
+    more than a uint32 counts."""
+    ends: list[int] = np.cumsum([1, *(len(np.asarray(mesh.instances)) for mesh in scene.meshes)]).tolist()
+    if ends[-1] > 1 << 32:
+        limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
+        raise value_error("render", "scene", limit, ends[-1] - 1)
+    return ends[:-1]
+
+
 def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
     """Return the features of the layers' program. light: those of the image's program, whose colors the layers show
     too."""
@@ -84,7 +97,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     if not asked:
         return None
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
+    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC", "INSTANCES"}
     if "albedo" in asked:
         kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "NEAREST", "MIPMAPS", "UV_INDICES"}
     values = dict(light.only(kept).values)
@@ -122,28 +135,26 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
     program."""
     asked = settings.layers
-    turned = gatherer.mirrored()
-    features = _program(scene, settings, light, any(turned))
+    turned = any(each.mirrored.any() for each in gatherer.copies)
+    features = _program(scene, settings, light, turned)
     found: dict[str, Any] = {}
-    if not gatherer.placed:
+    if not gatherer.copies:
         return LayerTables(features)
     if features is not None:
         if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
-            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            normals, found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            found["object_normals" if light["INSTANCES"] else "normals"] = normals
         if "uv" in asked:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
         if features["MIRRORED"]:
-            found["mirrored"] = gatherer.per_face(turned)
+            found["mirrored"] = gatherer.mirrored()
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
 
-    def numbered(per_mesh: Sequence[int]) -> Array:
-        placed = zip(scene.meshes, per_mesh, strict=True)
-        numbers = [number for mesh, number in placed if len(mesh.faces) for _ in np.asarray(mesh.instances)]
-        return gatherer.per_face(numbers).astype(np.uint32)
-
     if "object_id" in asked:
-        found["objects"] = numbered(range(1, len(scene.meshes) + 1))
+        found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
     if "material_id" in asked:
-        found["materials"] = numbered(material_numbers(scene))
+        found["materials"] = gatherer.per_face(material_numbers(scene), np.uint32)
+    if "instance_id" in asked:
+        found["instances"] = gatherer.instance_numbers(first_instances(scene))
     return LayerTables(features, **found)

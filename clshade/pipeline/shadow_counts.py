@@ -80,10 +80,10 @@ class CountingRenderer(Renderer):
         self._counts = Buffer(self.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
         self._shadow_tables["shadow_counts"] = self._counts
 
-    def _draw(self, *arguments: Any, **more: Any) -> np.void:
+    def _draw(self, *arguments: Any, **more: Any) -> None:
         with self._counts.writing() as counts:  # tiles are drawn again if their lists lacked room
             counts[:] = 0
-        return super()._draw(*arguments, **more)
+        super()._draw(*arguments, **more)
 
     def count(self) -> tuple[Frame, ShadowCounts]:
         """Draw a frame with the scene's camera, and return it with its counts."""

@@ -150,6 +150,16 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
         ("real", "uv_low", 6, "what rounding leaves of uv"),
     ],
+    "Instance": [
+        ("double", "rows", 12, "of its placement: three of the matrix, each with its shift"),
+        ("double", "scale", 1, "a power of two that brings the matrix to about 1"),
+        ("int", "plain", 1, "whether the placement is the identity"),
+        ("int", "mirrored", 1, "whether it mirrors"),
+        ("int", "first_vertex", 1, "of its mesh"),
+        ("int", "first_face", 1, "of its mesh"),
+        ("int", "face_shift", 1, "from its mesh's faces to the scene's, modulo 2^32"),
+        ("int", "pad", 1, ""),
+    ],
     "Light": [
         ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),
         ("real", "directional", 1, "1 for a directional light, else 0"),
@@ -333,6 +343,7 @@ class Structs(NamedTuple):
     Bounds: np.dtype
     Entry: np.dtype
     Piece: np.dtype
+    Instance: np.dtype
     Light: np.dtype
     ShadowLight: np.dtype
     ShadowView: np.dtype

@@ -26,8 +26,8 @@ class TileLists:
     the pixel stage follows.
 
     starts: (tiles + 1,) where each tile's list begins. entries: the lists, concatenated.
-    Filling and the pixel stage do nothing if there is no room for all entries. Then, and only then, the counters show
-    more entries than `room`, and the caller makes room and calls again.
+    Filling does nothing, and the pixel stage gives no pixel an owner, if there is no room for all entries. Then, and only
+    then, the counters show more entries than `room`, and the caller makes room and calls again.
     """
 
     def __init__(self, stages: Stages) -> None:

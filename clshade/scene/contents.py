@@ -41,6 +41,7 @@ def _mesh(number: int, mesh: Mesh) -> dict[str, Any]:
         "triangles": len(mesh.faces),
         "vertices": len(mesh.verts),
         "instances": len(np.asarray(mesh.instances)),
+        "instance_names": list(mesh.instance_names),
         "material": mesh.material.name,
         "scalars": [_scalars(mesh, name) for name in mesh.scalars],
     }
@@ -70,9 +71,20 @@ def format_contents(contents: dict[str, Any]) -> str:
     lines += _light_lines(contents)
     animations = [(_shown(name), f"{number}") for number, name in enumerate(contents["animations"])]
     lines += ["", *as_lines(("animation", "number"), animations)] if animations else []
+    lines += _instance_lines(meshes)
     if found:
         lines += ["", *as_lines(("scalars", "mesh", "of", "least", "most", "NaN"), found)]
     return "\n".join(lines if found else [*lines, "no scalars"])
+
+
+def _instance_lines(meshes: list[dict[str, Any]]) -> list[str]:
+    """Return a table of the instances that have names, nothing without any. Numbers are those of the layer instance_id."""
+    rows, first = [], 1
+    for mesh in meshes:
+        named = [(number, name) for number, name in enumerate(mesh["instance_names"], first) if name]
+        rows += [(_shown(name), f"{number}", f"{mesh['number']}") for number, name in named]
+        first += mesh["instances"]
+    return ["", *as_lines(("instance", "number", "mesh"), rows)] if rows else []
 
 
 def _light_lines(contents: dict[str, Any]) -> list[str]:

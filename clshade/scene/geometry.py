@@ -6,15 +6,15 @@ gives the same bits, and squares neither overflow nor underflow.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats
-from ..base.validation import value_error, vector
+from ..base.validation import vector
 from ..errors import InputError
+from .axes import axes_of
 from .camera import Camera
 from .model import Mesh, Scene
 
@@ -112,36 +112,12 @@ def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
     eye, lookat, up = (vector("look_at", name, v) for name, v in (("eye", eye), ("lookat", lookat), ("up", up)))
-    return np.array(_axes(eye.tolist(), lookat.tolist(), up.tolist()))
+    return np.array(axes_of(eye.tolist(), lookat.tolist(), up.tolist()))
 
 
 def camera_axes(camera: Camera) -> Floats:
     """Return `look_at` of a camera."""
-    return np.array(_axes(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
-
-
-def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of `look_at`. Plain floats: for one camera NumPy's overhead would make it ten times as slow."""
-    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
-    if not any(z):
-        raise value_error("look_at", "lookat", "a point other than eye", lookat)
-    exponent = math.frexp(max(map(abs, up)))[1]
-    u = [math.ldexp(value, -exponent) for value in up]
-    along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
-    across = [a - along * b for a, b in zip(u, z, strict=True)]
-    if max(map(abs, across)) <= 1e-12:
-        raise value_error("look_at", "up", "a vector not parallel to lookat - eye", up)
-    y = _unit(*across)
-    x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
-    return x, y, z
-
-
-def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return `_normalized` of one vector."""
-    exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
-    x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
-    length = math.sqrt(x * x + y * y + z * z) or 1.0
-    return x / length, y / length, z / length
+    return np.array(axes_of(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
 
 
 def bounding_box(scene: Scene) -> tuple[Floats, Floats]:

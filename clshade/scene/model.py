@@ -8,19 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import display
+from ..base import display, exchange
 from ..base.arrays import Converted, Faces, Floats, Reals, Vector, kept
+from ..base.atomic_files import Path
 from ..base.validation import (
     choice,
     coefficient,
     flag,
     floats,
     indices,
+    integer,
     number,
     rows,
     sequence,
@@ -163,6 +166,23 @@ class Material:
         return np.asarray(self.kd) if self.pbr is None else np.ones(3)
 
 
+def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
+    """Let the constructor take `vertices` as another name of `verts`."""
+    init = cls.__init__
+
+    @wraps(init)
+    def init_by_either_name(self: Mesh, *args: Any, **fields: Any) -> None:
+        if "vertices" in fields:
+            if args or "verts" in fields:
+                raise value_error("Mesh", "vertices", "none beside verts, which is the same", fields["vertices"])
+            fields["verts"] = fields.pop("vertices")
+        init(self, *args, **fields)
+
+    cls.__init__ = init_by_either_name  # type: ignore[method-assign]
+    return cls
+
+
+@_taking_vertices
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles with one material, placed any number of times.
@@ -170,7 +190,7 @@ class Mesh:
     Attributes
     ----------
     verts : array_like, (V, 3)
-        Positions, object space, float32 or float64 (kept as given).
+        Positions, object space, float32 or float64 (kept as given). `vertices` is another name of it.
     faces : array_like, (F, 3)
         Indices into verts.
     colors : array_like, (V, 3) or (V, 4), or None, default None
@@ -212,6 +232,8 @@ class Mesh:
     alphas : array_like, (V,) or None, default None
         Alpha per vertex; None: 1. Unsigned integers are divided by their type's maximum; numbers
         beyond [0, 1] are clamped.
+    instance_names : iterable of str, default ()
+        Name of each instance, "" for one without; (): none has one. Kept as a tuple.
 
     Raises
     ------
@@ -237,9 +259,11 @@ class Mesh:
     tangent_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
     more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = field(default=kept(()))
     alphas: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
+    instance_names: Converted[Iterable[str], tuple[str, ...]] = field(default=kept(()))
 
     if TYPE_CHECKING:
 
+        @overload
         def __init__(
             self,
             verts: ArrayLike,
@@ -259,11 +283,39 @@ class Mesh:
             tangent_faces: ArrayLike | None = None,
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
+            instance_names: Iterable[str] = (),
         ) -> None: ...
+
+        @overload
+        def __init__(
+            self,
+            *,
+            vertices: ArrayLike,
+            faces: ArrayLike,
+            colors: ArrayLike | None = None,
+            normals: ArrayLike | None = None,
+            normal_faces: ArrayLike | None = None,
+            uvs: ArrayLike | None = None,
+            uv_faces: ArrayLike | None = None,
+            material: Material = ...,
+            instances: ArrayLike | None = None,
+            name: str = "",
+            nonfinite: Nonfinite = "refuse",
+            dropped: int = 0,
+            scalars: Mapping[str, ArrayLike] | None = None,
+            tangents: ArrayLike | None = None,
+            tangent_faces: ArrayLike | None = None,
+            more_uvs: Iterable[ArrayLike] = (),
+            alphas: ArrayLike | None = None,
+            instance_names: Iterable[str] = (),
+        ) -> None: ...
+
+        def __init__(self, *args: Any, **fields: Any) -> None: ...
 
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
         drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
+        set_fields(self, dropped=integer(who, "dropped", self.dropped, 0, 1 << 53))
         verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
         if drop:
@@ -300,7 +352,16 @@ class Mesh:
         if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
         placements.flags.writeable = False
-        set_fields(self, instances=placements)
+        names = _texts(who, "instance_names", self.instance_names)
+        if names and len(names) != len(placements):
+            expected = f"one text per instance ({len(placements)}), or none"
+            raise value_error(who, "instance_names", expected, len(names))
+        set_fields(self, instances=placements, instance_names=names)
+
+    @property
+    def vertices(self) -> Reals:
+        """Another name of `verts`, which the constructor takes too."""
+        return self.verts
 
     @property
     def has_alpha(self) -> bool:
@@ -506,6 +567,146 @@ class Scene:
     def nonfinite(self) -> int:
         """Number of triangles dropped for a vertex that is NaN or infinite, counting instances."""
         return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+
+    @classmethod
+    def from_trimesh(
+        cls,
+        source: Any,
+        *,
+        resolution: tuple[int, int] | None = None,
+        crease: float | None = None,
+        up: Literal["y", "z", "x", "-y", "-z", "-x"] = "y",
+    ) -> Scene:
+        """Create a scene from a mesh or a scene of trimesh, or a mesh of Open3D or PyVista.
+
+        Parameters
+        ----------
+        source : trimesh.Trimesh, trimesh.Scene, open3d.geometry.TriangleMesh or pyvista.PolyData
+            Known by its attributes. Of trimesh: vertices, faces, normals, colors of vertices or
+            faces, texture coordinates, simple and PBR materials with their textures, placements
+            with the names of their nodes, the camera, and as scalars vertex attributes with one
+            number for each vertex. Of Open3D: vertices, triangles, normals, colors. Of PyVista:
+            points, triangles, normals, the first array of points with uint8 RGB or RGBA, and as
+            scalars arrays with one number for each point or cell.
+        resolution : (int, int), optional
+            (N, M), columns and rows, 1 to 16384 pixels each. Default: the camera's, else 800 x 600.
+        crease : float, optional
+            Degrees, 0 to 180: edges with a larger angle between their faces are sharp. Default: the
+            normals of the source.
+        up : {"x", "y", "z", "-x", "-y", "-z"}, optional
+            Axis that points up in the view chosen for a source without a camera.
+
+        Returns
+        -------
+        Scene
+            With a camera that shows all of it and lights around it, as `clshade.load` gives a mesh;
+            preset `pbr` if a material is a PBRMaterial, else `standard`. Both sides are lit.
+
+        Raises
+        ------
+        InputError
+            The source is of another kind, has no triangles, other polygons, or several materials on
+            one mesh; or an argument is out of range.
+
+        Warns
+        -----
+        UserWarning
+            One line on curves and points of a trimesh.Scene, which are not rendered.
+
+        Notes
+        -----
+        Colors and images of whole numbers, and colors of Open3D, are decoded from sRGB; factors of
+        materials are linear. Colors with alpha below 1 blend.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> import trimesh
+        >>> clshade.Scene.from_trimesh(trimesh.creation.box(), crease=30)
+        <Scene unnamed: 12 triangles, 1 mesh, 3 lights, 800x600, preset standard>
+        """
+        scene: Scene = exchange.converter("from_trimesh")(source, resolution=resolution, crease=crease, up=up)
+        return scene
+
+    def to_glb(self, path: Path) -> None:
+        """Write the scene as a binary glTF 2.0 file, which other programs read.
+
+        Meshes keep their triangles, normals, texture coordinates, vertex colors and placements;
+        scalars become attributes `_NAME`. Positions that float32 cannot hold are stored relative to
+        the middle of the mesh; then its node places them.
+
+        Parameters
+        ----------
+        path : str or path-like
+            File, with a name that ends in .glb; an existing one is replaced.
+
+        Raises
+        ------
+        InputError
+            The name has another ending, the file would have 4 GiB or more, or the scene has numbers
+            or an angle of view that glTF cannot hold.
+        OutputError
+            The file cannot be written.
+
+        Warns
+        -----
+        UserWarning
+            One line on what the file says differently, see Notes.
+
+        Notes
+        -----
+        The same scene gives the same bytes. What glTF cannot say is converted:
+
+        - Materials without `pbr` become those that shader `pbr` draws them with: roughness and
+          specular reflectance after `metallic_roughness.from_phong`, color times kd.
+        - Textures become PNG images of 8 bits per channel; numbers beyond 1 are clamped.
+        - Colors and textures of course scenes, which are shown without a curve, count as sRGB.
+        - Point and spot lights without attenuation get the inverse-square one, and the intensity that
+          arrives at the center of the meshes as before. Intensities are in candela and lux, those of
+          the scene over `light_scale`. Lights that only stand in for missing ones are left out.
+        - Other readers know no ambient light and no background.
+
+        A warning tells of an environment, a principal point off the middle, rectangle lights (which
+        become spots), radii of lights, negative light, clamped colors, alpha tests of materials that
+        blend, and NaN in scalars. The exact values of materials, camera and lights are in `extras`.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> clshade.builtin("teapot").to_glb("teapot.glb")
+        """
+        exchange.converter("to_glb")(self, path)
+
+    def to_json(self, path: Path) -> None:
+        """Write the scene to a file that `clshade.load` reads.
+
+        Parameters
+        ----------
+        path : str or path-like
+            File, with a name that ends in .json; an existing one is replaced. Large arrays, of
+            vertices, faces and texels, go to a second file beside it, whose name is that one and .bin.
+
+        Raises
+        ------
+        InputError
+            The name has another ending, or the scene is beyond the limits of the format.
+        OutputError
+            A file cannot be written; then both are as they were.
+
+        Notes
+        -----
+        The loaded scene has the same values in every field, bit for bit, and renders the same bits.
+        Materials and textures that meshes share are shared again. Settings are no part of a scene.
+        The same scene gives the same bytes.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> clshade.builtin("quads", count=2).to_json("quads.json")
+        >>> clshade.load("quads.json")
+        <Scene quads: 4 triangles, 1 mesh, 2 lights, 1920x1080, preset standard>
+        """
+        exchange.converter("to_json")(self, path)
 
     def __repr__(self) -> str:
         columns, rows = self.camera.resolution

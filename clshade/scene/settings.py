@@ -33,7 +33,7 @@ Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
 Layer: TypeAlias = Literal[
-    "Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar", "AO"
+    "Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics", "scalar", "AO", "instance_id"
 ]
 Preset: TypeAlias = Literal["course", "standard", "pbr"]
 NamedBackground: TypeAlias = Literal["scene", "environment"]
@@ -55,6 +55,9 @@ BACKGROUNDS: tuple[NamedBackground, ...] = get_args(NamedBackground)
 LAYER_REMARKS = dict.fromkeys(
     ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
     "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
+) | dict.fromkeys(
+    ("flow", "optical_flow", "motion", "motion_vectors", "velocity", "vector"),
+    "optical flow leads to another image: clshade.flow(frame, other), or --flow of turntable and animate",
 )
 
 
@@ -134,7 +137,7 @@ class Settings:
         Ambient term: ka*Ia*color, or ka*Ia.
     layers : str or iterable of str, default ()
         Layers (AOVs) besides the image: any of Z, id, N, P, albedo, uv, object_id, material_id,
-        barycentrics, with `scalars` scalar and with `ambient_occlusion` AO, or all; see
+        barycentrics, instance_id, with `scalars` scalar and with `ambient_occlusion` AO, or all; see
         `Frame.__getitem__` for what each holds. Kept as a tuple.
     cull : bool, default False
         Cull back faces, the triangles whose winding is clockwise in the image.

@@ -34,7 +34,8 @@ SCRIPTS = (
 )  # in this order: each may use what those before it declare
 SHADERS = ("tonemap.glsl", "display.glsl")
 MOST_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
-NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames"}  # layer -> attribute of an EXR's header
+# layer -> attribute of an EXR's header
+NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames", "instance_id": "instanceNames"}
 
 _CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
 _LEVEL = 5  # of deflate

@@ -229,7 +229,19 @@ def test_the_terminator_without_its_softening_and_with_it(opened, tmp_path):
     assert (hard[230:] == 0).mean() > 0.1
 
 
-@pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py", "shadow_terminator.py"])
+def test_views_as_tensors(opened, tmp_path):
+    """Of the libraries that are installed none copies."""
+    done = run("tensors.py", tmp_path, "--views", "5", "--out", "new")
+    assert done.returncode == 0, done.stderr
+    assert np.load(tmp_path / "new" / "rgba.npy").shape == (5, 120, 160, 4)
+    assert np.load(tmp_path / "new" / "id.npy").any()
+    wrote, *told = done.stdout.splitlines()
+    assert wrote == "wrote 5 views: rgba.npy, Z.npy, id.npy"
+    assert told[0] == "numpy: shares the memory of rgba, Z, id"
+    assert [line.split(": ")[1] in ("not installed", "shares the memory of rgba, Z, id") for line in told] == 3 * [True]
+
+
+@pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py", "shadow_terminator.py", "tensors.py"])
 def test_a_gallery_where_it_cannot_be_written(tmp_path, script):
     (tmp_path / "file").write_text("")
     done = run(script, tmp_path, "--out", "file")

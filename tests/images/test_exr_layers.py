@@ -26,7 +26,7 @@ CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V", "AO"), "f32")
 CHANNELS |= {f"{layer}.{letter}": "f32" for layer in ("N", "P") for letter in "XYZ"}
 CHANNELS |= {f"albedo.{letter}": "f32" for letter in "RGB"}
 CHANNELS |= {f"barycentrics.{letter}": "f32" for letter in "UVW"}
-CHANNELS |= dict.fromkeys(("id", "object_id", "material_id"), "u32")
+CHANNELS |= dict.fromkeys(("id", "object_id", "material_id", "instance_id"), "u32")
 HALVES = {name for name, kind in CHANNELS.items() if kind == "f32" and name[0] not in "ZP"}
 
 
@@ -144,7 +144,21 @@ def test_the_header_names_objects_and_materials(opened, tmp_path):
     assert json.loads(header["objectNames"]) == {"1": "dome", "3": "Keil \u00e4"}
     assert json.loads(header["materialNames"]) == {"1": "shell", "2": "T\u00f6n"}
     clshade.render(scene, device=opened, layers=("object_id",)).save(tmp_path / "a")
-    assert "materialNames" not in exr.read(tmp_path / "a.exr")[1]
+    assert not {"materialNames", "instanceNames"} & set(exr.read(tmp_path / "a.exr")[1])
+
+
+def test_the_header_names_instances(opened, tmp_path):
+    """Counted through all meshes; those without a name are left out."""
+    names = ("links", "", "Mitte \u00e4")
+    scene = Scene((wedge(), replace(dome(), instance_names=names)), CAMERA)
+    frame = clshade.render(scene, device=opened, layers=("instance_id",))
+    frame.save(tmp_path / "a")
+    found, header = exr.read(tmp_path / "a.exr")
+    assert json.loads(header["instanceNames"]) == {"2": "links", "4": "Mitte \u00e4"}
+    assert np.array_equal(found["instance_id"], frame["instance_id"])
+    assert set(np.unique(found["instance_id"])) >= {0, 1, 2, 4}
+    clshade.render(scene, device=opened, layers=("object_id",)).save(tmp_path / "a")
+    assert "instanceNames" not in exr.read(tmp_path / "a.exr")[1]
 
 
 def test_what_is_not_cropped(opened, tmp_path):
@@ -191,7 +205,7 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     assert found["N.X"].dtype == np.float16
     assert found["Z"].shape == (30, 40)
     assert header["dataWindow"] != header["displayWindow"]
-    assert len(LAYERS) == 11
+    assert len(LAYERS) == 12
     capsys.readouterr()
     assert main(["render", "--help"]) == 0
     assert "object_id" in capsys.readouterr().out

@@ -87,6 +87,9 @@ def test_the_scene_has_of_everything(device):
     face = frame["id"].astype(int) - 1 - len(floor().faces)
     placement = np.where((face >= 0) & (face < 42), face // 14, -1)
     assert set(np.unique(placement)) >= {-1, 0, 1, 2}
+    assert set(np.unique(frame["instance_id"])) == {0, 1, 3, 4, 5, 6, 7}  # the second mesh has no faces
+    dome_shown = frame["object_id"] == 3
+    assert np.array_equal(frame["instance_id"][dome_shown], 3 + placement[dome_shown])
     assert (frame["uv"][frame["object_id"] == 3] != 0).any()
     assert not frame["uv"][frame["object_id"] == 4].any()
 
@@ -266,6 +269,23 @@ def test_a_scene_of_nothing(device, meshes):
 # Object and material numbers
 
 
+def test_instances_are_counted_through_the_meshes():
+    scene = mixed()
+    assert layer_buffers.first_instances(scene) == [1, 2, 3, 6, 7]
+    numbers = oracle.layers.instance_numbers(scene)
+    assert numbers.tolist() == [1] * 2 + [3] * 14 + [4] * 14 + [5] * 14 + [6] * 3 + [7]
+    assert layer_buffers.first_instances(replace(scene, meshes=())) == []
+
+
+def test_instances_that_a_uint32_cannot_count_are_refused():
+    many = Mesh(np.zeros((1, 3)), np.zeros((0, 3), int), instances=np.tile(np.eye(4), (1 << 14, 1, 1)))
+    scene = Scene((*[many] * ((1 << 18) - 1), wedge()), CAMERA)
+    assert layer_buffers.first_instances(scene)[-1] == (1 << 32) - (1 << 14) + 1
+    message = "render: scene: expected at most 4294967295 instances with the layer instance_id, found 4294967297"
+    with pytest.raises(clshade.errors.InputError, match=message):
+        layer_buffers.first_instances(replace(scene, meshes=(*[many] * (1 << 18), wedge())))
+
+
 def test_equal_materials_share_a_number():
     red, other = Material(color=(1, 0, 0)), Material(color=(1, 0, 0), texture=CHECKERS)
     copy = replace(CHECKERS, image=np.array(CHECKERS.image))
@@ -326,7 +346,7 @@ def test_an_error_of_a_layer_is_noticed(opened, name):
         layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
 
 
-# SHA-256 of image and all layers, the first 16 digits, as in test_same_bits
+# SHA-256 of image and layers, the first 16 digits, as in test_same_bits; instance_id is exactly the oracle's
 GOLDEN = {"mixed": "e04a640a74fea0a4", "teapot": "9337beb2737941cf"}
 
 
@@ -337,5 +357,6 @@ def test_golden_layers(device, name):
     frame = draw(device, scene, **options)
     found = hashlib.sha256(frame.rgba.tobytes())
     for layer in LAYERS:
-        found.update(frame[layer].tobytes())
+        if layer != "instance_id":
+            found.update(frame[layer].tobytes())
     assert found.hexdigest()[:16] == GOLDEN[name]

@@ -71,7 +71,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
     with Renderer(scene, device=device, resolution=(32, 32)) as renderer:
         expected = renderer.render(large).rgba.copy()
         renderer.render()
-        tiles, calls = renderer_module._Progress.tiles.fget, []
+        tiles, calls = renderer_module.Progress.tiles.fget, []
 
         def interrupted(self):
             calls.append(1)
@@ -80,7 +80,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
             return tiles(self)
 
         with monkeypatch.context() as patch:
-            patch.setattr(renderer_module._Progress, "tiles", property(interrupted))
+            patch.setattr(renderer_module.Progress, "tiles", property(interrupted))
             with pytest.raises(KeyboardInterrupt):
                 renderer.render(large)
         assert np.array_equal(renderer.render(large).rgba, expected)

@@ -13,6 +13,7 @@ from mesh_writers import CORNERS, INDICES, Gltf, png, textured, triangle
 from scene_files import refusal
 
 from clshade.images.decode import srgb_to_linear
+from clshade.scene.contents import format_contents, scene_contents
 from clshade.scene.formats.gltf_materials import phong
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
@@ -71,6 +72,26 @@ def test_nodes_place_meshes_in_their_order(tmp_path):
     turned = np.array([[0, -3, 0, 1], [2, 0, 0, 2], [0, 0, 4, 3], [0, 0, 0, 1]])
     moved = np.array([[1, 0, 0, 6], [0, 1, 0, 8], [0, 0, 1, 10], [0, 0, 0, 1]])
     np.testing.assert_allclose(mesh.instances, [turned, moved, moved], atol=1e-12)
+
+
+def test_nodes_name_instances(tmp_path):
+    """Each placement has its node's name, for each primitive of its mesh; inspect lists them by number."""
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, INDICES)
+    document.mesh({"POSITION": CORNERS}, INDICES)
+    document.json["meshes"] = [{"primitives": [each["primitives"][0] for each in document.json["meshes"]]}]
+    for name in ("left", "", "right"):
+        document.add("nodes", {"mesh": 0, "translation": [1, 0, 0], **({"name": name} if name else {})})
+    scene = load(document.glb(tmp_path / "a.glb"))
+    assert [mesh.instance_names for mesh in scene.meshes] == [("left", "", "right")] * 2
+    lines = [line.split() for line in format_contents(scene_contents(scene)).splitlines()]
+    assert [line for line in lines if line and line[0] in ("left", "right")] == [
+        ["left", "1", "1"],
+        ["right", "3", "1"],
+        ["left", "4", "2"],
+        ["right", "6", "2"],
+    ]
+    assert load(triangle().glb(tmp_path / "b.glb")).meshes[0].instance_names == ()
 
 
 def test_mirrored_placements_are_placements_of_one_mesh(tmp_path):

@@ -232,8 +232,8 @@ def seconds(path: str) -> float:
 
 @pytest.mark.parametrize("name", WORST)
 def test_bad_cases_take_no_time(tmp_path, name):
-    """A hundred kilobytes; a tenth of the time would suffice but for costs independent of the size."""
-    assert seconds(npy_of_pickle(tmp_path / "a.npy", WORST[name](SIZE // EVERY_DAY))) < SECONDS / 2
+    """A hundred kilobytes within the time of a megabyte: some costs are independent of the size."""
+    assert seconds(npy_of_pickle(tmp_path / "a.npy", WORST[name](SIZE // EVERY_DAY))) < SECONDS
 
 
 @pytest.mark.parametrize("enabled", [True, False])

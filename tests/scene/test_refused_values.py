@@ -61,6 +61,14 @@ CASES = {
     "faces": (lambda: Mesh(np.eye(3), "x"), "Mesh: faces: "),
     "ragged faces": (lambda: Mesh(np.eye(3), [[0, 1, 2], [0]]), "Mesh: faces: "),
     "instances": (lambda: Mesh(*TRIANGLE, instances=[[1], [1, 2]]), "Mesh: instances: "),
+    "instance_names": (
+        lambda: Mesh(*TRIANGLE, instance_names=("a", "b")),
+        "Mesh: instance_names: expected one text per instance (1), or none, found 2",
+    ),
+    "instance_names='ab'": (
+        lambda: Mesh(*TRIANGLE, instance_names="ab"),
+        "Mesh: instance_names: expected a sequence of texts",
+    ),
     "plane": (lambda: Camera(*EYE, 1.0, 5), "Camera: plane: expected two numbers (H, W), found 5"),
     "principal": (lambda: Camera(*EYE, 1.0, (1, 1), principal="x"), "Camera: principal: "),
     "resolution": (
@@ -108,7 +116,10 @@ CASES = {
     "fov resolution 0": (lambda: Camera.from_fov(*EYE, 45, (3, 0)), "Camera.from_fov: resolution M: "),
     "matrix": (lambda: Camera.from_matrix("x", POSE, (3, 3)), "Camera.from_matrix: matrix: expected [[fx, 0, cx]"),
     "ragged matrix": (lambda: Camera.from_matrix([[1], [1, 2]], POSE, (3, 3)), "Camera.from_matrix: matrix: "),
-    "pose": (lambda: Camera.from_matrix(K, "x", (3, 3)), "Camera.from_matrix: pose: expected a finite (4, 4) matrix"),
+    "pose": (
+        lambda: Camera.from_matrix(K, "x", (3, 3)),
+        "Camera.from_matrix: pose: expected a finite (4, 4) or (3, 4)",
+    ),
     "matrix resolution=5": (lambda: Camera.from_matrix(K, POSE, 5), "Camera.from_matrix: resolution: "),
     "matrix resolution": (lambda: Camera.from_matrix(K, POSE, ("a", 3)), "Camera.from_matrix: resolution N: "),
     "pixel center": (

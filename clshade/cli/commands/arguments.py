@@ -147,18 +147,18 @@ def check_picture(output: str, inputs: Sequence[str]) -> None:
     check_output_file(output, inputs, (".png",))
 
 
-def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]) -> None:
+def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str], option: str = "--output") -> None:
     """Refuse, before anything is read, an output file that cannot be written, has none of the endings, or would
     overwrite one of the input files."""
     from ...base import atomic_files
 
-    if not output.lower().endswith(tuple(endings)):
-        expected = f"a file name that ends in {endings[0]}"
-        raise InputError(f"--output: expected {expected}, found {atomic_files.shown(output)}")
+    if os.path.splitext(output)[1].lower() not in endings:
+        expected = f"a file name that ends in {' or '.join(endings)}"
+        raise InputError(f"{option}: expected {expected}, found {atomic_files.shown(output)}")
     atomic_files.check(output)
     for name in inputs:
         if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):
-            raise InputError(f"--output: expected another file than is read, found {atomic_files.shown(output)}")
+            raise InputError(f"{option}: expected another file than is read, found {atomic_files.shown(output)}")
 
 
 def with_values(arguments: Sequence[str]) -> list[str]:

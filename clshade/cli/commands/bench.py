@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ...errors import InputError
-from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES
+from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES, VIEWS
 from . import DONE, FAILED
 from .arguments import device_option, numbers, output_name
 
@@ -44,6 +44,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="shadow rays of teapot and knot, in turns with Intel Embree (PyPI: embreex), one thread each",
     )
+    parser.add_argument(
+        "--views",
+        type=int,
+        nargs="?",
+        const=VIEWS,
+        metavar="K",
+        help=f"so many views of a mesh by render_many, in turns with loops over render (default: {VIEWS})",
+    )
+    parser.add_argument(
+        "--instances",
+        type=numbers(int, None, "whole numbers such as 1000,100000"),
+        metavar="N,...",
+        help="one mesh drawn so many times, from one copy and from as many copies: time and memory",
+    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
@@ -57,6 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     if arguments.shadows:
         return _run_shadows(arguments)
+    if arguments.views is not None:
+        return _run_views(arguments)
+    if arguments.instances:
+        return _run_instances(arguments)
     if arguments.workers or arguments.scheduler:
         return _run_crews(arguments)
     named = [name.strip() for name in (arguments.peers or "").split(",")]
@@ -95,15 +113,51 @@ def _run_shadows(arguments: argparse.Namespace) -> int:
     from ...measure.bench import shadows
 
     others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
-    if any(others) or arguments.turn is not None:
+    if any(others) or arguments.turn is not None or arguments.views is not None:
         raise InputError(
-            "bench: expected either --shadows, or --workers, --scheduler, --scaling, --peers and --turn, found both"
+            "bench: expected either --shadows, or --workers, --scheduler, --scaling, --peers, --turn and --views, found both"
         )
     passed = shadows.run(
         arguments.device,
         names=arguments.workloads,
         rounds=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         targets=arguments.targets,
+        out=arguments.out,
+    )
+    return DONE if passed else FAILED
+
+
+def _run_views(arguments: argparse.Namespace) -> int:
+    from ...measure.bench import views
+
+    others = arguments.workloads, arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
+    if any(others) or arguments.turn is not None or arguments.targets:
+        raise InputError(
+            "bench: expected either --views, or workloads, --workers, --scheduler, --scaling, --peers, --turn and "
+            "--targets, found both"
+        )
+    passed = views.run(
+        arguments.views,
+        device=arguments.device,
+        rounds=views.ROUNDS if arguments.frames is None else arguments.frames,
+        out=arguments.out,
+    )
+    return DONE if passed else FAILED
+
+
+def _run_instances(arguments: argparse.Namespace) -> int:
+    from ...measure.bench import instances
+
+    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers, arguments.workloads
+    if any(others) or arguments.turn is not None or arguments.targets:
+        raise InputError(
+            "bench: expected either --instances, or workloads, --workers, --scheduler, --scaling, --peers, --turn and "
+            "--targets, found both"
+        )
+    passed = instances.run(
+        arguments.instances,
+        device=arguments.device,
+        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         out=arguments.out,
     )
     return DONE if passed else FAILED

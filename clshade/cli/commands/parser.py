@@ -47,7 +47,15 @@ _REMARKS = {
     "version": "`clshade --version` prints it",
 }
 _IMAGES = (".exr", ".png")
-_SCENES = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")  # formats.load.EXTENSIONS, whose import loads NumPy
+_SCENES = (
+    ".npy",
+    ".obj",
+    ".gltf",
+    ".glb",
+    ".ply",
+    ".stl",
+    ".json",
+)  # formats.load.EXTENSIONS, whose import loads NumPy
 
 
 class Parser(argparse.ArgumentParser):

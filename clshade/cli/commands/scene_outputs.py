@@ -1,14 +1,22 @@
-"""Output names of several scenes: in a folder, each named after its scene."""
+"""Output names of several scenes, in a folder, each named after its scene; and the file of a scene as it was drawn."""
 
 from __future__ import annotations
 
+import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...base.atomic_files import shown
 from ...errors import InputError
+from .arguments import check_output_file
 
+if TYPE_CHECKING:
+    from ...scene.model import Scene
+
+_GLB = ".glb"
 ALONE, FOLDER = "out", "."  # defaults of -o for one scene and for several
 
 
@@ -43,4 +51,46 @@ def _named_after(scene: str) -> str:
     from ...pipeline.frame_files import OTHER_FORMATS
 
     name = Path(scene).stem
-    return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
+    return f"{name}.exr" if Path(name).suffix.lower() in (*OTHER_FORMATS, ".npz") else name
+
+
+def save_scene_option(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--save-scene",
+        metavar="FILE",
+        help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json, with large "
+        "arrays in FILE.json.bin, or for other programs to FILE.glb",
+    )
+
+
+def check_save_scene(arguments: argparse.Namespace, others: Iterable[Path]) -> None:
+    """Refuse, before rendering, a --save-scene that could not be written afterwards. others: files that will be."""
+    name = arguments.save_scene
+    if name is None:
+        return
+    from ...base import atomic_files
+    from ...scene.formats.scene_json_writer import BINARY, ENDING, file_names
+
+    if len(arguments.scenes) > 1:
+        raise InputError(f"--save-scene: expected one scene with it, found {len(arguments.scenes)}")
+    check_output_file(name, arguments.scenes, (ENDING, _GLB), "--save-scene")
+    if name.lower().endswith(ENDING):
+        atomic_files.check(name + BINARY)
+        file_names(name, ("render", "--save-scene"))
+    if os.path.abspath(name) in map(os.path.abspath, others):
+        raise InputError(f"--save-scene: expected a file of its own, found {shown(name)}, the facts of --sheet")
+
+
+def save_scene(scene: Scene, arguments: argparse.Namespace) -> None:
+    """Write the scene as it is drawn, if --save-scene asks for it."""
+    if arguments.save_scene is None:
+        return
+    from ...base import console
+
+    if arguments.resolution is not None:
+        scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
+    if arguments.preset is not None:
+        scene = replace(scene, preset=arguments.preset)
+    write = scene.to_glb if arguments.save_scene.lower().endswith(_GLB) else scene.to_json
+    write(arguments.save_scene)
+    console.progress(f"wrote {shown(arguments.save_scene)}")

@@ -70,7 +70,8 @@ def _least_scalar(scene: Scene, settings: Settings) -> float:
 def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
     """Return the error (M, N) of each of these layers in the frame, relative to the bound: 1 is the most allowed.
 
-    Where object or material numbers differ the error is infinite. Shape, type and finiteness are checked first.
+    Where numbers of objects, materials or instances differ the error is infinite. Shape, type and finiteness are checked
+    first.
     """
     bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
     found: dict[str, Array] = {}
@@ -78,7 +79,7 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
         if name in ("Z", "id"):
             continue
         value, expected = frame[name], getattr(oracle, name)
-        number = name in ("object_id", "material_id")
+        number = name in ("object_id", "material_id", "instance_id")
         dtype = np.uint32 if number else np.float64 if name == "P" else real
         assert_array(name, value, expected.shape, dtype, nan=name == "scalar")
         if number:

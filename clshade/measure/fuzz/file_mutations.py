@@ -237,6 +237,7 @@ _BY_EXTENSION = {
     ".ply": _TEXTS,
     ".stl": _TEXTS,
     ".gltf": (*_TEXTS, _json, _json, _json),
+    ".json": (*_TEXTS, _json, _json, _json),
     ".glb": (*_ANY, _glb, _glb, _glb, _glb, _glb),
     ".exr": (*_ANY, _word, _window, _window, _window),
     ".hdr": _TEXTS,

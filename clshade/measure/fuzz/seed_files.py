@@ -16,6 +16,11 @@ from PIL import Image
 
 from ...base.arrays import Array
 from ...images import exr
+from ...scene.camera import Camera
+from ...scene.environment import Environment
+from ...scene.formats.scene_json_writer import BINARY, encoded
+from ...scene.lights import DirectionalLight, PointLight
+from ...scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
 IMAGES = (".exr", ".hdr")
 
@@ -35,7 +40,7 @@ class Sample:
 @cache
 def samples() -> tuple[Sample, ...]:
     """Return all samples. Each loads without error."""
-    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr(), *_hdr(), *_animated()]
+    made = [*_course(), *_obj(), *_ply(), *_stl(), *_gltf(), *_exr(), *_hdr(), *_animated(), *_saved()]
     return tuple(made)
 
 
@@ -420,3 +425,27 @@ def _animated() -> list[Sample]:
     d.json["animations"] = [{"samplers": samplers, "channels": channels}]
     text = json.dumps({**d.json, "buffers": [{"byteLength": len(d.data)}]}, indent=1).encode()
     return [Sample({"a.glb": pack_glb(text, d.data)}, options={"time": time}) for time in (0.5, 1.5)]
+
+
+# Scene files of clshade's own
+
+
+def _saved() -> list[Sample]:
+    """Return a scene with its arrays in the text, and one with a file of arrays."""
+    rng, camera = np.random.default_rng(7), Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (0.6, 0.8), (8, 6))
+    small = Mesh(np.eye(3), [[0, 1, 2]])
+    texture = Texture(rng.random((3, 4, 4), np.float32), wrap="clamp", name="t")
+    pbr = MetallicRoughness(0.5, 0.25, normal_texture=Texture(rng.random((2, 2, 3), np.float32)))
+    material = Material(texture=texture, pbr=pbr, alpha_cutoff=0.25, name="m")
+    uvs, placements = rng.random((6, 2)), np.stack([np.eye(4)] * 2)
+    verts, faces = rng.random((6, 3), np.float32), [[0, 1, 2], [3, 4, 5]]
+    large = Mesh(verts, faces, uvs=uvs, material=material, instances=placements, scalars={"s": np.arange(6.0)})
+    around = Environment(rng.random((2, 4, 3), np.float32), 30.0)
+    lights = (PointLight((1, 2, 3)), DirectionalLight((0, -1, 0)))
+    scenes = Scene(small, camera, lights[0], name="small"), Scene((large, large), camera, lights, environment=around)
+    found = []
+    for scene in scenes:
+        made = encoded(scene, "a.json" + BINARY)
+        arrays = b"".join(made.binary())
+        found.append(Sample({"a.json": made.text, **({"a.json" + BINARY: arrays} if arrays else {})}))
+    return found

@@ -79,7 +79,9 @@ class MeshBuilder:
                         joints[skin] = joint_matrices(self.document, self.buffers, skin, _world(self.document, nodes))
                     mesh, placement = self._mesh(shape, weights, None if skin is None else joints[skin])
                     own = np.stack([each.matrix for each in group]) if placement is None else placement[None]
-                    found.append(replace(mesh, name=name, instances=own))
+                    names = [each.name for each in group] if placement is None else [group[0].name]
+                    names = names if any(names) else []
+                    found.append(replace(mesh, name=name, instances=own, instance_names=names))
         return tuple(found)
 
     def _count(self, item: Item, placements: int) -> None:

@@ -15,18 +15,19 @@ from ..framing import RESOLUTION
 from .gltf_animations import NodeValues, target_count
 from .gltf_json import Item
 
-MAX_NODES = 1 << 16
+MAX_NODES = 1 << 18
 _LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and moves no pixel
 
 
 class Placement(NamedTuple):
     """A mesh in the world. matrix: (4, 4). skin: its index. node: the index, of those that have a skin or weights of their
-    own. weights: of morph targets, where they are not the mesh's."""
+    own. weights: of morph targets, where they are not the mesh's. name: of the node."""
 
     matrix: Array
     node: int | None = None
     skin: int | None = None
     weights: Floats | None = None
+    name: str = ""
 
 
 @dataclass
@@ -109,7 +110,7 @@ def _collect(node: Item, index: int, found: Placed, changed: Mapping[str, Floats
         if weights is None and count and "weights" in node.value:
             weights = node.numbers("weights", count)
         own = index if skin is not None or weights is not None else None
-        found.meshes.setdefault(mesh, []).append(Placement(matrix, own, skin, weights))
+        found.meshes.setdefault(mesh, []).append(Placement(matrix, own, skin, weights, node.text("name")))
     if camera is not None:
         found.cameras.append((camera, matrix))
     light = node.extension("KHR_lights_punctual")

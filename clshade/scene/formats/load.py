@@ -27,12 +27,13 @@ from .obj import DEFAULT_MATERIAL, read_obj
 from .options import Options, checked_resolution, options_for
 from .play import FPS, Played, play
 from .ply import read_ply
+from .scene_json import read_scene
 from .stl import read_stl
 
 __all__ = ["EXTENSIONS", "load", "load_animation", "save_course"]
 
 SLOW = 1.0  # seconds of loading before a message on stderr
-EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl")
+EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl", ".json")
 ANIMATED = (".gltf", ".glb")
 IMAGES = (".exr", ".png")
 
@@ -55,7 +56,8 @@ def load(
     """Load a scene from a file.
 
     A .npy file is a course scene (preset `course`); .obj, .gltf, .glb, .ply and .stl files are
-    meshes (preset `pbr` of glTF files, `standard` of the others).
+    meshes (preset `pbr` of glTF files, `standard` of the others); a .json file is a scene that
+    `Scene.to_json` wrote.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def load(
     texture : str, path-like, array_like or Texture, optional
         Image in place of the file's. An array is (h, w, 3) and holds linear values (integers are
         divided by their type's maximum; row 0 is v = 0). An image file is value/255 for a course
-        scene, where it replaces the vertex colors, and is decoded from sRGB for a mesh.
+        scene, where it replaces the vertex colors, and is decoded from sRGB for a mesh. Not for a
+        .json file.
     focal : float, optional
         For course files: distance of the image plane from the eye, scene units, in place of the
         file's.
@@ -129,14 +132,18 @@ def load(
     """
     owner, extension = _checked_file("load", path)
     with _refusals(owner), _told_when_slow(owner):
-        if extension == ".npy":
+        if extension in (".npy", ".json"):
+            what = "a course scene" if extension == ".npy" else "a .json file"
             if (crease, up, flag("load", "flat", flat)) != (None, None, False):
-                raise value_error("load", "crease, flat, up", "none for a course scene", (crease, flat, up))
+                raise value_error("load", "crease, flat, up", f"none for {what}", (crease, flat, up))
             _refuse_time(extension, time, animation)
             two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
             fit = flag("load", "fit", fit)
             resolution = None if resolution is None else checked_resolution("load", resolution)
-            scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
+            if extension == ".npy":
+                scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
+            else:
+                scene = _read_scene(path, texture, focal, resolution)
             scene = scene if two_sided is None else _lit(scene, two_sided)
             scene = refitted(scene) if fit else scene
         elif focal is not None:
@@ -263,6 +270,15 @@ def _refuse_time(extension: str, time: Any, animation: Any) -> None:
     for name, value in (("time", time), ("animation", animation)):
         if value is not None and extension not in ANIMATED:
             raise value_error("load", name, f"none but for {' and '.join(ANIMATED)} files", value)
+
+
+def _read_scene(path: Path, texture: Any, focal: Any, resolution: tuple[int, int] | None) -> Scene:
+    """Read a .json file. Raises InputError for a texture and a focal length, which it has itself."""
+    for name, value in (("texture", texture), ("focal", focal)):
+        if value is not None:
+            raise value_error("load", name, "none for a .json file", value)
+    scene = read_scene(path)
+    return scene if resolution is None else replace(scene, camera=scene.camera.with_resolution(resolution))
 
 
 def _read_mesh(path: Path, extension: str, options: Options) -> Scene:

@@ -1,0 +1,171 @@
+"""Many frames one behind the other: while the device draws one, the host completes the last and enqueues the next."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..base.arrays import Array
+from .buffer_pool import Pool
+from .buffers import ALIGNMENT, Buffer, transfers, wait
+from .camera_space import CameraSpace
+from .features import Features
+from .frame_state import STREAMED_PIXELS, FrameTables, Progress
+from .layers import Layers
+from .opencl.device import Device
+
+_LEAST_ALIGNMENT = 16  # bytes, of memory to which kernels write four float32 at once
+
+
+class Source(Protocol):
+    """What draws the frames: a `Renderer`."""
+
+    device: Device
+    features: Features
+    _pool: Pool
+    _layers: Layers
+    _tables: FrameTables
+
+    def _enqueue(
+        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
+    ) -> None: ...
+
+    def _draw_again(
+        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
+    ) -> None: ...
+
+    def _facts(self, frame: Progress, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]: ...
+
+
+class _Output:
+    """A result of all frames, (K, M, N, ...) in any layout. Kernels write straight into it where they can, elsewhere into
+    one of two buffers, from which it is copied.
+
+    kernel_type: the type that they write.
+    """
+
+    def __init__(self, source: Source, array: Array, kernel_type: np.dtype) -> None:
+        self.array = array.view(np.ndarray)
+        self._device = source.device
+        is_shared = source._tables.image.is_shared
+        least = ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
+        self.is_direct = is_shared and array.dtype == kernel_type and _is_aligned(array, least)
+        shape = array.shape[1:]
+        self._staged = () if self.is_direct else tuple(source._pool.take(shape, kernel_type) for _ in range(2))
+
+    def target(self, index: int) -> Buffer:
+        """Return the buffer that the kernels write for a frame."""
+        return Buffer(self._device, self.array[index]) if self.is_direct else self._staged[index % 2][0]
+
+
+def _is_aligned(array: Array, least: int) -> bool:
+    """Return whether each of the images in an array is contiguous and begins at a multiple of so many bytes."""
+    begins_well = array.ctypes.data % least == 0 and (len(array) < 2 or array.strides[0] % least == 0)
+    return begins_well and all(first.flags.c_contiguous for first in array[:1])
+
+
+@dataclass
+class _Pending:
+    """A frame that is being drawn, the index-th. targets: what the kernels write, by name. owners: if there are layers.
+    done: the events that it is complete after."""
+
+    index: int
+    frame: Progress
+    targets: dict[str, Buffer]
+    owners: Buffer | None
+    done: Sequence[Any] = ()
+
+
+class FrameQueue:
+    """The drawing of many frames into arrays, (K, M, N, ...) by name: `rgba` and the layers.
+
+    The source may not draw anything else meanwhile. After `draw`: facts, a function for each frame, see
+    `Renderer._facts`; stage_ms, the times of the stages, of all frames together.
+    """
+
+    def __init__(self, source: Source, arrays: Mapping[str, Array]) -> None:
+        self._source, self._layers, self._device = source, source._layers, source.device
+        self.facts: list[Callable[[], dict[str, Any]]] = []
+        self.stage_ms: Counter[str] = Counter()
+        self._outputs = {
+            name: _Output(source, array, array.dtype if name == "rgba" else self._layers.kernel_type(name))
+            for name, array in arrays.items()
+        }
+        image = self._outputs["rgba"]
+        together = image.array if image.is_direct else image.array[:1]
+        self._streams = together[..., 0].size >= STREAMED_PIXELS and (
+            _is_aligned(image.array, ALIGNMENT) or not image.is_direct
+        )
+        shape = image.array.shape[1:3]
+        self._owners = [source._pool.take(shape, np.int32) for _ in range(2) if source.features["OWNERS"]]
+        self._tables = source._tables, source._tables.twin()
+        self._transfers = transfers(self._device)
+
+    def draw(self, spaces: Sequence[CameraSpace]) -> None:
+        """Draw a frame for each space. Raises as `Renderer.render`."""
+        pending: _Pending | None = None
+        for index, space in enumerate(spaces):
+            if pending is not None and not self._device.has_fp64:  # the host projects into memory that kernels read
+                self._complete(pending)
+                pending = None
+            latest = self._start(index, space)
+            if pending is not None:
+                self._complete(pending)
+            pending = latest
+        if pending is not None:
+            self._complete(pending)
+
+    def _start(self, index: int, space: CameraSpace) -> _Pending:
+        """Enqueue a frame with its layers."""
+        targets = {name: output.target(index) for name, output in self._outputs.items()}
+        owners = self._owners[index % 2][0] if self._owners else None
+        drawn = _Pending(index, Progress(space, self._streams), targets, owners)
+        self._source._enqueue(self._tables[index % 2], drawn.frame, targets, owners)
+        self._fetch(drawn)
+        return drawn
+
+    def _fetch(self, drawn: _Pending) -> None:
+        """Enqueue the copies from a device with memory of its own."""
+        frame = drawn.frame
+        drawn.done = [frame.last]
+        if self._transfers is not None:
+            self._device.queue.flush()
+            wanted = [*drawn.targets.values(), frame.counted, drawn.owners if "P" in drawn.targets else None]
+            drawn.done = [each.fetch(self._transfers, frame.last) for each in wanted if each is not None]
+
+    def _complete(self, drawn: _Pending) -> None:
+        """Wait for a frame, draw it again if nothing of it was drawn, and do the host's part of its layers."""
+        wait(self._device, drawn.done)
+        frame = drawn.frame
+        if frame.counters is None:
+            assert frame.counted is not None
+            counters = frame.counted.array[0].copy()
+            frame.counters, frame.host_ms["sort"] = counters, 0.0
+            if counters["to_clip"] or counters["entries"] > frame.room:
+                self._source._draw_again(self._tables[drawn.index % 2], frame, drawn.targets, drawn.owners)
+                self._fetch(drawn)
+                wait(self._device, drawn.done)
+        self._write_results(drawn)
+        if self._device.profiling:
+            for name, event in frame.events.items():
+                if event is not None:
+                    self.stage_ms[name] += (event.profile.end - event.profile.start) / 1e6
+        frame.events.clear()
+        self.stage_ms.update(frame.host_ms)
+        sizes = {"image": drawn.targets["rgba"], "owners": drawn.owners}
+        bytes_of = {name: 0 if buffer is None else buffer.array.nbytes for name, buffer in sizes.items()}
+        self.facts.append(self._source._facts(frame, bytes_of))
+
+    def _write_results(self, drawn: _Pending) -> None:
+        """Complete the layers, and copy what the kernels did not write to its place."""
+        arrays = {name: buffer.array for name, buffer in drawn.targets.items()}
+        results = {name: output.array[drawn.index] for name, output in self._outputs.items()}
+        if drawn.owners is not None:
+            self._layers.finish(arrays, results, drawn.owners.array, drawn.frame.space)
+        for name, output in self._outputs.items():
+            if not output.is_direct and name != "P":
+                np.copyto(results[name], arrays[name])

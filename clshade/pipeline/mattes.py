@@ -1,0 +1,128 @@
+"""Cryptomatte layers of a frame: what each sample of its pixels shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from ..base.arrays import Array
+from ..base.validation import integer, known, sequence, value_error
+from ..images.cryptomatte import MOST_RANKS, RANKS, Matte, hashes, matte
+from ..scene.model import Scene, Settings
+from ..scene.settings import Layer
+from . import sample_pattern
+from .layer_buffers import first_instances, material_numbers
+from .renderer import Renderer
+
+if TYPE_CHECKING:
+    from .frame import Frame
+    from .opencl.device import Device
+
+MatteKind: TypeAlias = Literal["object", "material", "instance"]
+MATTES: tuple[MatteKind, ...] = get_args(MatteKind)
+
+
+def _object_names(scene: Scene) -> dict[int, str]:
+    return {number: mesh.name or f"object {number}" for number, mesh in enumerate(scene.meshes, 1)}
+
+
+def _material_names(scene: Scene) -> dict[int, str]:
+    numbered = zip(material_numbers(scene), scene.meshes, strict=True)
+    return {number: mesh.material.name or f"material {number}" for number, mesh in numbered}
+
+
+def _instance_names(scene: Scene) -> dict[int, str]:
+    found = {}
+    for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
+        for number in range(first, first + len(np.asarray(mesh.instances))):
+            found[number] = (mesh.instance_names and mesh.instance_names[number - first]) or f"instance {number}"
+    return found
+
+
+# Layer, name of the Cryptomatte layer, and names of the layer's numbers.
+_LAYERS: dict[MatteKind, tuple[Layer, str, Callable[[Scene], dict[int, str]]]] = {
+    "object": ("object_id", "CryptoObject", _object_names),
+    "material": ("material_id", "CryptoMaterial", _material_names),
+    "instance": ("instance_id", "CryptoInstance", _instance_names),
+}
+
+
+def cryptomatte(
+    frame: Frame, kinds: Sequence[MatteKind] = MATTES, *, ranks: int = RANKS, device: Device | str | None = None
+) -> dict[MatteKind, Matte]:
+    """Return Cryptomatte layers of a frame: for each pixel the things that its samples show, and the share of each.
+
+    Parameters
+    ----------
+    frame : Frame
+        As `Renderer.render` draws it. Its scene is drawn again, unlit, for each sample of its
+        settings.
+    kinds : sequence of {"object", "material", "instance"}, default all
+        What has masks: meshes, materials, placements of meshes. Unnamed ones are called ``object
+        1``, ``material 1``, ``instance 1`` and so on, after the layers `object_id`, `material_id`
+        and `instance_id`.
+    ranks : int, 1 to 64, default 6
+        Things that a pixel lists at most: those that most of its samples show.
+    device : Device or str, optional
+        As for `Renderer`. The masks are the same on every device.
+
+    Returns
+    -------
+    dict
+        For each kind `channels`, arrays (M, N) float32 such as ``CryptoObject00.R``, and `metadata`
+        for the header of an EXR file.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused, or mmh3 is not installed.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    Shares are exact: numbers of samples over all. What blends counts as layers do, by `layer_alpha`.
+    """
+    asked = None if isinstance(kinds, str) else sequence(kinds)
+    if not asked:
+        raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
+    known("cryptomatte", asked, MATTES)
+    integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS)
+    hashes(())  # before anything is drawn: raises without mmh3
+    scene, settings = frame.scene, frame.settings
+    layers = tuple(_LAYERS[kind][0] for kind in asked)
+    numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
+    for found in _at_samples(scene, settings, layers, device):
+        for layer, shown in numbers.items():
+            shown.append(found[layer])
+    return {
+        kind: matte(label, np.array(numbers[layer]), names(scene), ranks)
+        for kind, (layer, label, names) in _LAYERS.items()
+        if kind in asked
+    }
+
+
+def _at_samples(
+    scene: Scene, settings: Settings, layers: tuple[Layer, ...], device: Device | str | None
+) -> Iterator[dict[Layer, Array]]:
+    """Draw layers as each sample of the pixels sees them, nearest to the center first."""
+    alone = replace(
+        settings,
+        shader="nolight",
+        layers=layers,
+        sample_shading=False,
+        edges=None,
+        scalars=None,
+        shadows=False,
+        ambient_occlusion=0,
+    )
+    with closing(Renderer(scene, settings=alone, device=device)) as renderer:
+        for place in sample_pattern.positions(settings.samples):
+            if settings.samples > 1:
+                renderer.place_samples(place[None])
+            drawn = renderer.render()
+            yield {layer: drawn[layer] for layer in layers}

@@ -1,0 +1,147 @@
+"""COCO data sets: what pycocotools reads of them, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+from command_line import assert_refused, listing, needs_device, run
+
+from clshade import exr
+from clshade.errors import InputError
+from clshade.images import png
+from clshade.images.coco import masks
+
+INSTANCES = np.array([[0, 7, 7, 0], [2, 7, 0, 0], [2, 0, 0, 7]], np.uint32)
+OBJECTS = np.where(INSTANCES == 7, 3, np.where(INSTANCES == 2, 1, 0)).astype(np.uint32)
+
+
+@pytest.fixture(autouse=True)
+def _installed():
+    pytest.importorskip("pycocotools")
+
+
+def written(folder, name="a.exr", **metadata):
+    names = {"objectNames": json.dumps({"1": "cat"}), "instanceNames": json.dumps({"7": "tail"}), **metadata}
+    exr.write(folder / name, {"instance_id": INSTANCES, "object_id": OBJECTS}, metadata=names)
+    return folder / name
+
+
+def test_masks_are_decoded_to_the_same_pixels():
+    from pycocotools import mask
+
+    found = masks(INSTANCES)
+    assert list(found) == [2, 7]
+    for number, each in found.items():
+        assert np.array_equal(mask.decode(each["segmentation"]).astype(bool), number == INSTANCES)
+        assert each["area"] == mask.area(each["segmentation"]) == (number == INSTANCES).sum()
+        assert each["bbox"] == mask.toBbox(each["segmentation"]).tolist()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (17, 13)])
+def test_masks_of_any_shape(shape):
+    """Runs that wrap from one column to the next, touch the first and the last pixel, or fill the image."""
+    from pycocotools import mask
+
+    rng = np.random.default_rng(shape)
+    for instances in (np.full(shape, 2**32 - 1, np.uint32), rng.integers(0, 4, shape), rng.integers(0, 2, shape) * 9):
+        found = masks(instances)
+        assert list(found) == [number for number in np.unique(instances).tolist() if number]
+        for number, each in found.items():
+            own = instances == number
+            coded = mask.encode(np.asfortranarray(own, np.uint8))
+            assert each["segmentation"]["counts"] == coded["counts"].decode()
+            assert (each["area"], each["bbox"]) == (own.sum(), mask.toBbox(coded).tolist())
+
+
+@pytest.mark.parametrize("given", [[[0.5, 1.0]], [1, 2], np.zeros((0, 3), np.uint32), [[True, False]]])
+def test_what_has_no_masks(given):
+    with pytest.raises(InputError, match=r"^coco: instances: expected an array of shape \(M, N\) of whole numbers"):
+        masks(given)
+
+
+def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
+    names = ["é.exr", os.fsdecode(b"\xff.exr")]
+    files = [written(tmp_path, name) for name in names]
+    assert run(capsys, "coco", *files, "-o", tmp_path / "a.json")[0] == 0
+    assert "é.exr" in (tmp_path / "a.json").read_text("utf-8")
+    assert [each["file_name"] for each in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
+
+
+def test_nothing_is_seen():
+    assert masks(np.zeros((3, 4), np.uint32)) == {}
+
+
+def test_pycocotools_reads_the_data_set(tmp_path, capsys):
+    from pycocotools.coco import COCO
+
+    (tmp_path / "in").mkdir()
+    first, second = written(tmp_path / "in"), written(tmp_path, "b.exr", instanceNames="{}")
+    png.write(first.with_suffix(".png"), np.zeros((3, 4, 3), np.uint8))
+    png.write(second.with_suffix(".png"), np.zeros((3, 9, 3), np.uint8))  # of another size, such as one with a colorbar
+    assert run(capsys, "coco", first, "-o", tmp_path / "one.json")[1].endswith(
+        ": 1 image, 2 annotations, 2 categories\n"
+    )
+    code, out, err = run(capsys, "coco", first, second, "-o", tmp_path / "found.json")
+    assert (code, err) == (0, [])
+    assert "2 images, 4 annotations, 2 categories" in out
+    found = COCO(str(tmp_path / "found.json"))
+    assert [each["file_name"] for each in found.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
+    assert [(each["height"], each["width"]) for each in found.loadImgs([1, 2])] == [(3, 4)] * 2
+    categories = {each["name"]: each["id"] for each in found.loadCats(found.getCatIds())}
+    assert set(categories) == {"cat", "object 3"}
+    tail, other = found.loadAnns(found.getAnnIds(catIds=[categories["object 3"]]))
+    assert [(each["image_id"], each["instance_id"], each["name"]) for each in (tail, other)] == [
+        (1, 7, "tail"),
+        (2, 7, ""),
+    ]
+    assert np.array_equal(found.annToMask(tail).astype(bool), INSTANCES == 7)
+
+
+@needs_device
+def test_of_a_rendered_image(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    size = ("--resolution", "64,48")
+    assert run(capsys, "render", "box_room", *size, "--layers", "instance_id,object_id", "-o", "a")[0] == 0
+    assert run(capsys, "coco", "a.exr")[0] == 0
+    found = json.loads((tmp_path / "annotations.json").read_text())
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert {each["name"] for each in found["categories"]} >= set(json.loads(header["objectNames"]).values())
+    assert sum(each["area"] for each in found["annotations"]) == np.count_nonzero(channels["instance_id"])
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"instance_id": INSTANCES}, "layers: expected the layers instance_id and object_id"),
+        ({"instance_id": INSTANCES, "object_id": OBJECTS.astype(np.float32)}, "layers: expected whole numbers"),
+    ],
+)
+def test_what_is_refused(tmp_path, capsys, change, part):
+    exr.write(tmp_path / "a.exr", change)
+    assert_refused(run(capsys, "coco", tmp_path / "a.exr", "-o", tmp_path / "b.json"), "a.exr", part)
+    assert listing(tmp_path) == ["a.exr"]
+
+
+@pytest.mark.parametrize(
+    ("names", "part"),
+    [
+        ("[]", "expected a JSON object of names by number, found something else"),
+        (3, "expected a JSON object of names by number, found something else"),
+        ('{"one": "cat"}', "expected a JSON object of names by number, found something else"),
+        ("{", "expected a JSON object of names by number, found Expecting property name"),
+        ("[" * 100_000, "expected a JSON object of names by number, found too deep a nesting"),
+        ('{"1": null}', "expected names that are texts, found others"),
+    ],
+)
+def test_names_that_are_refused(tmp_path, capsys, names, part):
+    found = run(capsys, "coco", written(tmp_path, objectNames=names), "-o", tmp_path / "b.json")
+    assert_refused(found, "a.exr: objectNames: ", part)
+    assert listing(tmp_path) == ["a.exr"]
+
+
+def test_outputs_that_are_refused(tmp_path, capsys):
+    found = run(capsys, "coco", written(tmp_path), "-o", tmp_path / "b.txt")
+    assert_refused(found, "--output: expected a file name that ends in .json")

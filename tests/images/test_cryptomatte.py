@@ -1,0 +1,148 @@
+"""Cryptomatte: hashes of names, ranks of what samples show, and the part of an EXR that other programs read."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+from clshade import exr
+from clshade.errors import InputError
+from clshade.images.cryptomatte import hashes, matte, ranked
+
+NAMES = {1: "bunny", 2: "floor", 3: "lamp"}
+
+
+def shown(seed, samples=6, rows=7, columns=9, most=4):
+    return np.random.default_rng(seed).integers(0, most, (samples, rows, columns)).astype(np.uint32)
+
+
+def test_hashes_are_those_of_murmur3():
+    """Known values of MurmurHash3_x86_32 with seed 0; 0 is denormal as float32."""
+    assert hashes(["", "hello", "hello, world"]).tolist() == [1 << 23, 0x248BFA47, 0x149BBB7F]
+
+
+def test_no_id_is_nan_infinite_or_denormal():
+    ids = hashes(map(str, range(3000)))
+    assert len(set(ids.tolist())) == 3000
+    values = np.abs(ids.view(np.float32))
+    assert np.isfinite(values).all()
+    assert (values >= np.finfo(np.float32).tiny).all()
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3, 6])
+def test_ranks_are_sorted_counts(ranks):
+    numbers = shown(1)
+    listed, counts = ranked(numbers, ranks)
+    assert listed.shape == counts.shape == (ranks, 7, 9)
+    for row, column in np.ndindex(7, 9):
+        each = {int(n): list(numbers[:, row, column]).count(n) for n in numbers[:, row, column] if n}
+        expected = sorted(each.items(), key=lambda item: (-item[1], item[0]))[:ranks]
+        found = list(zip(listed[:, row, column].tolist(), counts[:, row, column].tolist(), strict=True))
+        assert found == expected + [(0, 0)] * (ranks - len(expected))
+
+
+def test_one_sample_has_one_rank():
+    listed, counts = ranked(shown(2, samples=1), 6)
+    assert listed.shape == (1, 7, 9)
+    assert np.array_equal(counts, listed > 0)
+
+
+def test_a_thing_is_recovered_from_its_name():
+    numbers = shown(3)
+    found = matte("CryptoObject", numbers, {**NAMES, 3: "bunny"})
+    assert sorted(found.channels) == [f"CryptoObject{k:02d}.{letter}" for k in range(3) for letter in "ABGR"]
+    manifest = json.loads(next(text for name, text in found.metadata.items() if name.endswith("/manifest")))
+    assert set(manifest) == {"bunny", "floor"}
+    for name, alike in (("bunny", (1, 3)), ("floor", (2,))):
+        share = np.zeros((7, 9), np.float32)
+        for pair in ("RG", "BA"):
+            for k in range(3):
+                ids = found.channels[f"CryptoObject{k:02d}.{pair[0]}"].view(np.uint32)
+                share += np.where(ids == int(manifest[name], 16), found.channels[f"CryptoObject{k:02d}.{pair[1]}"], 0)
+        assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
+
+
+def test_names_of_one_hash():
+    """They are refused where both are shown: masks would be mixed."""
+    one, other = "tree 33987", "tree 49036"
+    assert hashes([one])[0] == hashes([other])[0]
+    numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
+    found = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: other})
+    assert found.channels["CryptoObject00.G"].max() > 0
+    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{other}'"):
+        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: other})
+
+
+def test_others_read_the_part(tmp_path):
+    oiio = pytest.importorskip("OpenImageIO")
+    found = matte("CryptoObject", shown(4), NAMES)
+    with open(tmp_path / "a.exr", "w+b") as file:
+        image = np.random.default_rng(5).random((7, 9, 4), np.float32)
+        assert exr.encode(file, image, half=True, parts={"cryptomatte": found}) == []
+    channels, header = exr.read(tmp_path / "a.exr")
+    assert header["name"] == "rgba"
+    assert np.array_equal(channels["G"], image[..., 1].astype(np.float16))
+    opened = oiio.ImageInput.open(str(tmp_path / "a.exr"))
+    assert opened.seek_subimage(1, 0)
+    spec = opened.spec()
+    assert spec["oiio:subimagename"] == "cryptomatte"
+    for name, text in found.metadata.items():
+        assert spec[name] == text
+    pixels = opened.read_image(1, 0, 0, spec.nchannels, "float")
+    for k, name in enumerate(spec.channelnames):
+        assert np.array_equal(pixels[..., k].view(np.uint32), found.channels[name].view(np.uint32))
+        assert np.array_equal(channels[name].view(np.uint32), found.channels[name].view(np.uint32))
+    opened.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"names": {1: "bunny", 2: "floor"}}, "names: expected a name for 3, found none"),
+        ({"ranks": 0}, "ranks: expected a whole number from 1 to 64"),
+        ({"label": 3}, "label: expected"),
+        ({"label": ""}, "label: expected at least one letter"),
+        ({"names": {**NAMES, 0: "sky"}}, "number of a name: expected a whole number from 1 to 4294967295, found 0"),
+        ({"names": {**NAMES, 2**70: "sky"}}, "number of a name: expected a whole number"),
+        ({"names": {**NAMES, 4: 5}}, "names: expected a text, found 5"),
+        ({"numbers": shown(6)[0]}, r"numbers: expected an array of shape \(S, M, N\) of whole numbers"),
+        ({"numbers": shown(6)[:0]}, "numbers: expected an array"),
+        ({"numbers": shown(6) * 0.5}, "numbers: expected an array"),
+    ],
+)
+def test_what_is_refused(change, part):
+    given = {"label": "CryptoObject", "numbers": shown(6), "names": NAMES, **change}
+    with pytest.raises(InputError, match=part):
+        matte(**given)
+
+
+def test_parts_that_are_refused(tmp_path):
+    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    with open(tmp_path / "a.exr", "w+b") as file:
+        with pytest.raises(InputError, match="compression: expected a lossless one with further parts, found b44"):
+            exr.encode(file, image, compression="b44", parts={"cryptomatte": found})
+        with pytest.raises(InputError, match="cryptomatte: expected channels of 8 x 7 pixels, found others"):
+            exr.encode(file, image[:, :8], parts={"cryptomatte": found})
+        for name in ("", "rgba", "a\n", "\ud800", 3):
+            with pytest.raises(InputError, match="exr: parts: expected names of at least one letter, other than rgba"):
+                exr.encode(file, image, parts={name: found})
+
+
+def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
+    """As OpenEXR wants it."""
+    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    for more in ({}, {"pixelAspectRatio": 2.0}):
+        with open(tmp_path / "a.exr", "w+b") as file:
+            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (found.channels, more)})
+        assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
+
+
+def test_warnings_and_errors_name_the_part():
+    image, huge = np.zeros((7, 9, 3), np.float32), np.full((7, 9), 1e300)
+    (warning,) = exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge}, {})})
+    assert warning.startswith("more.R: 63 finite values")
+    with pytest.raises(InputError, match=r"exr: more\.R: expected floats or whole numbers"):
+        exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge * 1j}, {})})

@@ -1,0 +1,106 @@
+"""Cryptomatte layers of frames: the samples' owners are the oracle's, shares are exact."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from layer_scenes import mixed
+
+import clshade
+from clshade.errors import InputError
+from clshade.images.cryptomatte import matte
+from clshade.oracle import frame as oracle
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene
+
+
+def manifest(found):
+    return json.loads(next(text for name, text in found.metadata.items() if name.endswith("/manifest")))
+
+
+def share(found, name):
+    """Return the share of each pixel that a thing covers."""
+    wanted, total = int(manifest(found)[name], 16), 0.0
+    for channel, plane in found.channels.items():
+        if channel[-1] in "RB":
+            beside = channel[:-1] + "GA"["RB".index(channel[-1])]
+            total = total + np.where(plane.view(np.uint32) == wanted, found.channels[beside], 0.0)
+    return total
+
+
+def square(name, low, high, z, **material):
+    """Return a square of the plane z, in pixels of `CAMERA`'s image."""
+    (x0, y0), (x1, y1) = low, high
+    verts = [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+    return Mesh(verts, [[0, 1, 2], [0, 2, 3]], name=name, material=Material(name=f"{name}'s", **material))
+
+
+# A pixel is one unit, x to the right, y up, the origin at the lower left corner.
+CAMERA = Camera((4, 3, 5), (4, 3, 0), (0, 1, 0), 1.0, (6.0, 8.0), (8, 6), orthographic=True)
+
+
+def test_shares_of_squares(device):
+    """Edges through the middle of pixels: of 16 samples 8 lie on either side."""
+    scene = Scene((square("far", (0, 0), (6.5, 6), 0), square("near", (2.5, 1), (5, 4), 1)), CAMERA)
+    frame = clshade.render(scene, device=device, samples=16)
+    found = clshade.cryptomatte(frame, ["object"], device=device)["object"]
+    near, far = np.zeros((6, 8)), np.zeros((6, 8))
+    near[2:5, 2], near[2:5, 3:5] = 0.5, 1.0
+    far[:, :6], far[:, 6] = 1.0, 0.5
+    assert np.array_equal(share(found, "near"), near)
+    assert np.array_equal(share(found, "far"), far - near)
+    assert np.array_equal(found.channels["CryptoObject00.G"][2, :3], [1.0, 1.0, 0.5])
+
+
+@pytest.mark.parametrize("samples", [1, 5])
+def test_they_are_the_oracles(device, samples):
+    frame = clshade.render(mixed(), device=device, samples=samples, shader="nolight")
+    found = clshade.cryptomatte(frame, device=device)
+    scene, settings = frame.scene, frame.settings
+    views = oracle.samples_of(scene, settings, oracle.prepare(scene, settings))
+    resolution = scene.camera.resolution
+    mesh_of = np.append(views[0].corners.mesh[views[0].pieces.face] + 1, 0)
+    owners = np.array(
+        [
+            oracle.owners(view, settings.visibility, resolution, oracle.opaque_test(scene, settings, view))
+            for view in views
+        ]
+    )[:, ::-1]
+    names_of = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
+    expected = matte("CryptoObject", mesh_of[owners].astype(np.uint32), names_of)
+    assert found["object"].metadata == expected.metadata
+    for name, plane in expected.channels.items():
+        assert np.array_equal(found["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name
+    assert set(found) == {"object", "material", "instance"}
+    for each in found.values():
+        covered = sum(share(each, name) for name in manifest(each))
+        assert np.allclose(covered, frame.alpha, atol=1e-6)
+    dome = next(number for number, mesh in enumerate(scene.meshes, 1) if len(mesh.instances) > 1)
+    names = [f"instance {number}" for number in range(dome, dome + len(scene.meshes[dome - 1].instances))]
+    together = sum(share(found["instance"], name) for name in names)
+    assert np.allclose(together, share(found["object"], names_of[dome]), atol=1e-6)
+
+
+def test_an_empty_scene(device):
+    found = clshade.cryptomatte(clshade.render(Scene((), CAMERA), device=device, samples=4), device=device)
+    assert manifest(found["object"]) == {}
+    assert not any(plane.any() for plane in found["object"].channels.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"kinds": ["materials"]}, "cryptomatte: materials: expected one of object, material, instance"),
+        ({"kinds": "object"}, "cryptomatte: kinds: expected one or more of object, material, instance, found 'object'"),
+        ({"kinds": []}, "cryptomatte: kinds: expected one or more of"),
+        ({"kinds": 3}, "cryptomatte: kinds: expected one or more of"),
+        ({"ranks": 65}, "cryptomatte: ranks: expected a whole number from 1 to 64, found 65"),
+    ],
+)
+def test_what_is_refused_before_anything_is_drawn(opened, monkeypatch, change, part):
+    frame = clshade.render(Scene((), CAMERA), device=opened)
+    monkeypatch.setattr("clshade.pipeline.mattes.Renderer", None)
+    with pytest.raises(InputError, match=part):
+        clshade.cryptomatte(frame, **change)

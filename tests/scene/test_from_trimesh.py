@@ -1,0 +1,311 @@
+"""`Scene.from_trimesh`: meshes and scenes of trimesh, and objects with the attributes of Open3D's and PyVista's."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mesh_writers import Gltf, textured
+from PIL import Image
+
+import clshade
+from clshade.errors import InputError
+from clshade.images.decode import srgb_to_linear
+from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
+from clshade.scene.model import Mesh, Scene
+
+RNG = np.random.default_rng(3)
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
+FACES = np.array([[0, 1, 2], [2, 1, 3]])
+UVS = np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])
+CODES = np.array([[255, 0, 0, 255], [0, 128, 0, 255], [0, 0, 64, 128], [1, 2, 3, 255]], np.uint8)
+
+
+@pytest.fixture
+def trimesh():
+    return pytest.importorskip("trimesh")
+
+
+def plain(trimesh, **options):
+    return trimesh.Trimesh(CORNERS, FACES, process=False, **options)
+
+
+def only(source, **options) -> Mesh:
+    (mesh,) = Scene.from_trimesh(source, **options).meshes
+    return mesh
+
+
+def test_a_mesh(trimesh):
+    scene = Scene.from_trimesh(plain(trimesh, metadata={"name": "roof"}), resolution=(64, 48), up="z")
+    (mesh,) = scene.meshes
+    assert (scene.preset, scene.name, mesh.name, scene.fitted) == ("standard", "roof", "roof", True)
+    assert scene.camera.resolution == (64, 48)
+    assert scene.camera.up.tolist() == [0, 0, 1]
+    assert (mesh.verts.tolist(), mesh.faces.tolist()) == (CORNERS.tolist(), FACES.tolist())
+    assert mesh.colors is None
+    assert mesh.material.two_sided
+
+
+def test_normals_are_those_of_the_mesh_unless_creases_are_asked_for(trimesh):
+    normals = RNG.normal(size=(4, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    source = plain(trimesh, vertex_normals=normals)
+    np.testing.assert_allclose(only(source).normals, normals, atol=1e-12)
+    flat = only(source, crease=0)
+    assert flat.normals[flat.normal_faces][0].tolist() == [[0, 0, 1]] * 3
+
+
+def test_colors_of_vertices(trimesh):
+    mesh = only(plain(trimesh, vertex_colors=CODES))
+    np.testing.assert_allclose(mesh.colors, srgb_to_linear(CODES[:, :3] / 255.0), atol=1e-12)
+    np.testing.assert_allclose(mesh.alphas, CODES[:, 3] / 255.0, atol=1e-12)
+    assert mesh.material.blend
+    opaque = only(plain(trimesh, vertex_colors=CODES | np.array([0, 0, 0, 255], np.uint8)))
+    assert opaque.alphas is None
+    assert not opaque.material.blend
+
+
+def test_colors_of_faces(trimesh):
+    """Corners get vertices of their own; normals stay smooth."""
+    source = plain(trimesh, face_colors=CODES[:2])
+    mesh = only(source)
+    assert mesh.verts[mesh.faces].tolist() == CORNERS[FACES].tolist()
+    expected = srgb_to_linear(np.repeat(CODES[:2, :3], 3, axis=0).reshape(2, 3, 3) / 255.0)
+    np.testing.assert_allclose(mesh.colors[mesh.faces], expected, atol=1e-12)
+    np.testing.assert_allclose(mesh.normals[mesh.normal_faces], source.vertex_normals[FACES], atol=1e-12)
+    source.vertex_attributes["heat"] = np.arange(4.0)
+    mesh = only(source)
+    assert mesh.scalars["heat"][mesh.faces].tolist() == FACES.tolist()
+
+
+def test_a_camera_without_a_place_is_none(trimesh):
+    """As trimesh leaves it where a camera is set and its transform is not."""
+    source = trimesh.Scene(plain(trimesh))
+    source.camera = trimesh.scene.Camera(resolution=(8, 6), fov=(40, 30))
+    scene = Scene.from_trimesh(source)
+    assert (scene.fitted, scene.camera.resolution) == (True, (800, 600))
+
+
+def test_a_simple_material(trimesh):
+    codes = RNG.integers(0, 256, (3, 2, 3)).astype(np.uint8)
+    image = Image.fromarray(codes)
+    material = trimesh.visual.material.SimpleMaterial(
+        image=image, diffuse=[255, 51, 0, 255], ambient=[0, 51, 255], specular=[102, 102, 102], glossiness=40, name="m"
+    )
+    mesh = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
+    np.testing.assert_allclose(mesh.uvs, UVS * [1, -1] + [0, 1])  # v = 0 is the top row here
+    found = mesh.material
+    assert (found.kd.tolist(), found.ka.tolist(), found.ks.tolist()) == ([1, 0.2, 0], [0, 0.2, 1], [0.4] * 3)
+    assert (found.n, found.name, found.blend, found.pbr) == (40.0, "m", False, None)
+    assert found.texture.image.tobytes() == srgb_to_linear(codes / 255.0).astype(np.float32).tobytes()
+    unset = trimesh.visual.material.SimpleMaterial(image=image)
+    mesh = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=unset)))
+    assert mesh.material.kd.tolist() == [0.8] * 3  # not the gray that stands for none
+
+
+def test_a_pbr_material(trimesh):
+    pictures = {
+        name: RNG.integers(0, 256, (2, 3, 3)).astype(np.uint8) for name in ("base", "worn", "bumps", "ao", "glow")
+    }
+    images = {name: Image.fromarray(codes) for name, codes in pictures.items()}
+    material = trimesh.visual.material.PBRMaterial(
+        name="paint",
+        baseColorFactor=[1.0, 0.4, 0.0, 0.2],
+        metallicFactor=0.25,
+        roughnessFactor=0.5,
+        emissiveFactor=[0.5, 0.25, 1.0],
+        baseColorTexture=images["base"],
+        metallicRoughnessTexture=images["worn"],
+        normalTexture=images["bumps"],
+        occlusionTexture=images["ao"],
+        emissiveTexture=images["glow"],
+        alphaMode="BLEND",
+    )
+    scene = Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
+    found, facets = scene.meshes[0].material, scene.meshes[0].material.pbr
+    assert scene.preset == "pbr"
+    np.testing.assert_allclose(found.color, [1.0, 0.4, 0.0])
+    assert (found.name, found.blend, found.opacity) == ("paint", True, 0.2)
+    assert (facets.metallic, facets.roughness, facets.emission.tolist()) == (0.25, 0.5, [0.5, 0.25, 1.0])
+    for texture, name, srgb in (
+        (found.texture, "base", True),
+        (facets.metallic_roughness_texture, "worn", False),
+        (facets.normal_texture, "bumps", False),
+        (facets.occlusion_texture, "ao", False),
+        (facets.emission_texture, "glow", True),
+    ):
+        values = pictures[name] / 255.0
+        expected = (srgb_to_linear(values) if srgb else values).astype(np.float32)
+        assert texture.image.tobytes() == expected.tobytes(), name
+
+
+def test_alpha_modes_and_images_with_alpha(trimesh):
+    codes = RNG.integers(0, 255, (2, 3, 4)).astype(np.uint8)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(codes), alphaMode="MASK", alphaCutoff=0.25
+    )
+    found = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material))).material
+    assert (found.alpha_cutoff, found.blend) == (0.25, False)
+    np.testing.assert_allclose(found.texture.image[..., 3], codes[..., 3] / 255.0, atol=1e-7)
+
+
+def test_a_scene_with_instances_and_a_camera(trimesh):
+    source = trimesh.Scene()
+    moved = np.eye(4)
+    moved[:3, 3] = 3, 0, 0
+    source.add_geometry(plain(trimesh), node_name="one", geom_name="roof")
+    source.graph.update(frame_to="two", matrix=moved, geometry="roof")
+    source.add_geometry(trimesh.load_path(np.array([[0, 0, 0], [1, 1, 1.0]])), geom_name="curve")
+    with pytest.warns(UserWarning, match=r"^from_trimesh: not rendered: curve \(Path3D\)$"):
+        scene = Scene.from_trimesh(source)
+    (mesh,) = scene.meshes
+    assert mesh.name == "roof"
+    np.testing.assert_array_equal(mesh.instances, [np.eye(4), moved])
+    assert mesh.instance_names == ("one", "two")
+    assert scene.fitted
+    source.delete_geometry("curve")
+    source.camera.resolution, source.camera.fov = (200, 100), (90.0, 60.0)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.5, 0.25, 7
+    source.camera_transform = pose
+    scene = Scene.from_trimesh(source)
+    expected = Camera((0.5, 0.25, 7), (0.5, 0.25, 0), (0, 1, 0), 1.0, (2 * np.sqrt(1 / 3), 2.0), (200, 100))
+    assert not scene.fitted
+    np.testing.assert_allclose(scene.camera.eye, expected.eye)
+    np.testing.assert_allclose(camera_axes(scene.camera), camera_axes(expected), atol=1e-12)
+    np.testing.assert_allclose(scene.camera.plane, expected.plane)
+    assert scene.camera.resolution == (200, 100)
+
+
+def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
+    document = Gltf()
+    textured(document, RNG.integers(0, 256, (4, 5, 3)).astype(np.uint8), {})
+    document.add("nodes", {"mesh": 0, "translation": [1, 2, 3]})
+    document.add("scenes", {"nodes": [0]})
+    path = document.glb(tmp_path / "a.glb")
+    (found,), (expected,) = Scene.from_trimesh(trimesh.load(path)).meshes, clshade.load(path).meshes
+    np.testing.assert_array_equal(found.instances, expected.instances)
+    np.testing.assert_array_equal(found.verts[found.faces], expected.verts[expected.faces])
+    np.testing.assert_allclose(found.uvs[found.faces], expected.uvs[expected.faces], atol=1e-7)
+    assert found.material.texture.image.tobytes() == expected.material.texture.image.tobytes()
+    for name in ("metallic", "roughness"):
+        assert getattr(found.material.pbr, name) == getattr(expected.material.pbr, name)
+
+
+def test_what_is_written_comes_back_through_trimesh(trimesh, tmp_path):
+    scene = clshade.builtin("icosphere", level=2)
+    scene.to_glb(tmp_path / "a.glb")
+    back = Scene.from_trimesh(trimesh.load(tmp_path / "a.glb"))
+    assert back.face_count == scene.face_count
+    np.testing.assert_allclose(back.camera.eye, scene.camera.eye, rtol=1e-12)
+
+
+def test_colors_and_scalars_of_a_glb_come_through_trimesh(trimesh, tmp_path):
+    colors = RNG.random((4, 3)).astype(np.float32)
+    mesh = Mesh(CORNERS, FACES, colors, scalars={"height": CORNERS[:, 2]})
+    Scene(mesh, Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))).to_glb(tmp_path / "a.glb")
+    found = only(trimesh.load(tmp_path / "a.glb"))
+    np.testing.assert_array_equal(found.colors, colors)
+    assert found.scalars["height"].tolist() == CORNERS[:, 2].tolist()
+
+
+# Objects known by their attributes
+
+
+def test_open3d():
+    colors = RNG.random((4, 3))
+    empty = np.zeros((0, 3))
+    fields = {"vertices": CORNERS, "triangles": FACES, "vertex_normals": empty}
+    mesh = only(SimpleNamespace(**fields, vertex_colors=colors))
+    assert (mesh.verts.tolist(), mesh.faces.tolist(), mesh.normals) == (CORNERS.tolist(), FACES.tolist(), None)
+    np.testing.assert_allclose(mesh.colors, srgb_to_linear(colors))
+    mesh = only(SimpleNamespace(**{**fields, "vertex_normals": CORNERS + 1.0}, vertex_colors=empty))
+    assert (mesh.colors, mesh.normals.tolist()) == (None, (CORNERS + 1.0).tolist())
+
+
+class Quads:
+    points = CORNERS
+    point_data: dict = {}  # noqa: RUF012
+
+    @property
+    def regular_faces(self):
+        raise ValueError("Faces are not regular")
+
+
+def test_pyvista():
+    points = {"height": CORNERS[:, 2], "RGB": CODES[:, :3], "velocity": CORNERS, "names": np.array(list("abcd"))}
+    cells = {"part": np.array([1, 2])}
+    mesh = only(SimpleNamespace(points=CORNERS, regular_faces=FACES, point_data=points, cell_data=cells))
+    assert {name: values.tolist() for name, values in mesh.scalars.items()} == {
+        "height": [0, 0, 0, 0.5],
+        "part": [1, 2],
+    }
+    np.testing.assert_allclose(mesh.colors, srgb_to_linear(CODES[:, :3] / 255.0))
+    named = {"Normals": CORNERS + 1.0}
+    mesh = only(SimpleNamespace(points=CORNERS, regular_faces=FACES, point_data=named, cell_data={}))
+    assert mesh.normals.tolist() == (CORNERS + 1.0).tolist()
+    for source in (Quads(), SimpleNamespace(points=CORNERS, regular_faces=np.array([[0, 1, 3, 2]]))):
+        with pytest.raises(InputError, match=r"triangles alone \(PolyData.triangulate\(\) makes them\)"):
+            Scene.from_trimesh(source)
+
+
+# Refused
+
+
+@pytest.mark.parametrize("source", [None, "teapot.obj", 3, CORNERS, Mesh(CORNERS, FACES).material])
+def test_other_objects_are_refused(source):
+    with pytest.raises(InputError, match=r"^from_trimesh: source: expected a Trimesh or Scene of trimesh, .*, found "):
+        Scene.from_trimesh(source)
+
+
+def test_a_mesh_of_this_package_is_taken_too():
+    mesh = Mesh(CORNERS, FACES)
+    assert only(mesh).verts.tolist() == CORNERS.tolist()
+
+
+def test_refused_arguments(trimesh):
+    source = plain(trimesh)
+    for options, name in (({"up": "w"}, "up"), ({"crease": 200}, "crease"), ({"resolution": (0, 1)}, "resolution N")):
+        with pytest.raises(InputError, match=f"^from_trimesh: {name}: expected "):
+            Scene.from_trimesh(source, **options)
+    for empty in (trimesh.Trimesh(), trimesh.Scene()):
+        with pytest.raises(InputError, match=r"^from_trimesh: source: expected at least one triangle"):
+            Scene.from_trimesh(empty)
+    several = trimesh.visual.material.MultiMaterial()
+    with pytest.raises(InputError, match="one material for each mesh"):
+        Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=several)))
+
+
+def test_no_other_library_is_imported():
+    code = (
+        "import sys, types, numpy as np, clshade\n"
+        "o = types.SimpleNamespace(vertices=np.eye(3), faces=[[0, 1, 2]])\n"
+        "clshade.Scene.from_trimesh(o)\n"
+        "print(*({'trimesh', 'open3d', 'pyvista', 'PIL'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+# Mesh(vertices=...)
+
+
+def test_vertices_is_another_name_of_verts():
+    mesh = Mesh(vertices=CORNERS, faces=FACES, name="roof")
+    assert mesh.vertices is mesh.verts
+    assert repr(mesh) == "<Mesh roof: 2 triangles, 4 vertices, 1 instance>"
+    assert mesh.verts.tolist() == CORNERS.tolist()
+    with pytest.raises(AttributeError):
+        mesh.verts = CORNERS
+    with pytest.raises(AttributeError):
+        mesh.vertices = CORNERS
+    for given in ((CORNERS, FACES), ()):
+        fields = {} if given else {"verts": CORNERS, "faces": FACES}
+        with pytest.raises(InputError, match=r"^Mesh: vertices: expected none beside verts, which is the same, found "):
+            Mesh(*given, vertices=CORNERS, **fields)
+    with pytest.raises(TypeError, match="verts"):
+        Mesh(faces=FACES)
