@@ -111,7 +111,12 @@ class Buffer:
     @classmethod
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
         """Return a buffer of arbitrary content."""
-        return cls(device, aligned(shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)))
+        form, kind = shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)
+        try:
+            array = aligned(form, kind)
+        except MemoryError:
+            raise DeviceError(f"{device.name}: no memory for {math.prod(form) * kind.itemsize} bytes") from None
+        return cls(device, array)
 
     def twin(self) -> Buffer:
         """Return another buffer with the same content."""

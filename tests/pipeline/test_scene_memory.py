@@ -12,7 +12,7 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import depth_sort, hierarchy, scene_memory, struct_layout, tile_lists
+from clshade.pipeline import buffers, depth_sort, hierarchy, scene_memory, struct_layout, tile_lists
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import TileLists
 from clshade.scene import model
@@ -36,11 +36,20 @@ def test_memory_of_a_device(device):
         assert renderer.render().alpha.any()
 
 
+def test_memory_that_the_system_does_not_give(device, monkeypatch):
+    def refuse(shape, dtype):
+        raise MemoryError
+
+    monkeypatch.setattr(buffers, "aligned", refuse)
+    with pytest.raises(DeviceError, match=r"^[^\n]+: no memory for 48 bytes$"):
+        buffers.Buffer.empty(device, (3, 4), np.float32)
+
+
 def test_memory_of_the_machine(device, monkeypatch):
     """Of what instances multiply, and of generated scenes."""
     monkeypatch.setattr(host_memory, "physical", lambda: 1 << 20)
     with pytest.raises(InputError, match=r"^render: scene: expected what 0\.0 GiB of memory hold, found 128,000 tri"):
-        Renderer(placed(100), device=device)
+        Renderer(placed(100), device=device, shadows=True)
     with pytest.raises(
         InputError, match=r"^torus_knot: triangles: expected what 0\.0 GiB of memory hold, found 50,000"
     ):
