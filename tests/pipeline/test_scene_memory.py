@@ -40,7 +40,7 @@ def test_memory_of_the_machine(device, monkeypatch):
     """Of what instances multiply, and of generated scenes."""
     monkeypatch.setattr(host_memory, "physical", lambda: 1 << 20)
     with pytest.raises(InputError, match=r"^render: scene: expected what 0\.0 GiB of memory hold, found 128,000 tri"):
-        Renderer(placed(100), device=device)
+        Renderer(placed(100), device=device, shadows=True)
     with pytest.raises(
         InputError, match=r"^torus_knot: triangles: expected what 0\.0 GiB of memory hold, found 50,000"
     ):
