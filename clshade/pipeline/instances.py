@@ -236,7 +236,7 @@ class Instances:
 
     def more_room(self, needed: int) -> int:
         """Return how many triangles to make room for if so many are needed."""
-        return min(needed + needed // 8, max(needed, MAX_FACES))
+        return max(needed, min(needed + needed // 8, MAX_FACES))
 
     def select(self, space: CameraSpace) -> None:
         """List the instances in the view of a camera; `culled` counts the faces of the others."""

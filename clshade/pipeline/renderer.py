@@ -308,7 +308,7 @@ class Renderer:
         shadows = self._shadow_tables
         if tables.shadow_view is not None:
             shadows = {**shadows, "shadow_view": tables.shadow_view}
-        inputs = self._inputs._replace(lights=tables.lights, image=tables.image, **shadows)
+        inputs = self._inputs._replace(lights=tables.lights, image=tables.image, view=tables.view, **shadows)
         # In one step, of which an interrupt does not leave a part.
         vars(self).update(
             _tables=tables,
@@ -421,9 +421,6 @@ class Renderer:
             needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
             if needed <= self._face_count:
                 return
-            if needed > MAX_FACES:
-                limit = f"at most {MAX_FACES} triangles that may be seen"
-                raise InputError(f"render: scene: expected {limit}, found {needed}")
             self._face_count = instances.more_room(needed)
             del made
             self._made = TriangleBuffers(
@@ -751,8 +748,7 @@ class Renderer:
             stats = {
                 "views": len(chosen),
                 "resolution": (columns, rows),
-                "triangles": self._face_count,
-                "vertices": self._vertex_count,
+                **self._sizes(),
                 "times_ms": times,
                 "build_ms": build_ms,
                 "ignored": ignored(self.scene, self.settings),
@@ -791,21 +787,25 @@ class Renderer:
 
         return Frame(image, layers, scene, self.settings, stats)
 
+    def _sizes(self) -> dict[str, int]:
+        """Return the numbers of triangles and vertices, those of all instances."""
+        if self._instances is not None:
+            return {"triangles": self._instances.face_count, "vertices": self._instances.vertex_count}
+        return {"triangles": self._face_count, "vertices": self._vertex_count}
+
     def _facts(self, frame: Progress, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
         features, camera, tiles, counters = self.features, frame.space.camera, frame.tiles, frame.counters
         assert counters is not None
-        faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
+        sizes, scene, settings = self._sizes(), self.scene, self.settings
         if self._instances is not None:
-            faces, vertices = self._instances.face_count, self._instances.vertex_count
             image_bytes = {**image_bytes, "triangles": self._made.nbytes + self._instances.of_triangles.array.nbytes}
         title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}
 
         def facts() -> dict[str, Any]:
             used = features.including("SORTED") if frame.is_sorted else features
             return {
-                "triangles": faces,
-                "vertices": vertices,
+                **sizes,
                 "resolution": camera.resolution,
                 **{name: int(counters[name]) for name in _COUNTS},
                 "clipped": int(counters["to_clip"]),

@@ -35,6 +35,7 @@ def check_device(device: Device, packed: Packed, structs: Structs) -> None:
     faces, vertices = len(packed.faces), len(packed.positions)
     tables = {id(table): table for table in vars(packed).values() if isinstance(table, np.ndarray)}
     needed = sum(table.nbytes for table in tables.values())
+    needed += 0 if packed.instances is None else packed.instances.rows.nbytes
     needed += vertices * (structs.Vertex.itemsize + 4 * np.dtype(structs.real).itemsize)
     if not device.is_cpu:
         needed += faces * (structs.Triangle.itemsize + structs.Bounds.itemsize + np.dtype(np.int32).itemsize)

@@ -70,8 +70,8 @@ def assert_alike(frames: list[Frame]) -> None:
 def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
     """Textures, colors, two-sided faces, mirrored placements, meshes with a single instance, clipped faces.
 
-    Blocks of few vertices and room for few triangles at first; cameras that see much, nothing, little, and much again;
-    device memory is copied, as on a GPU.
+    Blocks of few vertices and room for few triangles at first; cameras that see much, nothing, little, and much again, one
+    by one and all in a row; last with device memory that is copied, as on a GPU.
     """
     needs_float64(device)
     scene, eye = crowd(), np.array((0.3, 0.4, 3.0))
@@ -83,11 +83,17 @@ def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
     small = {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0, "_BLOCK": 100, "_BLOCK_OF_GPU": 100}
     for name, value in {"LEAST_COPIES": 0, **small}.items():
         monkeypatch.setattr(instances, name, value)
-    monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
-    with Renderer(scene, **options) as renderer:
-        found = [renderer.render(camera) for camera in cameras]
-    for frame, other in zip(found, expected, strict=True):
-        assert_alike([other, frame])
+    for is_copied in (False, True):
+        if is_copied:
+            monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
+        with Renderer(scene, **options) as renderer:
+            views = renderer.render_many(cameras)
+            found = [renderer.render(camera) for camera in cameras]
+        assert views.stats["triangles"] == scene.face_count
+        for k, (frame, other) in enumerate(zip(found, expected, strict=True)):
+            assert_alike([other, frame])
+            assert np.array_equal(views.rgba[k], other.rgba)
+            assert all(np.array_equal(views[name][k], other[name]) for name in LAYERS)
     stats = found[0].stats
     assert "INSTANCES" in stats["features"]
     assert all(stats[name] > 0 for name in ("behind", "off_screen", "clipped", "between_samples"))
