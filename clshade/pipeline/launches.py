@@ -288,8 +288,9 @@ class Stages:
         """Project the vertices, `count` in all, of a block of the listed instances: from the first to before the last."""
         run = self.device.setup_run
         inputs = (positions, placing.instances, placing.listed, placing.vertex_starts, view)
-        items = -(-count // (64 * run)) * 64
-        return self._launch("place", (items,), (64,), *inputs, vertices, *block, run)
+        local = 1 if self.device.is_cpu else 64
+        items = -(-count // (run * local)) * local
+        return self._launch("place", (items,), (local,), *inputs, vertices, *block, run)
 
     def setup_instances(
         self,

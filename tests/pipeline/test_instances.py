@@ -190,6 +190,18 @@ def test_normal_maps_and_transparency(draw):
 
 
 @pytest.mark.long
+def test_without_float64_there_are_copies(device, monkeypatch):
+    needs_float64(device)
+    monkeypatch.setattr(instances, "LEAST_COPIES", 0)
+    frames = []
+    for each in (device, replace(device, has_fp64=False)):
+        with Renderer(crowd(), device=each, shader="nolight", layers=("Z", "id")) as renderer:
+            frames.append(renderer.render())
+    assert ["INSTANCES" in frame.stats["features"] for frame in frames] == [True, False]
+    assert_alike(frames)
+
+
+@pytest.mark.long
 def test_a_hundred_thousand_instances_are_one_unrolled_mesh(device):
     """Of 20 triangles each; shown with their own colors."""
     needs_float64(device)
